@@ -1,0 +1,59 @@
+"""Time as a dependency, so that a minute of flight is tested in a moment."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from datetime import UTC, datetime
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What everything that waits, expires or repeats is handed."""
+
+    def monotonic_s(self) -> float:
+        """Seconds that never jump; on the event loop's own scale."""
+        ...
+
+    def unix_s(self) -> float:
+        """Seconds since 1970 UTC, for people and files; may jump."""
+        ...
+
+    async def sleep(self, seconds: float) -> None:
+        """Returns `seconds` later."""
+        ...
+
+
+class SystemClock:
+    """The machine's own time."""
+
+    def monotonic_s(self) -> float:
+        return time.monotonic()
+
+    def unix_s(self) -> float:
+        return datetime.now(UTC).timestamp()
+
+    async def sleep(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+
+
+class LoopClock:
+    """Follows a given event loop's time: with a loop whose time is simulated, everything is.
+
+    Args:
+        loop: whose `time()` is the monotonic time.
+        unix_at_zero_s: what `unix_s()` says when the loop's time is 0.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, unix_at_zero_s: float = 1_700_000_000.0) -> None:
+        self._loop = loop
+        self._unix_at_zero_s = unix_at_zero_s
+
+    def monotonic_s(self) -> float:
+        return self._loop.time()
+
+    def unix_s(self) -> float:
+        return self._unix_at_zero_s + self._loop.time()
+
+    async def sleep(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)

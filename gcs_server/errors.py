@@ -1,0 +1,128 @@
+"""What can go wrong, as one tree; `api/problems.py` alone turns it into HTTP.
+
+    GcsError
+    ├── LinkError                a port, a socket, a serial device
+    ├── UnknownVehicle           no vehicle of that id (or it has gone)
+    ├── UnknownLink              no link of that name
+    ├── InvalidRequest           what was asked is not well-formed; names the field
+    ├── Refused                  not sent: our own check says no, with the reason and the remedy
+    │   └── NotVerified          this autopilot or airframe is shown, not commanded
+    ├── Rejected                 the vehicle said no, in its own words
+    ├── NoReply                  nothing came back within the deadline
+    └── Disconnected             the link or the vehicle went while we waited
+
+A person reads `str(error)`: what happened, why, and what to do.
+"""
+
+from __future__ import annotations
+
+
+class GcsError(Exception):
+    """Root of all errors that a caller may see."""
+
+    code = "error"
+
+    def __init__(self, message: str, *, remedy: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
+        """What the operator can do about it, as a sentence."""
+
+    def details(self) -> dict[str, object]:
+        """The typed fields beside code, message and remedy, for problem+json."""
+        return {}
+
+
+class LinkError(GcsError):
+    """A link could not be opened or used."""
+
+    code = "link_error"
+
+
+class UnknownVehicle(GcsError):
+    """No vehicle has this id."""
+
+    code = "unknown_vehicle"
+
+    def __init__(self, vehicle_id: str, known: list[str]) -> None:
+        super().__init__(
+            f"There is no vehicle {vehicle_id!r}.",
+            remedy=f"Known vehicles: {', '.join(known)}." if known else "No vehicle has been heard yet.",
+        )
+        self.vehicle_id = vehicle_id
+
+    def details(self) -> dict[str, object]:
+        return {"vehicle": self.vehicle_id}
+
+
+class UnknownLink(GcsError):
+    """No link has this name."""
+
+    code = "unknown_link"
+
+
+class InvalidRequest(GcsError):
+    """A value is missing, not finite or out of range."""
+
+    code = "invalid_request"
+
+    def __init__(self, field: str, message: str, *, remedy: str | None = None) -> None:
+        super().__init__(message, remedy=remedy)
+        self.field = field
+
+    def details(self) -> dict[str, object]:
+        return {"field": self.field}
+
+
+class Refused(GcsError):
+    """Nothing was sent: our own check forbids it."""
+
+    code = "refused"
+
+
+class NotVerified(Refused):
+    """The vehicle is of a kind for which this command has not been verified."""
+
+    code = "not_verified"
+
+
+class Rejected(GcsError):
+    """The vehicle refused, by its acknowledgement or by its own state."""
+
+    code = "rejected"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        mav_result: int | None = None,
+        reasons: tuple[str, ...] = (),
+        remedy: str | None = None,
+    ) -> None:
+        super().__init__(message, remedy=remedy)
+        self.mav_result = mav_result
+        """MAV_RESULT of the acknowledgement; None where the vehicle's state told."""
+        self.reasons = reasons
+        """The vehicle's own words: status texts and decoded events that came with the refusal."""
+
+    def details(self) -> dict[str, object]:
+        return {"mav_result": self.mav_result, "reasons": list(self.reasons)}
+
+
+class NoReply(GcsError):
+    """The vehicle did not answer within the deadline."""
+
+    code = "no_reply"
+
+    def __init__(self, message: str, *, deadline_s: float, remedy: str | None = None) -> None:
+        super().__init__(message, remedy=remedy)
+        self.deadline_s = deadline_s
+
+    def details(self) -> dict[str, object]:
+        return {"deadline_s": self.deadline_s}
+
+
+class Disconnected(GcsError):
+    """The link closed or the vehicle was lost while a reply was awaited."""
+
+    code = "disconnected"

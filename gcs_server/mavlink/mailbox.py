@@ -1,0 +1,83 @@
+"""Waiting for a message: armed before the request goes out, resolved or failed at once."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from gcs_server.errors import GcsError
+from gcs_server.mavlink.codec import Frame
+from gcs_server.mavlink.dialect import MAVLink_message
+
+Matches = Callable[[MAVLink_message], bool]
+
+
+class Waiter:
+    """A stream of awaited messages: `await next()` gives each match in order."""
+
+    def __init__(self, msg_ids: frozenset[int], matches: Matches | None) -> None:
+        self.msg_ids = msg_ids
+        self._matches = matches
+        self._queue: asyncio.Queue[MAVLink_message | GcsError] = asyncio.Queue()
+
+    async def next(self) -> MAVLink_message:
+        """The next match.
+
+        Raises:
+            Disconnected: the vehicle or its link went.
+        """
+        item = await self._queue.get()
+        if isinstance(item, GcsError):
+            self._queue.put_nowait(item)
+            raise item
+        return item
+
+    def offer(self, message: MAVLink_message) -> None:
+        """Called by the mailbox."""
+        if self._matches is None or self._matches(message):
+            self._queue.put_nowait(message)
+
+    def fail(self, error: GcsError) -> None:
+        """Called by the mailbox: every further `next()` raises this."""
+        self._queue.put_nowait(error)
+
+
+class Mailbox:
+    """Who waits for what; decodes a frame only where somebody waits for it."""
+
+    def __init__(self, decode: Callable[[Frame], MAVLink_message | None]) -> None:
+        self._decode = decode
+        self._waiters: list[Waiter] = []
+        self._awaited: frozenset[int] = frozenset()
+
+    @contextmanager
+    def expect(self, *msg_ids: int, matches: Matches | None = None) -> Iterator[Waiter]:
+        """Arms a waiter for messages of these ids; send the request inside the `with`."""
+        waiter = Waiter(frozenset(msg_ids), matches)
+        self._waiters.append(waiter)
+        self._refresh()
+        try:
+            yield waiter
+        finally:
+            self._waiters.remove(waiter)
+            self._refresh()
+
+    def deliver(self, frame: Frame) -> None:
+        """Gives a frame to who waits for it; cheap when nobody does."""
+        if frame.msg_id not in self._awaited:
+            return
+        message = self._decode(frame)
+        if message is None:
+            return
+        for waiter in tuple(self._waiters):
+            if frame.msg_id in waiter.msg_ids:
+                waiter.offer(message)
+
+    def fail_all(self, error: GcsError) -> None:
+        """Resolves everything pending, at once, with this error."""
+        for waiter in tuple(self._waiters):
+            waiter.fail(error)
+
+    def _refresh(self) -> None:
+        self._awaited = frozenset[int]().union(*(w.msg_ids for w in self._waiters))

@@ -1,0 +1,91 @@
+"""The one place that owns background tasks, and the only blanket `except`.
+
+A task that dies of something unforeseen is logged and started again, later each time; nothing else
+in the server may start a task, so nothing can die unseen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
+
+from gcs_server.clock import Clock
+
+log = logging.getLogger(__name__)
+
+FIRST_BACK_OFF_S = 0.2
+LONGEST_BACK_OFF_S = 5.0
+HEALTHY_AFTER_S = 10.0
+EQUAL_ERRORS_LOGGED = 5
+
+
+class Supervisor:
+    """Owns every background task of the server.
+
+    Args:
+        clock: measures the back-off.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._tasks: dict[asyncio.Task[Any], str] = {}
+
+    def start(self, name: str, work: Callable[[], Awaitable[None]]) -> asyncio.Task[None]:
+        """Runs `work()` for as long as the server lives: again, with back-off, whenever it fails.
+
+        Work that returns is done and not run again. Cancel the returned task to stop it.
+        """
+        return self._own(self._supervised(name, work), name)
+
+    def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
+        """Runs `work` once; a failure is logged, not raised."""
+        return self._own(self._once(name, work), name)
+
+    async def close(self) -> None:
+        """Cancels everything and waits until it has ended."""
+        current = asyncio.current_task()
+        tasks = [task for task in self._tasks if task is not current]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def names(self) -> list[str]:
+        """What runs now."""
+        return sorted(self._tasks.values())
+
+    def _own(self, work: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
+        task: asyncio.Task[Any] = asyncio.create_task(work, name=name)  # noqa: TID251 the one owner
+        self._tasks[task] = name
+        task.add_done_callback(lambda done: self._tasks.pop(done, None))
+        return task
+
+    async def _once(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
+        try:
+            await work
+        except Exception:
+            log.exception("%s failed", name)
+
+    async def _supervised(self, name: str, work: Callable[[], Awaitable[None]]) -> None:
+        back_off_s = FIRST_BACK_OFF_S
+        last_error, equal = "", 0
+        while True:
+            started_s = self._clock.monotonic_s()
+            try:
+                await work()
+                return
+            except Exception as error:
+                text = f"{type(error).__name__}: {error}"
+                equal = equal + 1 if text == last_error else 1
+                last_error = text
+                if equal == 1:
+                    log.exception("%s failed, starting it again", name)
+                elif equal <= EQUAL_ERRORS_LOGGED:
+                    log.warning("%s failed again (%d): %s", name, equal, text)
+                    if equal == EQUAL_ERRORS_LOGGED:
+                        log.warning("%s: further equal errors are not logged", name)
+            if self._clock.monotonic_s() - started_s > HEALTHY_AFTER_S:
+                back_off_s = FIRST_BACK_OFF_S
+            await self._clock.sleep(back_off_s)
+            back_off_s = min(back_off_s * 2, LONGEST_BACK_OFF_S)

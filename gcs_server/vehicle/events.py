@@ -1,0 +1,61 @@
+"""What a vehicle said or did, in order: texts, events, acknowledgements, changes of mode."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+FEED_LENGTH = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One line of the feed; never conflated."""
+
+    index: int
+    """Counts up within its feed."""
+    kind: str
+    """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, link, warning."""
+    vehicle: str | None
+    unix_s: float
+    severity: int
+    """MAV_SEVERITY: 0 emergency … 6 info, 7 debug."""
+    text: str
+    data: Mapping[str, object] = field(default_factory=dict[str, object])
+
+
+class EventFeed:
+    """Bounded, newest last; subscribers are called at once, in the event loop."""
+
+    def __init__(self, vehicle: str | None = None, length: int = FEED_LENGTH) -> None:
+        self._vehicle = vehicle
+        self._events: deque[Event] = deque(maxlen=length)
+        self._subscribers: list[Callable[[Event], None]] = []
+        self._next_index = 1
+
+    def add(
+        self,
+        kind: str,
+        unix_s: float,
+        text: str,
+        *,
+        severity: int = 6,
+        data: Mapping[str, object] | None = None,
+    ) -> Event:
+        """Appends and tells the subscribers."""
+        event = Event(self._next_index, kind, self._vehicle, unix_s, severity, text, data or {})
+        self._next_index += 1
+        self._events.append(event)
+        for callback in tuple(self._subscribers):
+            callback(event)
+        return event
+
+    def since(self, index: int = 0, *, unix_s: float | None = None) -> list[Event]:
+        """Events after `index` and, where given, not older than `unix_s`; oldest first."""
+        return [e for e in self._events if e.index > index and (unix_s is None or e.unix_s >= unix_s)]
+
+    def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
+        """Calls `callback` for each further event; returns what ends that."""
+        self._subscribers.append(callback)
+        return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None

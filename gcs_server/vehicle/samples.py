@@ -1,0 +1,216 @@
+"""What a vehicle says of itself, one frozen sample a topic; the names are those of the JSON.
+
+Frames: NED from the vehicle's own local origin, FRD body. SI units, radians; degrees only for
+latitude, longitude and fields that end in `_deg`. Unknown is None. `q_ned_frd` (w, x, y, z) takes
+FRD vectors to NED.
+
+`TOPICS` maps a topic's name (in REST, WebSocket and Python alike) to its class.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """ATTITUDE_QUATERNION, or ATTITUDE where that is newer."""
+
+    roll_rad: float
+    pitch_rad: float
+    yaw_ned_rad: float
+    q_ned_frd: Quaternion
+    rates_frd_rad_s: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition:
+    """LOCAL_POSITION_NED: where the estimator believes to be, from its own origin."""
+
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPosition:
+    """GLOBAL_POSITION_INT, with VFR_HUD's throttle left out."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    alt_home_m: float
+    velocity_ned_m_s: Vector3
+    heading_deg: float | None
+    """0–360, clockwise from north."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gps:
+    """GPS_RAW_INT."""
+
+    fix_type: int
+    """GPS_FIX_TYPE: 0 no GPS, 1 no fix, 2 2-D, 3 3-D, 4 DGPS, 5 RTK float, 6 RTK fixed."""
+    satellites: int | None
+    hdop: float | None
+    horizontal_accuracy_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """BATTERY_STATUS (SYS_STATUS until the first one came)."""
+
+    remaining_percent: int | None
+    voltage_v: float | None
+    current_a: float | None
+    consumed_mah: int | None
+    time_remaining_s: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """HOME_POSITION."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    position_ned_m: Vector3 | None
+
+
+@dataclass(frozen=True, slots=True)
+class Gimbal:
+    """The gimbal as its manager and device report it (281, 285, 265, 280)."""
+
+    gimbal_device_id: int
+    roll_rad: float
+    pitch_rad: float
+    yaw_frd_rad: float | None
+    """Relative to the vehicle's heading."""
+    yaw_ned_rad: float | None
+    """Relative to north."""
+    q: Quaternion
+    """As the device sent it; its yaw is in the frame that `yaw_in_earth_frame` says."""
+    yaw_in_earth_frame: bool
+    yaw_lock: bool
+    primary_control: tuple[int, int] | None
+    """(system id, component id) of who is in control; None when nobody is."""
+    secondary_control: tuple[int, int] | None
+    flags: int
+    """GIMBAL_DEVICE_FLAGS."""
+    pitch_min_rad: float | None
+    pitch_max_rad: float | None
+    yaw_min_rad: float | None
+    yaw_max_rad: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Motors:
+    """SERVO_OUTPUT_RAW, main outputs."""
+
+    pwm_us: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TargetLocal:
+    """POSITION_TARGET_LOCAL_NED: what the vehicle's controller follows. None: not controlled."""
+
+    position_ned_m: tuple[float | None, float | None, float | None]
+    velocity_ned_m_s: tuple[float | None, float | None, float | None]
+    acceleration_ned_m_s2: tuple[float | None, float | None, float | None]
+    yaw_ned_rad: float | None
+    yaw_rate_ned_rad_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetAttitude:
+    """ATTITUDE_TARGET; stale while the vehicle flies body rates (PX4)."""
+
+    q_ned_frd: Quaternion
+    rates_frd_rad_s: Vector3
+    thrust: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hud:
+    """VFR_HUD."""
+
+    groundspeed_m_s: float
+    airspeed_m_s: float
+    climb_m_s: float
+    throttle_percent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """SYS_STATUS bit masks (MAV_SYS_STATUS_SENSOR) and CPU load."""
+
+    sensors_present: int
+    sensors_enabled: int
+    sensors_healthy: int
+    ready_to_arm: bool | None
+    """MAV_SYS_STATUS_PREARM_CHECK healthy; None where the vehicle does not report it."""
+    cpu_load: float | None
+    """0–1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """ESTIMATOR_STATUS flags (ESTIMATOR_STATUS_FLAGS) and accuracies."""
+
+    flags: int
+    horizontal_accuracy_m: float
+    vertical_accuracy_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What the vehicle is doing: HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE together."""
+
+    armed: bool
+    mode: str
+    """Our name of it, as the API takes it: hold, takeoff, land, rtl, position, offboard, mission, …"""
+    mode_label: str
+    """For people: Hold, Take off, Return, …"""
+    custom_mode: int
+    intended_custom_mode: int | None
+    """CURRENT_MODE's intended mode: what was asked for, where a failsafe flies something else."""
+    landed_state: str
+    """unknown, on_ground, in_air, taking_off, landing."""
+    system_status: int
+    """MAV_STATE."""
+    link_lost: bool
+    """No heartbeat for longer than 3.5 s on any link."""
+    last_heartbeat_age_s: float
+
+
+TOPICS: dict[str, type] = {
+    "status": Status,
+    "attitude": Attitude,
+    "local_position": LocalPosition,
+    "global_position": GlobalPosition,
+    "gps": Gps,
+    "battery": Battery,
+    "home": Home,
+    "gimbal": Gimbal,
+    "motors": Motors,
+    "target_local": TargetLocal,
+    "target_attitude": TargetAttitude,
+    "hud": Hud,
+    "health": Health,
+    "estimator": Estimator,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One topic's newest value, with the two clocks it is judged by."""
+
+    topic: str
+    vehicle_time_boot_s: float | None
+    """The vehicle's own boot clock, where the message carries it."""
+    received_unix_s: float
+    received_monotonic_s: float
+    value: object
+    """An instance of TOPICS[topic]."""
