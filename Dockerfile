@@ -1,0 +1,19 @@
+# Two stages: the first builds the wheel with the page in it, the second runs it as nobody in particular.
+FROM python:3.12-slim-bookworm AS build
+RUN apt-get update && apt-get install -y --no-install-recommends make && rm -rf /var/lib/apt/lists/*
+WORKDIR /src
+COPY . .
+RUN make wheel
+
+FROM python:3.12-slim-bookworm
+COPY --from=build /src/dist/*.whl /tmp/
+RUN pip install --no-cache-dir /tmp/*.whl && rm /tmp/*.whl \
+ && useradd --create-home --uid 10001 gcs && mkdir /data && chown gcs /data
+USER gcs
+ENV GCS_HOST=0.0.0.0 GCS_PORT=8080 GCS_DATA=/data GCS_LINKS=udpin://0.0.0.0:14550
+VOLUME /data
+EXPOSE 8080 14550/udp
+HEALTHCHECK --interval=10s --timeout=3s --start-period=15s \
+  CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8080/api/v1/health', timeout=2)"]
+ENTRYPOINT ["gcs"]
+CMD ["serve"]

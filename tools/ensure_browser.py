@@ -1,0 +1,43 @@
+"""Finds the Chromium that the browser tests drive, or says how to get one.
+
+Debian's chromium is taken where it is installed (as root it is installed without asking, which is what a CI
+machine wants); else Playwright's own build is fetched.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+
+DEBIAN_NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+def installed_chromium() -> str | None:
+    """The path of the machine's own Chromium, if there is one."""
+    return next((path for name in DEBIAN_NAMES if (path := shutil.which(name))), None)
+
+
+def main() -> int:
+    if installed_chromium():
+        return 0
+    if shutil.which("apt-get") and os.geteuid() == 0:
+        print("installing Debian's chromium for the browser tests …", file=sys.stderr)
+        quiet = {"stdout": subprocess.DEVNULL, "check": False}
+        subprocess.run(["apt-get", "update", "-qq"], **quiet)
+        subprocess.run(["apt-get", "install", "-y", "-qq", "chromium"], **quiet)
+        if installed_chromium():
+            return 0
+    print("fetching Playwright's Chromium for the browser tests …", file=sys.stderr)
+    if (
+        subprocess.run([sys.executable, "-m", "playwright", "install", "chromium"], check=False).returncode
+        == 0
+    ):
+        return 0
+    print("The browser tests need Chromium. Run: sudo apt-get install chromium", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
