@@ -1,0 +1,107 @@
+"""What the autopilot asks of the controllers: the one table between its modes and the cascade.
+
+A mode writes rows of `Setpoints` between two steps; the controllers only read. NaN means "not
+controlled" everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+class ControlLevel(IntEnum):
+    """Where a vehicle's setpoint enters the cascade."""
+
+    DISARMED = 0
+    """No controller runs: motors idle when armed, stand still when not."""
+    RATES = 1
+    """`rates_frd_rad_s` and `thrust`."""
+    ATTITUDE = 2
+    """`q_ned_frd`, `thrust`, optionally `yaw_rate_ned_rad_s`."""
+    TRAJECTORY = 3
+    """Position, velocity, acceleration, yaw and yaw rate, each NaN where not controlled."""
+
+
+def _nan(*shape: int) -> FloatArray:
+    return np.full(shape, np.nan)
+
+
+@dataclass(slots=True)
+class Setpoints:
+    """Setpoints of N vehicles; arrays are written in place by the autopilot.
+
+    NED metres and radians; `q_ned_frd` is (w, x, y, z); thrust is collective, 0..1, up positive.
+    """
+
+    level: IntArray
+    """(N,) of ControlLevel."""
+    armed: BoolArray
+    """(N,)."""
+    position_ned_m: FloatArray
+    """(N, 3)."""
+    velocity_ned_m_s: FloatArray
+    """(N, 3); with a position it is the feed-forward."""
+    acceleration_ned_m_s2: FloatArray
+    """(N, 3); with velocity it is the feed-forward."""
+    yaw_ned_rad: FloatArray
+    """(N,)."""
+    yaw_rate_ned_rad_s: FloatArray
+    """(N,)."""
+    q_ned_frd: FloatArray
+    """(N, 4)."""
+    thrust: FloatArray
+    """(N,) 0..1, levels ATTITUDE and RATES."""
+    rates_frd_rad_s: FloatArray
+    """(N, 3), level RATES."""
+    ramp_thrust: BoolArray
+    """(N,) the take-off state ramps the thrust: integrators stay at zero until it is over."""
+    thrust_limit: FloatArray
+    """(N,) upper limit of the collective thrust at level TRAJECTORY, 0..1."""
+    min_thrust: FloatArray
+    """(N,) lower limit of the collective thrust at level TRAJECTORY; NaN: MPC_THR_MIN."""
+    climb_limit_m_s: FloatArray
+    """(N,) upper limit of the climb rate; NaN: MPC_Z_VEL_MAX_UP (the take-off ramp lowers it)."""
+    tilt_limit_rad: FloatArray
+    """(N,) NaN: MPC_TILTMAX_AIR (near the ground the autopilot passes MPC_TILTMAX_LND)."""
+    landed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    """(N,) the land detector's word: integrators are held at zero while it is true."""
+
+    @classmethod
+    def idle(cls, count: int) -> Setpoints:
+        """Disarmed vehicles that nobody commands."""
+        return cls(
+            level=np.zeros(count, dtype=np.int64),
+            armed=np.zeros(count, dtype=np.bool_),
+            position_ned_m=_nan(count, 3),
+            velocity_ned_m_s=_nan(count, 3),
+            acceleration_ned_m_s2=_nan(count, 3),
+            yaw_ned_rad=_nan(count),
+            yaw_rate_ned_rad_s=_nan(count),
+            q_ned_frd=np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1)),
+            thrust=np.zeros(count),
+            rates_frd_rad_s=np.zeros((count, 3)),
+            ramp_thrust=np.zeros(count, dtype=np.bool_),
+            thrust_limit=np.ones(count),
+            min_thrust=_nan(count),
+            climb_limit_m_s=_nan(count),
+            tilt_limit_rad=_nan(count),
+            landed=np.zeros(count, dtype=np.bool_),
+        )
+
+    def clear(self, i: int) -> None:
+        """Forget every target of vehicle `i` (a mode starts from a clean row); armed and limits stay."""
+        for row in (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2):
+            row[i] = np.nan
+        self.yaw_ned_rad[i] = np.nan
+        self.yaw_rate_ned_rad_s[i] = np.nan
+        self.q_ned_frd[i] = (1.0, 0.0, 0.0, 0.0)
+        self.thrust[i] = 0.0
+        self.rates_frd_rad_s[i] = 0.0

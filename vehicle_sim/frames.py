@@ -1,0 +1,178 @@
+"""The only frame maths of the simulator: products and rotations of (N, …) arrays in two NumPy calls each.
+
+Every product used here is bilinear, so it is an outer product times a constant table. That costs two
+array operations for any N, where component formulas cost twenty. Quaternions are (w, x, y, z); `q_ned_frd`
+takes FRD vectors to NED.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity, as PX4 uses it."""
+
+
+def _table(rows: int, columns: int, entries: list[tuple[int, int, float]]) -> FloatArray:
+    table = np.zeros((rows, columns))
+    for row, column, value in entries:
+        table[row, column] += value
+    return table
+
+
+def _hamilton(columns: tuple[int, ...]) -> FloatArray:
+    """Table of the Hamilton product a ⊗ b where b has only the given components."""
+    signs = {
+        0: [(0, 0, 1), (1, 1, -1), (2, 2, -1), (3, 3, -1)],
+        1: [(0, 1, 1), (1, 0, 1), (2, 3, 1), (3, 2, -1)],
+        2: [(0, 2, 1), (1, 3, -1), (2, 0, 1), (3, 1, 1)],
+        3: [(0, 3, 1), (1, 2, 1), (2, 1, -1), (3, 0, 1)],
+    }
+    width = len(columns)
+    entries = [
+        (a * width + columns.index(b), k, float(sign))
+        for k, terms in signs.items()
+        for a, b, sign in terms
+        if b in columns
+    ]
+    return _table(4 * width, 4, entries)
+
+
+_PRODUCT = _hamilton((0, 1, 2, 3))
+_RATE = 0.5 * _hamilton((1, 2, 3))
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _rotation_table() -> FloatArray:
+    def at(i: int, j: int) -> int:
+        return 4 * i + j
+
+    entries: list[tuple[int, int, float]] = []
+    for row in range(3):
+        for column in range(3):
+            k = 3 * row + column
+            if row == column:
+                entries += [(at(n, n), k, 1.0 if n in (0, row + 1) else -1.0) for n in range(4)]
+            else:
+                third = 3 - row - column
+                sign = -1.0 if (column - row) % 3 == 1 else 1.0
+                entries += [(at(row + 1, column + 1), k, 2.0), (at(0, third + 1), k, 2.0 * sign)]
+    return _table(16, 9, entries)
+
+
+_ROTATION = _rotation_table()
+_CROSS = _table(9, 3, [(5, 0, 1.0), (7, 0, -1.0), (6, 1, 1.0), (2, 1, -1.0), (1, 2, 1.0), (3, 2, -1.0)])
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return (a[:, :, None] * b[:, None, :]).reshape(a.shape[0], -1)
+
+
+def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a ⊗ b, (N, 4) each: first b, then a."""
+    return _outer(a, b) @ _PRODUCT
+
+
+def conjugate(q: FloatArray) -> FloatArray:
+    """The inverse rotation of unit quaternions (N, 4)."""
+    return q * _CONJUGATE
+
+
+def quaternion_rate(q: FloatArray, rates_frd_rad_s: FloatArray) -> FloatArray:
+    """dq/dt of `q_ned_frd` (N, 4) for body rates (N, 3)."""
+    return _outer(q, rates_frd_rad_s) @ _RATE
+
+
+def rotation_matrix(q: FloatArray) -> FloatArray:
+    """(N, 3, 3) for unit quaternions (N, 4)."""
+    return (_outer(q, q) @ _ROTATION).reshape(-1, 3, 3)
+
+
+def rotate(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """matrix · vector for (N, 3, 3) and (N, 3)."""
+    return (matrix @ vector[:, :, None])[:, :, 0]
+
+
+def rotate_back(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """matrixᵀ · vector for (N, 3, 3) and (N, 3)."""
+    return (vector[:, None, :] @ matrix)[:, 0, :]
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a × b, (N, 3) each."""
+    return _outer(a, b) @ _CROSS
+
+
+def row_norm(vector: FloatArray) -> FloatArray:
+    """Length of each row, (N, 1)."""
+    return np.sqrt((vector * vector).sum(axis=1, keepdims=True))
+
+
+def normalized(q: FloatArray) -> FloatArray:
+    """Rows scaled to length one."""
+    return q / row_norm(q)
+
+
+def yaw_of(q: FloatArray) -> FloatArray:
+    """Heading (N,) of `q_ned_frd`, -pi..pi, clockwise from north."""
+    w, x, y, z = q[:, 0], q[:, 1], q[:, 2], q[:, 3]
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def quaternion_from_yaw(yaw_ned_rad: FloatArray) -> FloatArray:
+    """Level attitude (N, 4) with the given heading (N,)."""
+    q = np.zeros((yaw_ned_rad.shape[0], 4))
+    q[:, 0] = np.cos(0.5 * yaw_ned_rad)
+    q[:, 3] = np.sin(0.5 * yaw_ned_rad)
+    return q
+
+
+def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
+    """Unit quaternion (N, 4), w ≥ 0, of rotation matrices (N, 3, 3).
+
+    Not for half turns about a slanted axis, where the signs are lost; the controllers never ask for one.
+    """
+    m = matrix
+    diagonal = np.stack([m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]], axis=1)
+    trace = diagonal.sum(axis=1)
+    squares = np.empty((m.shape[0], 4))
+    squares[:, 0] = trace
+    squares[:, 1:] = 2.0 * diagonal - trace[:, None]
+    magnitude = 0.5 * np.sqrt(np.maximum(squares + 1.0, 0.0))
+    magnitude[:, 1] = np.copysign(magnitude[:, 1], m[:, 2, 1] - m[:, 1, 2])
+    magnitude[:, 2] = np.copysign(magnitude[:, 2], m[:, 0, 2] - m[:, 2, 0])
+    magnitude[:, 3] = np.copysign(magnitude[:, 3], m[:, 1, 0] - m[:, 0, 1])
+    return normalized(magnitude)
+
+
+def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> FloatArray:
+    """One quaternion (4,) from roll, pitch, yaw (yaw turned first)."""
+    cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+    cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
+    cy, sy = math.cos(0.5 * yaw_ned_rad), math.sin(0.5 * yaw_ned_rad)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def euler_of(q: FloatArray) -> FloatArray:
+    """Roll, pitch, yaw (N, 3) of `q_ned_frd` (N, 4)."""
+    w, x, y, z = q[:, 0], q[:, 1], q[:, 2], q[:, 3]
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return np.stack([roll, pitch, yaw_of(q)], axis=1)
+
+
+def wrap_pi(angle_rad: FloatArray) -> FloatArray:
+    """The same angle within -pi..pi."""
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

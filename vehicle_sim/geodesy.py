@@ -1,0 +1,43 @@
+"""Local metres to latitude and longitude and back, so that GPS and navigator agree on one projection.
+
+Azimuthal equidistant about a reference point on PX4's sphere of 6,371,000 m.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+EARTH_RADIUS_M = 6371000.0
+
+
+def to_local(
+    lat_deg: FloatArray, lon_deg: FloatArray, origin_lat_deg: FloatArray, origin_lon_deg: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """North and east metres of a point from an origin; arrays or floats of one shape."""
+    lat, lat0 = np.radians(lat_deg), np.radians(origin_lat_deg)
+    d_lon = np.radians(np.asarray(lon_deg) - np.asarray(origin_lon_deg))
+    sin_lat, cos_lat = np.sin(lat), np.cos(lat)
+    sin_lat0, cos_lat0 = np.sin(lat0), np.cos(lat0)
+    cos_d_lon = np.cos(d_lon)
+    angle = np.arccos(np.clip(sin_lat0 * sin_lat + cos_lat0 * cos_lat * cos_d_lon, -1.0, 1.0))
+    scale = np.where(angle > 0.0, angle / np.where(angle > 0.0, np.sin(angle), 1.0), 1.0) * EARTH_RADIUS_M
+    north = scale * (cos_lat0 * sin_lat - sin_lat0 * cos_lat * cos_d_lon)
+    return north, scale * cos_lat * np.sin(d_lon)
+
+
+def to_global(
+    north_m: FloatArray, east_m: FloatArray, origin_lat_deg: FloatArray, origin_lon_deg: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Latitude and longitude of local metres from an origin; the inverse of `to_local`."""
+    x, y = np.asarray(north_m) / EARTH_RADIUS_M, np.asarray(east_m) / EARTH_RADIUS_M
+    lat0 = np.radians(origin_lat_deg)
+    angle = np.hypot(x, y)
+    sin_angle, cos_angle = np.sin(angle), np.cos(angle)
+    over = np.where(angle > 0.0, sin_angle / np.where(angle > 0.0, angle, 1.0), 1.0)
+    sin_lat0, cos_lat0 = np.sin(lat0), np.cos(lat0)
+    lat = np.arcsin(np.clip(cos_angle * sin_lat0 + x * over * cos_lat0, -1.0, 1.0))
+    d_lon = np.arctan2(y * over, cos_lat0 * cos_angle - x * over * sin_lat0)
+    return np.degrees(lat), np.asarray(origin_lon_deg) + np.degrees(d_lon)

@@ -1,0 +1,233 @@
+"""One vehicle's parameters under PX4's names, types and order.
+
+The values at boot were measured on a real PX4 v1.16 (SIH quadrotor, gimbal on) and lie in
+`data/parameters.json`. As PX4 does, the store takes any value without a range check.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+ParameterType = Literal["INT32", "FLOAT"]
+ParameterValue = int | float
+Listener = Callable[[str, ParameterValue], None]
+
+DATA_FILE = Path(__file__).parent / "data" / "parameters.json"
+
+_VOLATILE_NAMES = frozenset(
+    {"ASPD_SCALE_1", "COM_FLIGHT_UUID", "EKF2_MAG_DECL", "LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "SENS_DPRES_OFF"}
+)
+_NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
+
+
+class UnknownParameter(KeyError):
+    """The vehicle has no parameter of that name."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.name = name
+
+    def __str__(self) -> str:
+        return f"no parameter is called {self.name!r}; names are PX4's, upper case, up to 16 characters"
+
+
+@dataclass(frozen=True, slots=True)
+class Default:
+    """A parameter as the vehicle boots with it."""
+
+    name: str
+    type: ParameterType
+    value: ParameterValue
+    index: int
+
+
+@lru_cache(maxsize=4)
+def load_defaults(path: Path = DATA_FILE) -> tuple[Default, ...]:
+    """The boot values in the order of PX4's list."""
+    entries: dict[str, tuple[str, ParameterValue]] = json.loads(path.read_text(encoding="utf-8"))
+    defaults: list[Default] = []
+    for index, (name, (kind, value)) in enumerate(entries.items()):
+        kind_name: ParameterType = "INT32" if kind == "int32" else "FLOAT"
+        defaults.append(Default(name, kind_name, coerce(name, kind_name, value), index))
+    return tuple(defaults)
+
+
+def coerce(name: str, kind: ParameterType, value: ParameterValue) -> ParameterValue:
+    """The value as PX4 would hold it: a 32-bit integer (wrapping) or a single-precision float.
+
+    Raises:
+        ValueError: NaN or infinity for an integer parameter.
+    """
+    if kind == "FLOAT":
+        try:
+            return struct.unpack("<f", struct.pack("<f", float(value)))[0]
+        except OverflowError:
+            return math.copysign(math.inf, value)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{name} is an integer parameter and cannot hold {value}; give a whole number")
+    return (int(value) + 2**31) % 2**32 - 2**31
+
+
+def is_volatile(name: str) -> bool:
+    """Whether PX4 changes it by itself; such values are left out of the hash."""
+    if name.startswith("CAL_"):
+        return not name.endswith(_NOT_VOLATILE_CALIBRATION)
+    return name in _VOLATILE_NAMES
+
+
+class Parameters:
+    """The parameter store of one vehicle.
+
+    Args:
+        overrides: values set at construction, as if stored before boot.
+        storage: a JSON file that keeps changed values over a restart; read now, written at each change.
+    """
+
+    def __init__(
+        self, overrides: Mapping[str, ParameterValue] | None = None, *, storage: Path | None = None
+    ) -> None:
+        defaults = load_defaults()
+        self._names = tuple(default.name for default in defaults)
+        self._by_name = {default.name: default for default in defaults}
+        self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
+        self._listeners: list[Listener] = []
+        self._storage: Path | None = None
+        if storage is not None and storage.exists():
+            self._load(storage)
+        for name, value in (overrides or {}).items():
+            self.set(name, value)
+        self._storage = storage
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names in PX4's list order."""
+        return self._names
+
+    def items(self) -> Iterator[tuple[str, ParameterValue]]:
+        """Name and value in PX4's list order."""
+        return iter(self._values.items())
+
+    def get(self, name: str) -> ParameterValue:
+        """The value: int for INT32, float for FLOAT.
+
+        Raises:
+            UnknownParameter: no such name.
+        """
+        try:
+            return self._values[name]
+        except KeyError:
+            raise UnknownParameter(name) from None
+
+    def type_of(self, name: str) -> ParameterType:
+        """INT32 or FLOAT."""
+        return self._default(name).type
+
+    def index_of(self, name: str) -> int:
+        """Position in PX4's list."""
+        return self._default(name).index
+
+    def name_at(self, index: int) -> str | None:
+        """The name at a list position, None outside of it."""
+        return self._names[index] if 0 <= index < len(self._names) else None
+
+    def default_of(self, name: str) -> ParameterValue:
+        """The value at boot with reset parameters."""
+        return self._default(name).value
+
+    def set(self, name: str, value: ParameterValue) -> ParameterValue:
+        """Store a value and tell the listeners if it changed; returns what is now stored.
+
+        Raises:
+            UnknownParameter: no such name.
+            ValueError: a value the type cannot hold.
+        """
+        stored = coerce(name, self._default(name).type, value)
+        if not _same(stored, self._values[name]):
+            self._values[name] = stored
+            self._save()
+            for listener in tuple(self._listeners):
+                listener(name, stored)
+        return stored
+
+    def reset(self, name: str | None = None) -> None:
+        """Back to the boot value: one parameter, or all of them."""
+        for each in (name,) if name is not None else self.changed():
+            self.set(each, self._default(each).value)
+
+    def changed(self) -> tuple[str, ...]:
+        """Names whose value differs from the boot value, in list order."""
+        return tuple(
+            name for name in self._names if not _same(self._values[name], self._by_name[name].value)
+        )
+
+    def add_listener(self, listener: Listener) -> Callable[[], None]:
+        """Call `listener(name, value)` after each change; the returned function removes it."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    def hash(self) -> int:
+        """The number PX4 sends as `_HASH_CHECK`: a raw CRC32 over names and values, volatile ones left out."""
+        content = bytearray()
+        for name, value in self._values.items():
+            if not is_volatile(name):
+                content += name.encode("ascii")
+                content += struct.pack("<i" if self._by_name[name].type == "INT32" else "<f", value)
+        return zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+    def _default(self, name: str) -> Default:
+        try:
+            return self._by_name[name]
+        except KeyError:
+            raise UnknownParameter(name) from None
+
+    def _load(self, storage: Path) -> None:
+        try:
+            stored = json.loads(storage.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"the parameter file {storage} cannot be read ({error}); repair or remove it"
+            ) from error
+        if not isinstance(stored, dict):
+            raise ValueError(f"the parameter file {storage} holds no object of names and values; remove it")
+        for name, value in stored.items():
+            if name in self._by_name:
+                number = float(value) if isinstance(value, str) else value
+                self._values[name] = coerce(name, self._by_name[name].type, number)
+
+    def _save(self) -> None:
+        if self._storage is None:
+            return
+        values = {name: _jsonable(self._values[name]) for name in self.changed()}
+        temporary = self._storage.with_name(self._storage.name + ".new")
+        temporary.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("w", encoding="utf-8") as file:
+            json.dump(values, file, indent=0)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self._storage)
+
+
+def _same(a: ParameterValue, b: ParameterValue) -> bool:
+    return a == b or (a != a and b != b)
+
+
+def _jsonable(value: ParameterValue) -> ParameterValue | str:
+    return value if math.isfinite(value) else str(value)

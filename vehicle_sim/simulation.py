@@ -1,0 +1,194 @@
+"""The simulated vehicles without their autopilot's decisions: bodies, senses, belief and control.
+
+One `step()` moves all N vehicles 4 ms in an order that can be read off it. There is no clock in here: time
+is the step count. Between two steps the autopilot reads `estimate`, `sensors`, `battery` and writes
+`setpoints`; it never reads `truth`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.control.cascade import Cascade
+from vehicle_sim.control.setpoints import ControlLevel, Setpoints
+from vehicle_sim.estimator.estimator import Estimator
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.physics.battery import Batteries
+from vehicle_sim.physics.rigid_body import RigidBodies
+from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.state import (
+    BatteryState,
+    EstimateState,
+    Home,
+    SensorState,
+    TargetState,
+    TruthState,
+)
+
+__all__ = [
+    "BatteryState",
+    "ControlLevel",
+    "EstimateState",
+    "Home",
+    "SensorState",
+    "Setpoints",
+    "Simulation",
+    "TargetState",
+    "TruthState",
+]
+
+FloatArray = NDArray[np.float64]
+
+STEP_S = 0.004
+"""PX4's SIH runs at 250 Hz."""
+
+
+class Simulation:
+    """N simulated quadrotors with estimators and controllers.
+
+    Args:
+        count: how many vehicles.
+        parameters: one store a vehicle; default: PX4's boot values for each.
+        seed: of all sensor noise.
+        home: where local NED (0, 0, 0) lies.
+        start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
+        yaw_ned_rad: (N,) headings at start; default: north.
+        wind_ned_m_s: (3,) or (N, 3) steady wind, felt by the drag.
+        sensor_noise: False switches all noise off (tests of exact equality).
+    """
+
+    def __init__(
+        self,
+        count: int = 1,
+        *,
+        parameters: Sequence[Parameters] | None = None,
+        seed: int = 0,
+        home: Home | None = None,
+        start_ned_m: FloatArray | None = None,
+        yaw_ned_rad: FloatArray | None = None,
+        wind_ned_m_s: FloatArray | None = None,
+        sensor_noise: bool = True,
+    ) -> None:
+        if count < 1:
+            raise ValueError(f"count is {count}; a simulation needs at least one vehicle")
+        stores = [Parameters() for _ in range(count)] if parameters is None else list(parameters)
+        if len(stores) != count:
+            raise ValueError(f"{len(stores)} parameter stores for {count} vehicles; give one each")
+        self.count = count
+        self.dt_s = STEP_S
+        self.home = home or Home()
+        self.parameters: tuple[Parameters, ...] = tuple(stores)
+        self.setpoints = Setpoints.idle(count)
+        self._steps = 0
+        self._start_ned_m = _row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
+        self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
+        if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
+            raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
+        self._bodies = RigidBodies(count, STEP_S)
+        self._batteries = Batteries(count, STEP_S)
+        self._sensors = SensorSuite(count, STEP_S, self.home, seed=seed, noise=sensor_noise)
+        self._estimator = Estimator(count, STEP_S)
+        self._cascade = Cascade(count, STEP_S)
+        if wind_ned_m_s is not None:
+            self.set_wind(wind_ned_m_s)
+        for i in range(count):
+            self.reload_parameters(i)
+            self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since boot: the step count times the step."""
+        return self._steps * STEP_S
+
+    @property
+    def steps(self) -> int:
+        """Steps since boot."""
+        return self._steps
+
+    @property
+    def truth(self) -> TruthState:
+        """What really is; not for the autopilot."""
+        return self._bodies.state
+
+    @property
+    def sensors(self) -> SensorState:
+        """Each sensor's newest sample."""
+        return self._sensors.state
+
+    @property
+    def estimate(self) -> EstimateState:
+        """What the autopilots believe."""
+        return self._estimator.state
+
+    @property
+    def battery(self) -> BatteryState:
+        """Each vehicle's battery."""
+        return self._batteries.state
+
+    @property
+    def target(self) -> TargetState:
+        """What the controllers follow."""
+        return self._cascade.target
+
+    @property
+    def motors_us(self) -> FloatArray:
+        """(N, 4) motor signals: 900 disarmed, 1000..2000 armed."""
+        return self._cascade.motors_us
+
+    def step(self) -> None:
+        """Move all vehicles by `dt_s`."""
+        self._sensors.sample(self._bodies.state, self._bodies.matrix)
+        self._estimator.update(self._sensors.state)
+        self._cascade.update(self.setpoints, self._estimator.state)
+        self._bodies.step(self._cascade.motor_signal)
+        self._batteries.step(self.setpoints.armed)
+        self._steps += 1
+
+    def reset_vehicle(self, i: int) -> None:
+        """Put vehicle `i` back where it started, as after a reboot: nothing moves, nothing is remembered."""
+        self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
+        self._estimator.reset(i)
+        self._cascade.reset(i)
+        self._batteries.refill(i)
+        self.setpoints.clear(i)
+        self.setpoints.armed[i] = False
+        self.setpoints.level[i] = ControlLevel.DISARMED
+
+    def refill_battery(self, i: int) -> None:
+        """A full battery for vehicle `i`."""
+        self._batteries.refill(i)
+
+    def set_battery_remaining(self, i: int, remaining: float) -> None:
+        """Set the charge (0..1) of vehicle `i`, so that a low battery can be tried."""
+        self._batteries.set_remaining(i, remaining)
+
+    def set_gps_enabled(self, i: int, enabled: bool) -> None:
+        """Cover or uncover the GPS antenna of vehicle `i`."""
+        self._sensors.set_gps_enabled(i, enabled)
+
+    def set_wind(self, wind_ned_m_s: FloatArray) -> None:
+        """Steady wind, (3,) for all or (N, 3)."""
+        self._bodies.wind_ned_m_s[:] = np.asarray(wind_ned_m_s, dtype=float)
+
+    def reload_parameters(self, i: int) -> None:
+        """Take over the parameters of vehicle `i` after a change (gains, limits, airframe, battery).
+
+        Raises:
+            ValueError: an airframe that cannot exist (SIH_MASS 0, …); the old values stay in use.
+        """
+        parameters = self.parameters[i]
+        self._bodies.configure(i, Airframe.from_parameters(parameters))
+        self._batteries.configure(i, parameters)
+        self._sensors.configure(i, parameters)
+        self._estimator.configure(i, parameters)
+        self._cascade.configure(i, parameters)
+
+
+def _row_east(count: int) -> FloatArray:
+    start = np.zeros((count, 3))
+    start[:, 1] = 3.0 * np.arange(count)
+    return start

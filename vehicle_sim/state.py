@@ -1,0 +1,183 @@
+"""The state of N vehicles as plain arrays, one dataclass for each who may know it.
+
+`TruthState` belongs to the physics, `SensorState` is all the estimator sees of it, `EstimateState` is
+all the autopilot may use. NED and FRD, SI units; quaternions are (w, x, y, z) and take FRD to NED.
+Arrays are written in place every step: read them, do not keep them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where local NED (0, 0, 0) of the physics lies."""
+
+    lat_deg: float = 47.3977432
+    lon_deg: float = 8.54559422
+    alt_amsl_m: float = 489.399994
+
+
+@dataclass(slots=True)
+class TruthState:
+    """What really is; only physics and sensors (and tests) read it."""
+
+    position_ned_m: FloatArray
+    """(N, 3) from `Home`."""
+    velocity_ned_m_s: FloatArray
+    """(N, 3)."""
+    acceleration_ned_m_s2: FloatArray
+    """(N, 3) of the body against the ground, gravity included (zero at rest)."""
+    q_ned_frd: FloatArray
+    """(N, 4)."""
+    rates_frd_rad_s: FloatArray
+    """(N, 3)."""
+    rotor_thrust: FloatArray
+    """(N, 4) each rotor's thrust as a part of SIH_T_MAX, 0..1, motor lag included."""
+    on_ground: BoolArray
+    """(N,)."""
+
+
+@dataclass(slots=True)
+class SensorState:
+    """The newest sample of each sensor; `*_count` rises by one with each new sample (all vehicles)."""
+
+    gyro_frd_rad_s: FloatArray
+    """(N, 3) each step, with noise."""
+    accel_frd_m_s2: FloatArray
+    """(N, 3) specific force, each step, with noise."""
+    mag_frd_gauss: FloatArray
+    """(N, 3)."""
+    mag_count: int
+    baro_pressure_hpa: FloatArray
+    """(N,)."""
+    baro_alt_amsl_m: FloatArray
+    """(N,) pressure altitude."""
+    baro_temperature_deg_c: FloatArray
+    """(N,)."""
+    baro_count: int
+    gps_lat_deg: FloatArray
+    """(N,)."""
+    gps_lon_deg: FloatArray
+    """(N,)."""
+    gps_alt_amsl_m: FloatArray
+    """(N,)."""
+    gps_velocity_ned_m_s: FloatArray
+    """(N, 3)."""
+    gps_horizontal_accuracy_m: FloatArray
+    """(N,) PX4's eph (h_acc)."""
+    gps_vertical_accuracy_m: FloatArray
+    """(N,)."""
+    gps_speed_accuracy_m_s: FloatArray
+    """(N,)."""
+    gps_hdop: FloatArray
+    """(N,)."""
+    gps_vdop: FloatArray
+    """(N,)."""
+    gps_satellites: IntArray
+    """(N,)."""
+    gps_fix_type: IntArray
+    """(N,) GPS_FIX_TYPE: 0 no receiver, 1 no fix, 3 three-dimensional."""
+    gps_count: int
+
+
+@dataclass(slots=True)
+class EstimateState:
+    """What the autopilot believes. Local NED's origin is where each estimator started (`origin_*`)."""
+
+    position_ned_m: FloatArray
+    """(N, 3)."""
+    velocity_ned_m_s: FloatArray
+    """(N, 3)."""
+    acceleration_ned_m_s2: FloatArray
+    """(N, 3) gravity removed."""
+    q_ned_frd: FloatArray
+    """(N, 4)."""
+    rates_frd_rad_s: FloatArray
+    """(N, 3) low-passed gyro (IMU_GYRO_CUTOFF)."""
+    angular_acceleration_frd_rad_s2: FloatArray
+    """(N, 3) low-passed (IMU_DGYRO_CUTOFF)."""
+    heading_rad: FloatArray
+    """(N,) -pi..pi."""
+    lat_deg: FloatArray
+    """(N,)."""
+    lon_deg: FloatArray
+    """(N,)."""
+    alt_amsl_m: FloatArray
+    """(N,)."""
+    origin_lat_deg: FloatArray
+    """(N,) NaN until GPS set it."""
+    origin_lon_deg: FloatArray
+    """(N,)."""
+    origin_alt_amsl_m: FloatArray
+    """(N,)."""
+    horizontal_accuracy_m: FloatArray
+    """(N,) one sigma (eph of vehicle_local_position)."""
+    vertical_accuracy_m: FloatArray
+    """(N,) epv."""
+    speed_accuracy_m_s: FloatArray
+    """(N,)."""
+    innovation_ratio_velocity: FloatArray
+    """(N,) innovation over gate, as ESTIMATOR_STATUS reports it."""
+    innovation_ratio_position: FloatArray
+    """(N,)."""
+    innovation_ratio_height: FloatArray
+    """(N,)."""
+    innovation_ratio_mag: FloatArray
+    """(N,)."""
+    valid_attitude: BoolArray
+    """(N,)."""
+    valid_velocity: BoolArray
+    """(N,) horizontal velocity may be used."""
+    valid_position: BoolArray
+    """(N,) horizontal position may be used."""
+    valid_altitude: BoolArray
+    """(N,) height and vertical speed may be used."""
+
+
+@dataclass(slots=True)
+class BatteryState:
+    """Each vehicle's battery as SIM_BAT_* makes it."""
+
+    voltage_v: FloatArray
+    """(N,)."""
+    current_a: FloatArray
+    """(N,) -1: not measured, as PX4's simulated battery says."""
+    remaining: FloatArray
+    """(N,) 0..1."""
+    consumed_mah: FloatArray
+    """(N,)."""
+    cell_count: IntArray
+    """(N,)."""
+
+
+@dataclass(slots=True)
+class TargetState:
+    """What the controllers followed last, for ATTITUDE_TARGET and POSITION_TARGET_LOCAL_NED."""
+
+    q_ned_frd: FloatArray
+    """(N, 4) attitude setpoint; stale at level RATES, as PX4's."""
+    rates_frd_rad_s: FloatArray
+    """(N, 3) body rate setpoint."""
+    thrust: FloatArray
+    """(N,) collective 0..1."""
+    position_ned_m: FloatArray
+    """(N, 3) the trajectory setpoint as followed; NaN: not controlled."""
+    velocity_ned_m_s: FloatArray
+    """(N, 3) after position control and limits."""
+    acceleration_ned_m_s2: FloatArray
+    """(N, 3) after velocity control."""
+    yaw_ned_rad: FloatArray
+    """(N,)."""
+    yaw_rate_ned_rad_s: FloatArray
+    """(N,)."""
+    hover_thrust: FloatArray
+    """(N,) the hover thrust in use (estimated when MPC_USE_HTE)."""
