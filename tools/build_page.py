@@ -74,7 +74,8 @@ def node_path() -> Path:
     if spec is None or not spec.submodule_search_locations:
         wanted = ".".join(str(part) for part in NODE_MINIMUM)
         raise SystemExit(
-            f"The page needs Node.js {wanted} or newer to be built. Run: {sys.executable} -m pip install '{NODE_PACKAGE}'"
+            f"The page needs Node.js {wanted} or newer to be built. "
+            f"Run: {sys.executable} -m pip install '{NODE_PACKAGE}'"
         )
     return Path(spec.submodule_search_locations[0]) / "bin"
 

@@ -24,9 +24,8 @@ def main() -> int:
         return 0
     if shutil.which("apt-get") and os.geteuid() == 0:
         print("installing Debian's chromium for the browser tests …", file=sys.stderr)
-        quiet = {"stdout": subprocess.DEVNULL, "check": False}
-        subprocess.run(["apt-get", "update", "-qq"], **quiet)
-        subprocess.run(["apt-get", "install", "-y", "-qq", "chromium"], **quiet)
+        for step in (["update", "-qq"], ["install", "-y", "-qq", "chromium"]):
+            subprocess.run(["apt-get", *step], stdout=subprocess.DEVNULL, check=False)
         if installed_chromium():
             return 0
     print("fetching Playwright's Chromium for the browser tests …", file=sys.stderr)
