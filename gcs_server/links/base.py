@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+
+FIRST_RETRY_S = 0.5
+LONGEST_RETRY_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,28 +44,133 @@ OnPeerGone = Callable[[Peer], None]
 OnState = Callable[[], None]
 
 
-class Link(Protocol):
-    """Bytes only; a link opens itself, and again after it was lost."""
+class Link:
+    """Bytes only; a link opens itself, and again after it was lost.
 
-    name: str
-    url: str
-    replay: bool
+    Kinds implement `_open`, `_close`, `_write`; they call `_opened`, `_lost` and `_received`.
+    Everything but `send` happens in the event loop.
+    """
+
+    replay = False
     """True where what arrives is a recording; nothing can be sent."""
-    forward: bool
-    """True for a link to another ground station, which gets what the vehicles say."""
+
+    def __init__(self, name: str, url: str, *, forward: bool = False) -> None:
+        self.name = name
+        self.url = url
+        self.forward = forward
+        """True for a link to another ground station, which gets what the vehicles say."""
+        self._state = "closed"
+        self._detail = ""
+        self._peers: dict[str, Peer] = {}
+        self._bytes_received = self._bytes_sent = self._bytes_dropped = 0
+        self._retry_s = FIRST_RETRY_S
+        self._retry: asyncio.TimerHandle | None = None
+        self._wanted = False
+        self._loop: asyncio.AbstractEventLoop
+        self._on_bytes: OnBytes
+        self._on_peer_gone: OnPeerGone
+        self._on_state: OnState
 
     def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_state: OnState) -> None:
         """Begins; never raises for what may get better (a port taken, a device missing): see `info()`."""
-        ...
+        self._loop = asyncio.get_running_loop()
+        self._on_bytes, self._on_peer_gone, self._on_state = on_bytes, on_peer_gone, on_state
+        self._wanted = True
+        self._try()
 
     def send(self, data: bytes, peer: Peer) -> bool:
         """Sends or queues; callable from any thread; False where the bytes were dropped."""
-        ...
+        if self._state == "open" and self._write(data, peer):
+            self._bytes_sent += len(data)
+            return True
+        self._bytes_dropped += len(data)
+        return False
+
+    def peers(self) -> tuple[Peer, ...]:
+        """Who is at the other end now."""
+        return tuple(self._peers.values())
 
     def info(self) -> LinkInfo:
         """State and counters now."""
-        ...
+        return LinkInfo(
+            name=self.name,
+            url=self.url,
+            state=self._state,
+            detail=self._detail,
+            replay=self.replay,
+            forward=self.forward,
+            peers=tuple(self._peers),
+            bytes_received=self._bytes_received,
+            bytes_sent=self._bytes_sent,
+            bytes_dropped=self._bytes_dropped,
+        )
 
     async def close(self) -> None:
         """Gives back the socket or device; returns when that is done."""
-        ...
+        self._wanted = False
+        if self._retry is not None:
+            self._retry.cancel()
+        self._shut()
+        self._set_state("closed", "")
+
+    # --- for the kinds ---------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        """Begins to open; ends in `_opened()` or `_lost(why)`; may raise OSError."""
+        raise NotImplementedError
+
+    def _close(self) -> None:
+        """Gives back what `_open` took; may be called at any time."""
+        raise NotImplementedError
+
+    def _write(self, data: bytes, peer: Peer) -> bool:
+        """From any thread."""
+        raise NotImplementedError
+
+    def _explain(self, error: OSError) -> str:
+        """The error in words for people."""
+        return f"{error.strerror or error}"
+
+    def _opened(self) -> None:
+        self._retry_s = FIRST_RETRY_S
+        self._set_state("open", "")
+
+    def _lost(self, why: str) -> None:
+        """Closes what is left and tries again later."""
+        self._shut()
+        if not self._wanted:
+            return
+        self._set_state("waiting", why)
+        if self._retry is not None:
+            self._retry.cancel()
+        self._retry = self._loop.call_later(self._retry_s, self._try)
+        self._retry_s = min(self._retry_s * 2, LONGEST_RETRY_S)
+
+    def _received(self, data: bytes, peer: Peer) -> None:
+        self._bytes_received += len(data)
+        self._on_bytes(data, peer, self._loop.time())
+
+    def _forget(self, peer: Peer) -> None:
+        if self._peers.pop(peer.name, None) is not None:
+            self._on_peer_gone(peer)
+
+    def _set_state(self, state: str, detail: str) -> None:
+        if (state, detail) != (self._state, self._detail):
+            self._state, self._detail = state, detail
+            self._on_state()
+
+    def _try(self) -> None:
+        self._retry = None
+        if not self._wanted:
+            return
+        if self._state != "waiting":
+            self._set_state("connecting", "")
+        try:
+            self._open()
+        except OSError as error:
+            self._lost(self._explain(error))
+
+    def _shut(self) -> None:
+        self._close()
+        for peer in self.peers():
+            self._forget(peer)

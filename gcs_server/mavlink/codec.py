@@ -1,8 +1,27 @@
-"""Bytes to frames and back, without I/O and without message objects."""
+"""Bytes to frames and back, without I/O and without message objects.
+
+Frame layouts and the checksum are those of the MAVLink guide ("Packet serialization"): MAVLink 1 has a
+6-byte header, MAVLink 2 a 10-byte one and, where incompatibility flag 1 is set, 13 bytes of signature.
+"""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
+from typing import Any
+
+import fastcrc
+
+from gcs_server.mavlink.dialect import MAVLink_header, MAVLink_message
+from gcs_server.mavlink.tables import CRC_EXTRA, LAYOUTS
+
+STX_V1, STX_V2 = 0xFE, 0xFD
+HEADER_V1, HEADER_V2, CHECKSUM, SIGNATURE = 6, 10, 2, 13
+SIGNED = 0x01
+
+_crc = fastcrc.crc16.mcrf4xx
+_header_v2 = struct.Struct("<BBBBBBBHB")
+_checksum = struct.Struct("<H")
 
 
 @dataclass(slots=True)
@@ -18,3 +37,158 @@ class Frame:
     received_monotonic_s: float
     known: bool = True
     """False: not in the dialect, so its CRC could not be checked."""
+
+
+class FrameParser:
+    """Cuts one peer's bytes into frames, and finds its feet again after garbage.
+
+    A byte that begins no valid frame is skipped and counted. A message id that the dialect does not
+    know cannot be checked; it is taken where another frame (or the end of what came) follows it.
+    """
+
+    __slots__ = ("_last_seq", "_rest", "bytes_skipped", "crc_errors", "frames", "frames_unknown", "lost")
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.frames_unknown = 0
+        self.bytes_skipped = 0
+        self.crc_errors = 0
+        self.lost: dict[tuple[int, int], int] = {}
+        """Frames missed, by the gaps in the sequence numbers, per (system, component)."""
+        self._last_seq: dict[tuple[int, int], int] = {}
+        self._rest = b""
+
+    def feed(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
+        """All frames that are complete now."""
+        if self._rest:
+            data = self._rest + data
+        frames: list[Frame] = []
+        position, size = 0, len(data)
+        while position < size:
+            first = data[position]
+            if first == STX_V2:
+                header = HEADER_V2
+            elif first == STX_V1:
+                header = HEADER_V1
+            else:
+                following = _next_start(data, position + 1, size)
+                self.bytes_skipped += following - position
+                position = following
+                continue
+            if size - position < header + CHECKSUM:
+                break
+            end = position + header + data[position + 1] + CHECKSUM
+            signature = 0
+            if header == HEADER_V2:
+                flags = data[position + 2]
+                if flags & ~SIGNED:
+                    self.bytes_skipped += 1
+                    position += 1
+                    continue
+                signature = SIGNATURE if flags else 0
+            if size < end + signature:
+                break
+            frame = self._check(data, position, header, end, end + signature, received_monotonic_s)
+            if frame is None:
+                self.bytes_skipped += 1
+                position += 1
+                continue
+            frames.append(frame)
+            position = end + signature
+        self._rest = data[position:]
+        return frames
+
+    def _check(self, data: bytes, at: int, header: int, end: int, whole: int, now_s: float) -> Frame | None:
+        if header == HEADER_V2:
+            msg_id = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+            seq, system_id, component_id = data[at + 4], data[at + 5], data[at + 6]
+        else:
+            msg_id = data[at + 5]
+            seq, system_id, component_id = data[at + 2], data[at + 3], data[at + 4]
+        extra = CRC_EXTRA.get(msg_id)
+        if extra is None:
+            if whole < len(data) and data[whole] not in (STX_V1, STX_V2):
+                return None
+            self.frames_unknown += 1
+        elif _crc(data[at + 1 : end - 2] + extra) != data[end - 2] | data[end - 1] << 8:
+            self.crc_errors += 1
+            return None
+        self.frames += 1
+        key = (system_id, component_id)
+        last = self._last_seq.get(key)
+        self._last_seq[key] = seq
+        if last is not None and seq != (last + 1) & 0xFF:
+            gap = (seq - last - 1) & 0xFF
+            if gap < 128:  # more: an older frame came late, or the sender began anew
+                self.lost[key] = self.lost.get(key, 0) + gap
+        return Frame(
+            msg_id,
+            system_id,
+            component_id,
+            seq,
+            data[at + header : end - 2],
+            data[at:whole],
+            now_s,
+            extra is not None,
+        )
+
+
+def _next_start(data: bytes, position: int, size: int) -> int:
+    v2 = data.find(STX_V2, position)
+    v1 = data.find(STX_V1, position, v2 if v2 >= 0 else size)
+    return v1 if v1 >= 0 else v2 if v2 >= 0 else size
+
+
+def full_payload(frame: Frame) -> bytes:
+    """The payload with its trailing zeros, as long as the dialect's message."""
+    size = LAYOUTS[frame.msg_id].unpacker.size
+    payload = frame.payload
+    return payload if len(payload) == size else payload[:size].ljust(size, b"\0")
+
+
+def decode(frame: Frame) -> MAVLink_message | None:
+    """The dialect's message object, for who asked for one; None for an unknown id."""
+    layout = LAYOUTS.get(frame.msg_id)
+    if layout is None:
+        return None
+    flat = layout.unpacker.unpack(full_payload(frame))
+    values: list[Any] = []
+    position = 0
+    for length in layout.lengths:
+        values.append(flat[position] if length == 1 else list(flat[position : position + length]))
+        position += length
+    make: Any = layout.message_class
+    message = make(*(values[i] for i in layout.order))
+    message._header = MAVLink_header(
+        frame.msg_id,
+        mlen=len(frame.payload),
+        seq=frame.seq,
+        srcSystem=frame.system_id,
+        srcComponent=frame.component_id,
+    )
+    message._payload = frame.payload
+    message._msgbuf = bytearray(frame.raw)
+    return message
+
+
+def encode_payload(message: MAVLink_message) -> bytes:
+    """A message's payload in wire order, in full length."""
+    layout = LAYOUTS[message.id]
+    values: list[Any] = []
+    for name, length in zip(layout.attributes, layout.lengths, strict=True):
+        value = getattr(message, name)
+        if length == 1:
+            values.append(value)
+        else:
+            values.extend(value)
+    return layout.unpacker.pack(*values)
+
+
+def encode_frame(msg_id: int, payload: bytes, seq: int, system_id: int, component_id: int) -> bytes:
+    """A MAVLink 2 frame, unsigned; trailing zeros of the payload are cut off as the protocol wants."""
+    payload = payload.rstrip(b"\0") or payload[:1]
+    header = _header_v2.pack(
+        STX_V2, len(payload), 0, 0, seq, system_id, component_id, msg_id & 0xFFFF, msg_id >> 16
+    )
+    body = header + payload
+    return body + _checksum.pack(_crc(body[1:] + CRC_EXTRA[msg_id]))

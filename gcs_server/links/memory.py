@@ -1,0 +1,50 @@
+"""A link without a network, for tests: what is sent lands in a function, what is injected arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gcs_server.links.base import Link, Peer
+
+
+class MemoryLink(Link):
+    """Open at once and for ever.
+
+    Args:
+        outgoing: gets (data, peer) of everything sent.
+        replay: pretends to be a recording.
+    """
+
+    def __init__(
+        self,
+        name: str = "memory",
+        *,
+        outgoing: Callable[[bytes, Peer], None] | None = None,
+        replay: bool = False,
+        forward: bool = False,
+    ) -> None:
+        super().__init__(name, f"memory://{name}", forward=forward)
+        self.replay = replay
+        self._outgoing = outgoing
+
+    def inject(self, data: bytes, peer: Peer | str = "peer") -> None:
+        """Bytes arrive from `peer`."""
+        if isinstance(peer, str):
+            peer = Peer(peer)
+        self._peers.setdefault(peer.name, peer)
+        self._received(data, peer)
+
+    def drop_peer(self, name: str) -> None:
+        """The peer is gone."""
+        self._forget(self._peers[name])
+
+    def _open(self) -> None:
+        self._opened()
+
+    def _close(self) -> None:
+        return
+
+    def _write(self, data: bytes, peer: Peer) -> bool:
+        if self._outgoing is not None:
+            self._outgoing(data, peer)
+        return True

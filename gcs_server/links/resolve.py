@@ -1,0 +1,42 @@
+"""Host names to addresses without stopping the loop."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+
+Address = tuple[str, int]
+
+
+def resolve(
+    loop: asyncio.AbstractEventLoop,
+    host: str,
+    port: int,
+    found: Callable[[Address], None],
+    failed: Callable[[str], None],
+) -> None:
+    """Calls `found` at once for an IPv4 address, later for a name; `failed` with a sentence."""
+    try:
+        socket.inet_pton(socket.AF_INET, host)
+    except OSError:
+        pass
+    else:
+        found((host, port))
+        return
+
+    def done(future: asyncio.Future[list[tuple[object, ...]]]) -> None:
+        error = future.exception()
+        if error is not None:
+            failed(f"The host {host!r} is not known ({error}). Check its spelling and the network.")
+        else:
+            address = future.result()[0][4]
+            assert isinstance(address, tuple)
+            found((str(address[0]), port))
+
+    look_up = loop.run_in_executor(None, _look_up, host, port)
+    look_up.add_done_callback(done)
+
+
+def _look_up(host: str, port: int) -> list[tuple[object, ...]]:
+    return list(socket.getaddrinfo(host, port, socket.AF_INET))

@@ -1,0 +1,87 @@
+"""A serial port or USB radio; comes and goes with its plug."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import serial
+
+from gcs_server.links.base import Link, Peer
+from gcs_server.links.stream import StreamSession
+
+DEFAULT_BAUD = 57600
+
+
+class SerialLink(Link):
+    """One device, opened exclusively."""
+
+    def __init__(self, name: str, url: str, device: str, baud: int, *, forward: bool = False) -> None:
+        super().__init__(name, url, forward=forward)
+        self._device = device
+        self._baud = baud
+        self._port: serial.Serial | None = None
+        self._session: StreamSession | None = None
+        self._peer = Peer(device)
+
+    def _open(self) -> None:
+        try:
+            port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
+        except serial.SerialException as error:  # pyserial keeps the system's number, not always its class
+            raise OSError(error.errno or _errno_of(error), str(error)) from error
+        except ValueError as error:
+            raise OSError(errno.EINVAL, f"{self._baud} baud is not possible: {error}") from error
+        self._port = port
+        descriptor = port.fileno()
+        os.set_blocking(descriptor, False)
+        self._session = StreamSession(
+            self._loop,
+            descriptor,
+            read=lambda size: os.read(descriptor, size),
+            write=lambda data: os.write(descriptor, data),
+            received=lambda data: self._received(data, self._peer),
+            ended=lambda why: self._lost(f"{self._device} went away ({why}) Plug it in again."),
+        )
+        self._peers[self._peer.name] = self._peer
+        self._opened()
+
+    def _explain(self, error: OSError) -> str:
+        if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+            present = sorted(
+                str(p) for kind in ("ttyACM*", "ttyUSB*", "ttyAMA*") for p in Path("/dev").glob(kind)
+            )
+            return (
+                f"There is no serial port {self._device}. Plug the device in; "
+                f"present now: {', '.join(present) or 'none'}."
+            )
+        if error.errno in (errno.EACCES, errno.EPERM):
+            return (
+                f"This user may not open {self._device}. Run: sudo usermod -aG dialout $USER, "
+                "then log out and in again."
+            )
+        if error.errno in (errno.EBUSY, errno.EAGAIN):
+            return f"{self._device} is in use by another program (another ground station, ModemManager?). Close it."
+        if error.errno == errno.ENOTTY:
+            return f"{self._device} is not a serial port."
+        return f"{self._device}: {error.strerror or error}"
+
+    def _write(self, data: bytes, peer: Peer) -> bool:
+        session = self._session
+        return session is not None and session.send(data)
+
+    def _close(self) -> None:
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+
+def _errno_of(error: Exception) -> int:
+    cause = error.__cause__ or error.__context__
+    if isinstance(cause, OSError) and cause.errno:
+        return cause.errno
+    text = str(error).lower()
+    return errno.EBUSY if "lock" in text else errno.ENOTTY if "configure" in text else errno.EIO

@@ -1,0 +1,70 @@
+"""What TCP and serial share: one descriptor, a stream of bytes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from gcs_server.links.channel import Outbox, ThrottledReader
+
+READ_BYTES = 65536
+READS_A_WAKE = 16
+
+
+class StreamSession:
+    """Reads and writes one open stream until it ends.
+
+    Args:
+        read: some bytes, b"" at the end; raises BlockingIOError where there is nothing.
+        write: as `Outbox` wants it.
+        received: gets what came.
+        ended: gets a sentence; called once.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        fileno: int,
+        *,
+        read: Callable[[int], bytes],
+        write: Callable[[bytes], int],
+        received: Callable[[bytes], None],
+        ended: Callable[[str], None],
+    ) -> None:
+        self._read = read
+        self._received = received
+        self._ended = ended
+        self._over = False
+        self._outbox = Outbox(loop, fileno, write, lambda error: self._end(f"{error.strerror or error}."))
+        self._reader = ThrottledReader(loop, fileno, self._drain)
+
+    def send(self, data: bytes) -> bool:
+        """From any thread."""
+        return self._outbox.send(data)
+
+    def close(self) -> None:
+        """Stops; the descriptor may be closed afterwards."""
+        self._over = True
+        self._reader.close()
+        self._outbox.close()
+
+    def _drain(self) -> None:
+        for _ in range(READS_A_WAKE):
+            if self._over:
+                return
+            try:
+                data = self._read(READ_BYTES)
+            except (BlockingIOError, InterruptedError):
+                return
+            except OSError as error:
+                self._end(f"{error.strerror or error}.")
+                return
+            if not data:
+                self._end("The other side closed the connection.")
+                return
+            self._received(data)
+
+    def _end(self, why: str) -> None:
+        if not self._over:
+            self.close()
+            self._ended(why)

@@ -1,0 +1,167 @@
+"""TCP: `tcp` connects and reconnects, `tcpin` listens for several."""
+
+from __future__ import annotations
+
+import errno
+import socket
+
+from gcs_server.links.base import Link, Peer
+from gcs_server.links.resolve import Address, resolve
+from gcs_server.links.stream import StreamSession
+
+
+class TcpLink(Link):
+    """A client of one server."""
+
+    def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
+        super().__init__(name, url, forward=forward)
+        self._host = host
+        self._port = port
+        self._socket: socket.socket | None = None
+        self._connecting = False
+        self._session: StreamSession | None = None
+        self._peer = Peer(f"{host}:{port}")
+
+    def _open(self) -> None:
+        resolve(self._loop, self._host, self._port, self._resolved, self._lost)
+
+    def _resolved(self, address: Address) -> None:
+        if not self._wanted or self._socket is not None:
+            return
+        self._socket = sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        result = sock.connect_ex(address)
+        if result not in (0, errno.EINPROGRESS):
+            self._lost(self._explain(OSError(result, "")))
+            return
+        self._connecting = True
+        self._loop.add_writer(sock.fileno(), self._connected)
+
+    def _connected(self) -> None:
+        sock = self._socket
+        if sock is None:
+            return
+        self._loop.remove_writer(sock.fileno())
+        self._connecting = False
+        result = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if result:
+            self._lost(self._explain(OSError(result, "")))
+            return
+        self._session = StreamSession(
+            self._loop,
+            sock.fileno(),
+            read=sock.recv,
+            write=sock.send,
+            received=lambda data: self._received(data, self._peer),
+            ended=lambda why: self._lost(f"{self._peer.name}: {why}"),
+        )
+        self._peers[self._peer.name] = self._peer
+        self._opened()
+
+    def _explain(self, error: OSError) -> str:
+        if error.errno == errno.ECONNREFUSED:
+            return f"Nobody listens on {self._host}:{self._port} yet (TCP); this is tried again."
+        if error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT):
+            return f"{self._host} cannot be reached. Check the network; this is tried again."
+        return f"{self._host}:{self._port}: {errno.errorcode.get(error.errno or 0, error)}"
+
+    def _write(self, data: bytes, peer: Peer) -> bool:
+        session = self._session
+        return session is not None and session.send(data)
+
+    def _close(self) -> None:
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+        if self._socket is not None:
+            if self._connecting:
+                self._loop.remove_writer(self._socket.fileno())
+                self._connecting = False
+            self._socket.close()
+            self._socket = None
+
+
+class TcpServerLink(Link):
+    """Listens; every client is a peer."""
+
+    def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
+        super().__init__(name, url, forward=forward)
+        self._host = host
+        self._port = port
+        self._socket: socket.socket | None = None
+        self._clients: dict[str, tuple[socket.socket, StreamSession]] = {}
+
+    @property
+    def local_port(self) -> int | None:
+        """The port in use, where it is open."""
+        return self._socket.getsockname()[1] if self._socket else None
+
+    def _open(self) -> None:
+        resolve(self._loop, self._host, self._port, self._resolved, self._lost)
+
+    def _resolved(self, address: Address) -> None:
+        if not self._wanted or self._socket is not None:
+            return
+        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sock.setblocking(False)
+            sock.bind(address)
+            sock.listen()
+        except OSError as error:
+            sock.close()
+            self._lost(self._explain(error))
+            return
+        self._socket = sock
+        self._loop.add_reader(sock.fileno(), self._accept)
+        self._opened()
+
+    def _explain(self, error: OSError) -> str:
+        if error.errno == errno.EADDRINUSE:
+            return (
+                f"TCP port {self._port} on {self._host} is taken by another program. "
+                "Close it, or choose another port; this is tried again."
+            )
+        return super()._explain(error)
+
+    def _accept(self) -> None:
+        if self._socket is None:
+            return
+        try:
+            sock, address = self._socket.accept()
+        except OSError:
+            return
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        peer = Peer(f"{address[0]}:{address[1]}", (address[0], address[1]))
+        session = StreamSession(
+            self._loop,
+            sock.fileno(),
+            read=sock.recv,
+            write=sock.send,
+            received=lambda data: self._received(data, peer),
+            ended=lambda _why: self._drop(peer),
+        )
+        self._clients[peer.name] = (sock, session)
+        self._peers[peer.name] = peer
+        self._on_state()
+
+    def _drop(self, peer: Peer) -> None:
+        client = self._clients.pop(peer.name, None)
+        if client is not None:
+            client[1].close()
+            client[0].close()
+        self._forget(peer)
+
+    def _write(self, data: bytes, peer: Peer) -> bool:
+        client = self._clients.get(peer.name)
+        return client is not None and client[1].send(data)
+
+    def _close(self) -> None:
+        for peer in self.peers():
+            self._drop(peer)
+        if self._socket is not None:
+            self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()
+            self._socket = None

@@ -1,0 +1,146 @@
+"""UDP: `udpin` listens and answers whom it hears, `udpout` speaks first."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+
+from gcs_server.links.base import Link, Peer
+from gcs_server.links.channel import ThrottledReader
+from gcs_server.links.resolve import Address, resolve
+
+FORGET_AFTER_S = 30.0
+"""A peer silent for longer is forgotten."""
+MAX_PEERS = 256
+DATAGRAMS_A_WAKE = 4000
+BUFFER_BYTES = 4_000_000
+
+
+class UdpLink(Link):
+    """One socket for all peers.
+
+    Args:
+        host: to listen on, or to speak to.
+        outgoing: speaks first to `host:port`, from a port of the system's choice.
+    """
+
+    def __init__(
+        self, name: str, url: str, host: str, port: int, *, outgoing: bool, forward: bool = False
+    ) -> None:
+        super().__init__(name, url, forward=forward)
+        self._host = host
+        self._port = port
+        self._outgoing = outgoing
+        self._socket: socket.socket | None = None
+        self._reader: ThrottledReader | None = None
+        self._by_address: dict[Address, Peer] = {}
+        self._heard_s: dict[str, float] = {}
+        self._fixed: str | None = None
+        self._sweep: asyncio.TimerHandle | None = None
+
+    @property
+    def local_port(self) -> int | None:
+        """The port in use, where it is open."""
+        return self._socket.getsockname()[1] if self._socket else None
+
+    def _open(self) -> None:
+        resolve(self._loop, self._host, self._port, self._resolved, self._lost)
+
+    def _resolved(self, address: Address) -> None:
+        if not self._wanted or self._socket is not None:
+            return
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            sock.setblocking(False)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            if not self._outgoing:
+                sock.bind(address)
+        except OSError as error:
+            sock.close()
+            self._lost(self._explain(error))
+            return
+        self._socket = sock
+        self._reader = ThrottledReader(self._loop, sock.fileno(), self._drain)
+        if self._outgoing:
+            self._fixed = self._peer(address).name
+        self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
+        self._opened()
+
+    def _explain(self, error: OSError) -> str:
+        if error.errno == errno.EADDRINUSE:
+            return (
+                f"UDP port {self._port} on {self._host} is taken by another program (another ground station?). "
+                "Close it, or choose another port; this is tried again."
+            )
+        if error.errno == errno.EADDRNOTAVAIL:
+            return f"This machine has no address {self._host}. Use 127.0.0.1, 0.0.0.0 or one of its own."
+        if error.errno == errno.EACCES:
+            return f"UDP port {self._port} may not be used by this user. Choose one above 1023."
+        return super()._explain(error)
+
+    def _drain(self) -> None:
+        sock = self._socket
+        if sock is None:
+            return
+        for _ in range(DATAGRAMS_A_WAKE):
+            try:
+                data, address = sock.recvfrom(65536)
+            except BlockingIOError:
+                return
+            except ConnectionError:  # an earlier datagram found nobody; others may come
+                continue
+            except OSError as error:
+                self._lost(self._explain(error))
+                return
+            peer = self._by_address.get(address) or self._peer(address)
+            self._heard_s[peer.name] = self._loop.time()
+            self._received(data, peer)
+            if self._socket is None:
+                return
+
+    def _peer(self, address: Address) -> Peer:
+        if len(self._peers) >= MAX_PEERS:
+            self._forget_peer(min(self._heard_s, key=lambda name: self._heard_s[name]))
+        peer = Peer(f"{address[0]}:{address[1]}", address)
+        self._by_address[address] = peer
+        self._peers[peer.name] = peer
+        self._heard_s[peer.name] = self._loop.time()
+        self._on_state()
+        return peer
+
+    def _forget_peer(self, name: str) -> None:
+        peer = self._peers[name]
+        if peer.address is not None:
+            self._by_address.pop(peer.address, None)
+        self._heard_s.pop(name, None)
+        self._forget(peer)
+
+    def _forget_silent(self) -> None:
+        before_s = self._loop.time() - FORGET_AFTER_S
+        for name in [n for n, heard_s in self._heard_s.items() if heard_s < before_s and n != self._fixed]:
+            self._forget_peer(name)
+        self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
+
+    def _write(self, data: bytes, peer: Peer) -> bool:
+        sock = self._socket
+        if sock is None or peer.address is None:
+            return False
+        try:
+            sock.sendto(data, peer.address)  # one system call: needs no lock of ours
+        except OSError:  # buffer full or nobody there: a datagram may be lost
+            return False
+        return True
+
+    def _close(self) -> None:
+        if self._sweep is not None:
+            self._sweep.cancel()
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        self._by_address.clear()
+        self._heard_s.clear()
+        self._fixed = None

@@ -1,0 +1,104 @@
+"""Link URLs: the one place that knows their grammar.
+
+    udpin://127.0.0.1:14550            listens; the host defaults to 127.0.0.1
+    udpout://127.0.0.1:14580           speaks first
+    tcp://127.0.0.1:5760               client
+    tcpin://127.0.0.1:5790             listens
+    serial:///dev/ttyACM0?baud=57600
+    tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
+
+`forward=1` on a network link marks another ground station: it gets what the vehicles say, and what it
+says goes to the vehicles.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from gcs_server.errors import InvalidRequest, LinkError
+from gcs_server.links.base import Link
+from gcs_server.links.serial import DEFAULT_BAUD, SerialLink
+from gcs_server.links.tcp import TcpLink, TcpServerLink
+from gcs_server.links.tlog import TlogLink
+from gcs_server.links.udp import UdpLink
+
+LOOPBACK = "127.0.0.1"
+KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
+REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev/ttyACM0?baud=57600."
+
+
+def make_link(url: str, name: str | None = None) -> Link:
+    """The link that a URL describes, not yet started.
+
+    Raises:
+        InvalidRequest: the URL is not understood.
+        LinkError: a recording that is not there.
+    """
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as error:
+        raise InvalidRequest("url", f"{url!r} is not a link: {error}.", remedy=REMEDY) from None
+    kind = parts.scheme
+    if kind not in KINDS:
+        raise InvalidRequest(
+            "url", f"{url!r} is not a link: it must begin with one of {', '.join(KINDS)}.", remedy=REMEDY
+        )
+    options = {key: values[-1] for key, values in parse_qs(parts.query, keep_blank_values=True).items()}
+    allowed = {"serial": {"baud", "forward"}, "tlog": {"speed"}}.get(kind, {"forward"})
+    for key in options.keys() - allowed:
+        raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)
+    forward = _flag(url, options.get("forward", "0"))
+    if kind == "serial":
+        if not parts.path.startswith("/"):
+            raise InvalidRequest("url", f"{url!r} names no device.", remedy=REMEDY)
+        baud = _number(url, "baud", options.get("baud", str(DEFAULT_BAUD)))
+        if not 1200 <= baud <= 12_000_000 or baud != int(baud):
+            raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
+        return SerialLink(name or parts.path, url, unquote(parts.path), int(baud), forward=forward)
+    if kind == "tlog":
+        return _tlog(url, name, unquote(parts.path), options)
+    listens = kind in ("udpin", "tcpin")
+    host = parts.hostname or (LOOPBACK if listens else "")
+    if not host:
+        raise InvalidRequest("url", f"{url!r} names no host to connect to.", remedy=REMEDY)
+    if port is None or (port == 0 and not listens):
+        raise InvalidRequest("url", f"{url!r} names no port (1 to 65535).", remedy=REMEDY)
+    if parts.path not in ("", "/"):
+        raise InvalidRequest("url", f"{url!r}: nothing may follow the port but options.", remedy=REMEDY)
+    name = name or f"{kind}-{host}-{port}"
+    if kind == "tcp":
+        return TcpLink(name, url, host, port, forward=forward)
+    if kind == "tcpin":
+        return TcpServerLink(name, url, host, port, forward=forward)
+    return UdpLink(name, url, host, port, outgoing=kind == "udpout", forward=forward)
+
+
+def _tlog(url: str, name: str | None, path_text: str, options: dict[str, str]) -> TlogLink:
+    path = Path(path_text)
+    if not path_text or not path.is_file():
+        raise LinkError(
+            f"There is no recording {path_text or url!r}.", remedy="Give the path of a .tlog file."
+        )
+    speed = _number(url, "speed", options.get("speed", "1"))
+    if not 0 <= speed <= 1000:
+        raise InvalidRequest("url", f"{url!r}: speed must be from 0 (as fast as it goes) to 1000.")
+    return TlogLink(name or f"replay-{path.name}", url, path, speed)
+
+
+def _flag(url: str, text: str) -> bool:
+    if text not in ("0", "1"):
+        raise InvalidRequest("url", f"{url!r}: forward must be 0 or 1.")
+    return text == "1"
+
+
+def _number(url: str, key: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InvalidRequest("url", f"{url!r}: {key} must be a number, not {text!r}.")
+    return value

@@ -1,0 +1,51 @@
+"""What the framing needs to know of every message, built from the dialect's classes once."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_server.mavlink.dialect import MAVLink_message, mavlink_map
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """One message on the wire."""
+
+    msg_id: int
+    name: str
+    crc_extra: bytes
+    """One byte."""
+    fields: tuple[str, ...]
+    """In wire order."""
+    attributes: tuple[str, ...]
+    """Where the dialect's message object keeps them, in wire order."""
+    lengths: tuple[int, ...]
+    """Elements a field, in wire order; 1 for scalars and texts."""
+    unpacker: struct.Struct
+    order: tuple[int, ...]
+    """For each constructor argument its position in wire order."""
+    message_class: type[MAVLink_message]
+
+
+def _layout(msg_id: int, cls: Any) -> Layout:
+    wire_types = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
+    array_lengths = dict(zip(cls.ordered_fieldnames, cls.array_lengths, strict=True))
+    texts = {n for n in cls.ordered_fieldnames if wire_types[n] == "char" and array_lengths[n]}
+    return Layout(
+        msg_id=msg_id,
+        name=cls.msgname,
+        crc_extra=bytes([cls.crc_extra]),
+        fields=tuple(cls.ordered_fieldnames),
+        attributes=tuple(f"_{n}_raw" if n in texts else n for n in cls.ordered_fieldnames),
+        lengths=tuple(cls.lengths),
+        unpacker=cls.unpacker,
+        order=tuple(cls.orders),
+        message_class=cls,
+    )
+
+
+LAYOUTS: dict[int, Layout] = {msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items()}
+CRC_EXTRA: dict[int, bytes] = {msg_id: layout.crc_extra for msg_id, layout in LAYOUTS.items()}
+NAMES: dict[int, str] = {msg_id: layout.name for msg_id, layout in LAYOUTS.items()}
