@@ -61,7 +61,7 @@ class SerialLink(Link):
                 "then log out and in again."
             )
         if error.errno in (errno.EBUSY, errno.EAGAIN):
-            return f"{self._device} is in use by another program (another ground station, ModemManager?). Close it."
+            return f"{self._device} is in use by another program (a ground station, ModemManager?). Close it."
         if error.errno == errno.ENOTTY:
             return f"{self._device} is not a serial port."
         return f"{self._device}: {error.strerror or error}"

@@ -28,8 +28,7 @@ def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
     Raises:
         OSError: the file cannot be read.
     """
-    opened = gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
-    with cast(BinaryIO, opened) as file:
+    with cast(BinaryIO, gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")) as file:
         yield from _records(file)
 
 
@@ -108,7 +107,7 @@ class TlogLink(Link):
             if self._speed > 0 and time_us > due_us:
                 break
             self._received(raw, self._peer)
-            if self._records is None:
+            if not self._wanted:  # closed by who received it
                 return
             try:
                 self._next = next(self._records, None)

@@ -70,8 +70,8 @@ class UdpLink(Link):
     def _explain(self, error: OSError) -> str:
         if error.errno == errno.EADDRINUSE:
             return (
-                f"UDP port {self._port} on {self._host} is taken by another program (another ground station?). "
-                "Close it, or choose another port; this is tried again."
+                f"UDP port {self._port} on {self._host} is taken by another program "
+                "(another ground station?). Close it, or choose another port; this is tried again."
             )
         if error.errno == errno.EADDRNOTAVAIL:
             return f"This machine has no address {self._host}. Use 127.0.0.1, 0.0.0.0 or one of its own."

@@ -57,7 +57,8 @@ def make_link(url: str, name: str | None = None) -> Link:
         baud = _number(url, "baud", options.get("baud", str(DEFAULT_BAUD)))
         if not 1200 <= baud <= 12_000_000 or baud != int(baud):
             raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
-        return SerialLink(name or parts.path, url, unquote(parts.path), int(baud), forward=forward)
+        device = unquote(parts.path)
+        return SerialLink(name or f"serial-{Path(device).name}", url, device, int(baud), forward=forward)
     if kind == "tlog":
         return _tlog(url, name, unquote(parts.path), options)
     listens = kind in ("udpin", "tcpin")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from gcs_server.errors import GcsError
@@ -20,6 +20,16 @@ class Waiter:
         self.msg_ids = msg_ids
         self._matches = matches
         self._queue: asyncio.Queue[MAVLink_message | GcsError] = asyncio.Queue()
+
+    def take(self) -> MAVLink_message | None:
+        """A match that is there already, without waiting; raises as `next`."""
+        if self._queue.empty():
+            return None
+        item = self._queue.get_nowait()
+        if isinstance(item, GcsError):
+            self._queue.put_nowait(item)
+            raise item
+        return item
 
     async def next(self) -> MAVLink_message:
         """The next match.
@@ -52,7 +62,7 @@ class Mailbox:
         self._awaited: frozenset[int] = frozenset()
 
     @contextmanager
-    def expect(self, *msg_ids: int, matches: Matches | None = None) -> Iterator[Waiter]:
+    def expect(self, *msg_ids: int, matches: Matches | None = None) -> Generator[Waiter]:
         """Arms a waiter for messages of these ids; send the request inside the `with`."""
         waiter = Waiter(frozenset(msg_ids), matches)
         self._waiters.append(waiter)

@@ -7,8 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_server.clock import Clock
-from gcs_server.links.base import LinkInfo
+from gcs_server.errors import InvalidRequest, UnknownLink
+from gcs_server.links.base import Link, LinkInfo, Peer
+from gcs_server.links.url import make_link
+from gcs_server.mavlink import dialect
+from gcs_server.mavlink.codec import Frame, encode_payload
+from gcs_server.mavlink.connection import Connection
+from gcs_server.mavlink.forwarding import Forwarder
+from gcs_server.mavlink.tlog_writer import TlogRecorder
 from gcs_server.supervise import Supervisor
+
+HEARTBEAT_INTERVAL_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,23 +34,91 @@ class RouterSettings:
     """Recording stops while the disk has less than this free."""
 
 
+class FrameSink:
+    """Who takes the frames; the fleet. The methods do nothing until it is there."""
+
+    def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
+        """A frame from a vehicle's side (not from a forwarding link)."""
+
+    def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
+        """A peer, or its whole link, is gone."""
+
+
 class Router:
     """All links of the server."""
 
     def __init__(self, clock: Clock, supervisor: Supervisor, settings: RouterSettings) -> None:
-        raise NotImplementedError
+        self.settings = settings
+        self.sink = FrameSink()
+        self._clock = clock
+        self._supervisor = supervisor
+        self._connections: dict[str, Connection] = {}
+        self._on_change: list[Callable[[LinkInfo], None]] = []
+        self._forwarder = Forwarder(settings.system_id)
+        self._recorder = (
+            TlogRecorder(
+                settings.recording_dir,
+                max_bytes=settings.recording_max_bytes,
+                keep_free_bytes=settings.recording_keep_free_bytes,
+            )
+            if settings.recording_dir is not None
+            else None
+        )
+        self._heartbeat = encode_payload(
+            dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_GCS,
+                dialect.MAV_AUTOPILOT_INVALID,
+                0,
+                0,
+                dialect.MAV_STATE_ACTIVE,
+                3,
+            )
+        )
 
     def start(self) -> None:
-        """Begins heartbeats (1 Hz to each peer of each link that is no replay)."""
-        raise NotImplementedError
+        """Begins heartbeats (1 Hz to each peer of each link that is no replay) and recording."""
+        if self._recorder is not None:
+            self._recorder.start()
+        self._supervisor.start("heartbeats", self._send_heartbeats)
 
     def add_link(self, url: str, name: str | None = None) -> LinkInfo:
         """Opens a link: udpin, udpout, tcp, tcpin, serial, tlog; options as in `links/url.py`.
 
         Raises:
             InvalidRequest: the URL is not understood, or the name is taken.
+            LinkError: a recording to replay is not there.
         """
-        raise NotImplementedError
+        return self.add(make_link(url, name))
+
+    def add(self, link: Link) -> LinkInfo:
+        """Opens a link that was made already.
+
+        Raises:
+            InvalidRequest: the name or the URL is in use.
+        """
+        if link.name in self._connections:
+            raise InvalidRequest(
+                "name",
+                f"There is a link {link.name!r} already.",
+                remedy="Remove it first, or give another name.",
+            )
+        self._refuse_loop(link)
+        recording = self._recorder.channel(link.name) if self._recorder and not link.replay else None
+        connection = Connection(
+            link,
+            self._clock,
+            system_id=self.settings.system_id,
+            component_id=self.settings.component_id,
+            recording=recording,
+            on_frame=self._frame,
+            on_new_peer=self._new_peer,
+            on_peer_gone=self._peer_gone,
+            on_state=self._changed,
+        )
+        self._connections[link.name] = connection
+        self._forwarder.connections = tuple(self._connections.values())
+        connection.start()
+        return link.info()
 
     async def remove_link(self, name: str) -> None:
         """Closes a link and forgets it.
@@ -49,20 +126,83 @@ class Router:
         Raises:
             UnknownLink: no link of that name.
         """
-        raise NotImplementedError
+        connection = self._connections.pop(name, None)
+        if connection is None:
+            known = ", ".join(self._connections) or "none"
+            raise UnknownLink(f"There is no link {name!r}.", remedy=f"Links now: {known}.")
+        self._forwarder.connections = tuple(self._connections.values())
+        await connection.close()
 
     def links(self) -> list[LinkInfo]:
         """State and counters of all links."""
-        raise NotImplementedError
+        return [connection.link.info() for connection in self._connections.values()]
+
+    def connection(self, name: str) -> Connection:
+        """One link's connection, for its counters.
+
+        Raises:
+            UnknownLink: no link of that name.
+        """
+        if name not in self._connections:
+            raise UnknownLink(f"There is no link {name!r}.")
+        return self._connections[name]
 
     def warnings(self) -> list[tuple[str, str, str]]:
         """(kind, link, text) of what stands now: links that wait, recordings that stopped."""
-        raise NotImplementedError
+        waiting = [("link", i.name, i.detail) for i in self.links() if i.state == "waiting" and i.detail]
+        problems = self._recorder.problems() if self._recorder else []
+        return waiting + [("recording", link, why) for link, why in problems]
 
     def on_change(self, callback: Callable[[LinkInfo], None]) -> None:
-        """Calls back when a link's state changes."""
-        raise NotImplementedError
+        """Calls back when a link's state or its peers change."""
+        self._on_change.append(callback)
 
     async def close(self) -> None:
         """Closes all links and ends the recordings."""
-        raise NotImplementedError
+        for name in list(self._connections):
+            await self.remove_link(name)
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def _refuse_loop(self, link: Link) -> None:
+        ends = {c.link.url.split("?")[0].split("://")[-1]: c.link for c in self._connections.values()}
+        other = ends.get(link.url.split("?")[0].split("://")[-1])
+        if other is not None and other.forward != link.forward:
+            raise InvalidRequest(
+                "url",
+                f"{link.url!r} would send the vehicles' messages back to our own link {other.name!r}.",
+                remedy="Forward to the port on which the other ground station listens.",
+            )
+
+    def _frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
+        link = connection.link
+        if frame.system_id == self.settings.system_id and not link.replay and not link.forward:
+            return  # our own echo, or another station that uses our id
+        self._forwarder.frame(frame, connection, peer)
+        if not link.forward:
+            self.sink.on_frame(frame, connection, peer)
+
+    def _new_peer(self, connection: Connection, peer: Peer) -> None:
+        if not connection.link.replay and not connection.link.forward:
+            connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
+
+    def _peer_gone(self, connection: Connection, peer: Peer) -> None:
+        self._forwarder.peer_gone(connection, peer)
+        self.sink.on_peer_gone(connection, peer)
+
+    def _changed(self, connection: Connection) -> None:
+        info = connection.link.info()
+        for callback in self._on_change:
+            callback(info)
+
+    async def _send_heartbeats(self) -> None:
+        next_s = self._clock.monotonic_s()
+        while True:
+            for connection in tuple(self._connections.values()):
+                if connection.link.replay or connection.link.forward:
+                    continue
+                for peer in connection.speaking_peers():
+                    connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
+            now_s = self._clock.monotonic_s()
+            next_s = max(next_s + HEARTBEAT_INTERVAL_S, now_s)
+            await self._clock.sleep(next_s - now_s)

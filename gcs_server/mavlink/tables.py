@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
 from typing import Any
@@ -49,3 +50,20 @@ def _layout(msg_id: int, cls: Any) -> Layout:
 LAYOUTS: dict[int, Layout] = {msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items()}
 CRC_EXTRA: dict[int, bytes] = {msg_id: layout.crc_extra for msg_id, layout in LAYOUTS.items()}
 NAMES: dict[int, str] = {msg_id: layout.name for msg_id, layout in LAYOUTS.items()}
+
+
+def _target_system_offset(layout: Layout) -> int | None:
+    """Where `target_system` stands in the payload; None where a message has none."""
+    if "target_system" not in layout.fields:
+        return None
+    formats = re.findall(r"\d*[a-zA-Z]", layout.unpacker.format)
+    before = layout.fields.index("target_system")
+    return struct.calcsize("<" + "".join(formats[:before]))
+
+
+TARGET_SYSTEM_OFFSET: dict[int, int] = {
+    msg_id: offset
+    for msg_id, layout in LAYOUTS.items()
+    if (offset := _target_system_offset(layout)) is not None
+}
+"""Messages addressed to one system, and where in the payload its id stands."""

@@ -1,0 +1,156 @@
+"""A link with what MAVLink adds: a parser a peer, the recording, and our own sequence numbers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.links.base import Link, Peer
+from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame
+from gcs_server.mavlink.tlog_writer import TlogChannel
+
+
+@dataclass(frozen=True, slots=True)
+class ParserCounts:
+    """What one peer's bytes held."""
+
+    frames: int
+    frames_unknown: int
+    bytes_skipped: int
+    crc_errors: int
+    frames_lost: int
+
+
+class FrameSender:
+    """The one place that owns outgoing sequence numbers, so that loop and streamer thread share it.
+
+    Numbers run per peer: several vehicles on one link would otherwise each count our frames to the
+    others as lost.
+    """
+
+    def __init__(
+        self, link: Link, system_id: int, component_id: int, record: Callable[[bytes], None]
+    ) -> None:
+        self._link = link
+        self._system_id = system_id
+        self._component_id = component_id
+        self._record = record
+        self._lock = threading.Lock()
+        self._seq: dict[str, int] = {}
+
+    def send(self, msg_id: int, payload: bytes, peer: Peer) -> bool:
+        """Frames and sends; from any thread. False: the bytes were dropped."""
+        with self._lock:
+            seq = self._seq.get(peer.name, 0)
+            self._seq[peer.name] = (seq + 1) & 0xFF
+            raw = encode_frame(msg_id, payload, seq, self._system_id, self._component_id)
+            sent = self._link.send(raw, peer)
+        if sent:
+            self._record(raw)
+        return sent
+
+    def forget(self, peer: Peer) -> None:
+        """The peer is gone; its numbers begin anew."""
+        with self._lock:
+            self._seq.pop(peer.name, None)
+
+
+OnFrame = Callable[[Frame, "Connection", Peer], None]
+
+
+class Connection:
+    """One link in use.
+
+    Args:
+        recording: gets every frame, both ways; None for replays.
+        on_frame: gets each frame heard.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        clock: Clock,
+        *,
+        system_id: int,
+        component_id: int,
+        recording: TlogChannel | None,
+        on_frame: OnFrame,
+        on_new_peer: Callable[[Connection, Peer], None],
+        on_peer_gone: Callable[[Connection, Peer], None],
+        on_state: Callable[[Connection], None],
+    ) -> None:
+        self.link = link
+        self._clock = clock
+        self._recording = recording
+        self._on_frame = on_frame
+        self._on_new_peer = on_new_peer
+        self._on_peer_gone = on_peer_gone
+        self._on_state = on_state
+        self._parsers: dict[str, FrameParser] = {}
+        self.sender = FrameSender(link, system_id, component_id, self._record)
+
+    @property
+    def name(self) -> str:
+        """The link's."""
+        return self.link.name
+
+    def start(self) -> None:
+        """Opens the link."""
+        self.link.start(self._bytes, self._peer_gone, lambda: self._on_state(self))
+
+    async def close(self) -> None:
+        """Closes the link and ends the recording."""
+        await self.link.close()
+        if self._recording is not None:
+            self._recording.closing = True
+
+    def forward(self, raw: bytes, peer: Peer) -> None:
+        """Passes on another's frame as it is."""
+        if self.link.send(raw, peer):
+            self._record(raw)
+
+    def speaking_peers(self) -> tuple[Peer, ...]:
+        """Peers to greet: all but those from whom only garbage came."""
+        return tuple(
+            peer
+            for peer in self.link.peers()
+            if (parser := self._parsers.get(peer.name)) is None or parser.frames
+        )
+
+    def counts(self) -> dict[str, ParserCounts]:
+        """By peer."""
+        return {
+            name: ParserCounts(
+                p.frames, p.frames_unknown, p.bytes_skipped, p.crc_errors, sum(p.lost.values())
+            )
+            for name, p in self._parsers.items()
+        }
+
+    def _bytes(self, data: bytes, peer: Peer, received_s: float) -> None:
+        parser = self._parsers.get(peer.name)
+        if parser is None:
+            parser = self._parsers[peer.name] = FrameParser()
+        is_new = not parser.frames
+        frames = parser.feed(data, received_s)
+        if not frames:
+            return
+        if self._recording is not None:
+            time_us = int(self._clock.unix_s() * 1e6)
+            for frame in frames:
+                self._recording.append(time_us, frame.raw)
+        if is_new:
+            self._on_new_peer(self, peer)
+        on_frame = self._on_frame
+        for frame in frames:
+            on_frame(frame, self, peer)
+
+    def _peer_gone(self, peer: Peer) -> None:
+        self._parsers.pop(peer.name, None)
+        self.sender.forget(peer)
+        self._on_peer_gone(self, peer)
+
+    def _record(self, raw: bytes) -> None:
+        if self._recording is not None:
+            self._recording.append(int(self._clock.unix_s() * 1e6), raw)

@@ -1,0 +1,68 @@
+"""Another ground station beside us: it gets what the vehicles say, they get what it says.
+
+No loops: frames never go back where they came from, never from one station to another, and what a
+station sends in a vehicle's name is dropped. Where a vehicle is heard on two links, one is passed on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_server.links.base import Peer
+from gcs_server.mavlink.codec import Frame
+from gcs_server.mavlink.connection import Connection
+from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
+
+SILENT_AFTER_S = 2.0
+
+
+@dataclass(slots=True)
+class _Route:
+    connection: Connection
+    peer: Peer
+    heard_s: float
+
+
+class Forwarder:
+    """Knows where each system was heard."""
+
+    def __init__(self, own_system_id: int) -> None:
+        self.connections: tuple[Connection, ...] = ()
+        self._own_system_id = own_system_id
+        self._routes: dict[int, _Route] = {}
+
+    def frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
+        """Passes on a frame that just came."""
+        link = connection.link
+        if link.replay:
+            return
+        if link.forward:
+            self._to_vehicles(frame)
+            return
+        route = self._routes.get(frame.system_id)
+        if route is None or frame.received_monotonic_s - route.heard_s > SILENT_AFTER_S:
+            route = self._routes[frame.system_id] = _Route(connection, peer, frame.received_monotonic_s)
+        elif route.connection is not connection or route.peer != peer:
+            return
+        route.heard_s = frame.received_monotonic_s
+        for other in self.connections:
+            if other.link.forward:
+                for station in other.link.peers():
+                    other.forward(frame.raw, station)
+
+    def peer_gone(self, connection: Connection, peer: Peer) -> None:
+        """Forgets the systems heard there."""
+        for system_id, route in list(self._routes.items()):
+            if route.connection is connection and route.peer == peer:
+                del self._routes[system_id]
+
+    def _to_vehicles(self, frame: Frame) -> None:
+        if frame.system_id in self._routes:
+            return
+        offset = TARGET_SYSTEM_OFFSET.get(frame.msg_id)
+        target = frame.payload[offset] if offset is not None and offset < len(frame.payload) else 0
+        if target == self._own_system_id:
+            return
+        for system_id, route in self._routes.items():
+            if target in (0, system_id):
+                route.connection.forward(frame.raw, route.peer)

@@ -1,0 +1,216 @@
+"""Records what links carry, in a thread of its own: a slow or full disk never delays the flight.
+
+A record is an 8-byte big-endian time (microseconds since 1970) and the raw frame, as other ground
+stations write it. Each write goes straight to the operating system, so a killed server loses at most
+what came since the last flush.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import re
+import shutil
+import struct
+import threading
+from collections import deque
+from datetime import UTC, datetime
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+FLUSH_INTERVAL_S = 0.25
+BACKLOG_LIMIT_BYTES = 16_000_000
+"""What may wait for a stalled disk, a link; more stops that recording."""
+TRY_AGAIN_FLUSHES = 40
+"""A stopped recording is tried again after so many flushes."""
+
+_time = struct.Struct(">Q")
+
+
+class TlogChannel:
+    """One link's recording; `append` is for any thread and never waits for the disk."""
+
+    def __init__(self, link: str) -> None:
+        self.link = link
+        self.problem = ""
+        """Why nothing is recorded, for people; empty while all is well."""
+        self.path: Path | None = None
+        self.closing = False
+        self._queue: deque[bytes] = deque()
+        self._queued_bytes = 0
+        self._file: int | None = None
+        self._size = 0
+        self._flushes_until_retry = 0
+
+    def append(self, time_us: int, raw: bytes) -> None:
+        """One frame, heard or sent."""
+        if self.problem:
+            return
+        self._queue.append(_time.pack(time_us) + raw)
+        self._queued_bytes += 8 + len(raw)
+
+    def take(self) -> bytes:
+        """Everything queued since the last time."""
+        parts: list[bytes] = []
+        while self._queue:
+            parts.append(self._queue.popleft())
+        data = b"".join(parts)
+        self._queued_bytes -= len(data)
+        return data
+
+    @property
+    def backlog_bytes(self) -> int:
+        """What waits to be written."""
+        return self._queued_bytes
+
+    def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:
+        """Called by the recorder's thread; raises OSError, having taken back a torn record."""
+        if self._file is not None and self._size and self._size + len(data) > max_bytes:
+            self.end()
+        if self._file is None:
+            self._begin(directory, time_us)
+        assert self._file is not None
+        written = 0
+        try:
+            while written < len(data):
+                written += os.write(self._file, data[written:])
+        except OSError:
+            if written:
+                os.ftruncate(self._file, self._size)
+            raise
+        self._size += written
+
+    def _begin(self, directory: Path, time_us: int) -> None:
+        directory.mkdir(parents=True, exist_ok=True)
+        stamp = datetime.fromtimestamp(time_us / 1e6, UTC).strftime("%Y%m%d-%H%M%S")
+        safe = re.sub(r"[^A-Za-z0-9._-]+", "_", self.link)
+        for number in range(1000):
+            path = directory / f"{stamp}-{safe}{f'-{number}' if number else ''}.tlog"
+            try:
+                self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+            except FileExistsError:
+                continue
+            self.path, self._size = path, 0
+            return
+        raise FileExistsError(errno.EEXIST, f"too many recordings named {stamp}-{safe}")
+
+    def end(self) -> None:
+        """Closes the file; the next write begins another."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def stop(self, problem: str) -> None:
+        """Gives up for a while."""
+        self.problem = problem
+        self._flushes_until_retry = TRY_AGAIN_FLUSHES
+        self.take()
+        self.end()
+
+    def waited_long_enough(self) -> bool:
+        """Counts the flushes since it was stopped."""
+        self._flushes_until_retry -= 1
+        return self._flushes_until_retry <= 0
+
+
+class TlogRecorder:
+    """The thread that writes all channels.
+
+    Args:
+        directory: where the files go; made where missing.
+        max_bytes: a file's size at which the next is begun.
+        keep_free_bytes: recording stops while the disk has less.
+    """
+
+    def __init__(self, directory: Path, *, max_bytes: int, keep_free_bytes: int) -> None:
+        self._directory = directory
+        self._max_bytes = max_bytes
+        self._keep_free_bytes = keep_free_bytes
+        self._channels: list[TlogChannel] = []
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begins to write every `FLUSH_INTERVAL_S`."""
+        self._thread = threading.Thread(target=self._run, name="tlog", daemon=True)
+        self._thread.start()
+
+    def channel(self, link: str) -> TlogChannel:
+        """A recording for a link; the file is made with its first frame."""
+        channel = TlogChannel(link)
+        with self._lock:
+            self._channels.append(channel)
+        return channel
+
+    def problems(self) -> list[tuple[str, str]]:
+        """(link, why) of every recording that stands still."""
+        return [(c.link, c.problem) for c in tuple(self._channels) if c.problem]
+
+    def close(self) -> None:
+        """Writes what is left and ends all files."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout=5.0)
+            self._thread = None
+        self.flush()
+        for channel in self._channels:
+            channel.end()
+
+    def flush(self) -> None:
+        """Writes what waits now (the thread's work; callable where no thread runs)."""
+        with self._lock:
+            channels = tuple(self._channels)
+        too_full = self._too_full()
+        for channel in channels:
+            if channel.problem:
+                if not too_full and channel.waited_long_enough():
+                    log.info("recording of %s goes on", channel.link)
+                    channel.problem = ""
+                continue
+            if too_full and channel.backlog_bytes:
+                self._stopped(channel, too_full)
+                continue
+            self._write(channel)
+            if channel.closing and not channel.backlog_bytes:
+                channel.end()
+                with self._lock:
+                    self._channels.remove(channel)
+
+    def _write(self, channel: TlogChannel) -> None:
+        if channel.backlog_bytes > BACKLOG_LIMIT_BYTES:
+            self._stopped(channel, "The disk is too slow: too much waits to be written.")
+            return
+        data = channel.take()
+        if not data:
+            return
+        try:
+            channel.write(self._directory, data, _time.unpack_from(data)[0], self._max_bytes)
+        except OSError as error:
+            where = f"The recording in {self._directory} cannot be written: {error.strerror or error}."
+            self._stopped(channel, where)
+
+    def _too_full(self) -> str:
+        folder = self._directory
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        try:
+            free = shutil.disk_usage(folder).free
+        except OSError:
+            return ""  # writing will tell
+        if free >= self._keep_free_bytes:
+            return ""
+        return (
+            f"Only {free // 1_000_000} MB are free where recordings go ({self._directory}); "
+            f"{self._keep_free_bytes // 1_000_000} MB are kept free. Make room, and recording goes on."
+        )
+
+    def _stopped(self, channel: TlogChannel, why: str) -> None:
+        log.warning("recording of %s stopped: %s", channel.link, why)
+        channel.stop(why)
+
+    def _run(self) -> None:
+        while not self._stop.wait(FLUSH_INTERVAL_S):
+            self.flush()

@@ -1,0 +1,251 @@
+"""Payloads to samples: pure functions, straight from the bytes, each for one message.
+
+Every decoder gets the full payload (zeros filled up) and returns the value and, where the message
+carries it, the vehicle's boot time. Formats are those of the dialect, which a test compares.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle import gimbal_decoder, samples
+
+Payloads = Mapping[int, bytes]
+Decoded = tuple[object, float | None]
+
+_attitude_quaternion = struct.Struct("<I7f")
+_attitude = struct.Struct("<I6f")
+_local_position = struct.Struct("<I6f")
+_global_position = struct.Struct("<I4i3hH")
+_gps = struct.Struct("<Q3i4H2BiI")
+_battery = struct.Struct("<iih10Hh3Bbi")
+_sys_status = struct.Struct("<3IHHh6Hb")
+_home = struct.Struct("<3i3f")
+_servo = struct.Struct("<I8HB8H")
+_target_local = struct.Struct("<I11fHB")
+_target_attitude = struct.Struct("<I4f3ff")
+_hud = struct.Struct("<4fhH")
+_estimator = struct.Struct("<Q8fH")
+
+FORMATS: dict[int, struct.Struct] = {
+    d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
+    d.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    d.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
+    d.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
+    d.MAVLINK_MSG_ID_GPS_RAW_INT: _gps,
+    d.MAVLINK_MSG_ID_BATTERY_STATUS: _battery,
+    d.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
+    d.MAVLINK_MSG_ID_HOME_POSITION: _home,
+    d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servo,
+    d.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: _target_local,
+    d.MAVLINK_MSG_ID_ATTITUDE_TARGET: _target_attitude,
+    d.MAVLINK_MSG_ID_VFR_HUD: _hud,
+    d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
+    **gimbal_decoder.FORMATS,
+}
+
+IGNORE_AXES = (
+    (
+        d.POSITION_TARGET_TYPEMASK_X_IGNORE,
+        d.POSITION_TARGET_TYPEMASK_Y_IGNORE,
+        d.POSITION_TARGET_TYPEMASK_Z_IGNORE,
+    ),
+    (
+        d.POSITION_TARGET_TYPEMASK_VX_IGNORE,
+        d.POSITION_TARGET_TYPEMASK_VY_IGNORE,
+        d.POSITION_TARGET_TYPEMASK_VZ_IGNORE,
+    ),
+    (
+        d.POSITION_TARGET_TYPEMASK_AX_IGNORE,
+        d.POSITION_TARGET_TYPEMASK_AY_IGNORE,
+        d.POSITION_TARGET_TYPEMASK_AZ_IGNORE,
+    ),
+)
+
+
+def attitude_quaternion(payloads: Payloads) -> Decoded:
+    """ATTITUDE_QUATERNION."""
+    time_ms, w, x, y, z, p, q, r = _attitude_quaternion.unpack_from(
+        payloads[d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION]
+    )
+    roll, pitch, yaw = gimbal_decoder.euler_of((w, x, y, z))
+    return samples.Attitude(roll, pitch, yaw, (w, x, y, z), (p, q, r)), time_ms / 1e3
+
+
+def attitude(payloads: Payloads) -> Decoded:
+    """ATTITUDE, for vehicles that send no quaternion."""
+    time_ms, roll, pitch, yaw, p, q, r = _attitude.unpack_from(payloads[d.MAVLINK_MSG_ID_ATTITUDE])
+    quaternion = gimbal_decoder.quaternion_of(roll, pitch, yaw)
+    return samples.Attitude(roll, pitch, yaw, quaternion, (p, q, r)), time_ms / 1e3
+
+
+def local_position(payloads: Payloads) -> Decoded:
+    """LOCAL_POSITION_NED."""
+    time_ms, x, y, z, vx, vy, vz = _local_position.unpack_from(payloads[d.MAVLINK_MSG_ID_LOCAL_POSITION_NED])
+    return samples.LocalPosition((x, y, z), (vx, vy, vz)), time_ms / 1e3
+
+
+def global_position(payloads: Payloads) -> Decoded:
+    """GLOBAL_POSITION_INT."""
+    time_ms, lat, lon, alt, relative, vx, vy, vz, heading = _global_position.unpack_from(
+        payloads[d.MAVLINK_MSG_ID_GLOBAL_POSITION_INT]
+    )
+    value = samples.GlobalPosition(
+        lat_deg=lat / 1e7,
+        lon_deg=lon / 1e7,
+        alt_amsl_m=alt / 1e3,
+        alt_home_m=relative / 1e3,
+        velocity_ned_m_s=(vx / 100, vy / 100, vz / 100),
+        heading_deg=None if heading == 0xFFFF else heading / 100,
+    )
+    return value, time_ms / 1e3
+
+
+def gps(payloads: Payloads) -> Decoded:
+    """GPS_RAW_INT; unknown satellites are 255, unknown dilution and accuracy 0xFFFF and 0."""
+    fields = _gps.unpack_from(payloads[d.MAVLINK_MSG_ID_GPS_RAW_INT])
+    hdop, fix_type, satellites, accuracy_mm = fields[4], fields[8], fields[9], fields[11]
+    value = samples.Gps(
+        fix_type=fix_type,
+        satellites=None if satellites == 255 else satellites,
+        hdop=None if hdop == 0xFFFF else hdop / 100,
+        horizontal_accuracy_m=accuracy_mm / 1e3 if accuracy_mm else None,
+    )
+    return value, None
+
+
+def battery(payloads: Payloads) -> Decoded:
+    """BATTERY_STATUS, or SYS_STATUS until the first one came."""
+    payload = payloads.get(d.MAVLINK_MSG_ID_BATTERY_STATUS)
+    if payload is None:
+        fields = _battery_of_system(payloads[d.MAVLINK_MSG_ID_SYS_STATUS])
+        return fields, None
+    values = _battery.unpack_from(payload)
+    consumed_mah, current_ca, remaining, time_s = values[0], values[13], values[17], values[18]
+    cells = [mv for mv in values[3:13] if mv != 0xFFFF]
+    return (
+        samples.Battery(
+            remaining_percent=None if remaining < 0 else remaining,
+            voltage_v=sum(cells) / 1e3 if cells else None,
+            current_a=None if current_ca == -1 else current_ca / 100,
+            consumed_mah=None if consumed_mah == -1 else consumed_mah,
+            time_remaining_s=time_s or None,
+        ),
+        None,
+    )
+
+
+def _battery_of_system(payload: bytes) -> samples.Battery:
+    _, _, _, _, millivolt, current_ca, *_, remaining = _sys_status.unpack_from(payload)
+    return samples.Battery(
+        remaining_percent=None if remaining < 0 else remaining,
+        voltage_v=None if millivolt == 0xFFFF else millivolt / 1e3,
+        current_a=None if current_ca == -1 else current_ca / 100,
+        consumed_mah=None,
+        time_remaining_s=None,
+    )
+
+
+def home(payloads: Payloads) -> Decoded:
+    """HOME_POSITION."""
+    lat, lon, alt_mm, x, y, z = _home.unpack_from(payloads[d.MAVLINK_MSG_ID_HOME_POSITION])
+    local = (x, y, z) if all(math.isfinite(v) for v in (x, y, z)) else None
+    return samples.Home(lat / 1e7, lon / 1e7, alt_mm / 1e3, local), None
+
+
+def motors(payloads: Payloads) -> Decoded:
+    """SERVO_OUTPUT_RAW: outputs up to the last one that is in use."""
+    values = _servo.unpack_from(payloads[d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW])
+    outputs = list(values[1:9])
+    while outputs and outputs[-1] in (0, 0xFFFF):
+        outputs.pop()
+    return samples.Motors(tuple(outputs)), values[0] / 1e6
+
+
+def target_local(payloads: Payloads) -> Decoded:
+    """POSITION_TARGET_LOCAL_NED: what is ignored, or not a number, is not controlled."""
+    values = _target_local.unpack_from(payloads[d.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED])
+    mask = values[12]
+
+    def axes(first: int, bits: tuple[int, int, int]) -> tuple[float | None, float | None, float | None]:
+        a, b, c = (None if mask & bit else finite(values[first + i]) for i, bit in enumerate(bits))
+        return a, b, c
+
+    return (
+        samples.TargetLocal(
+            axes(1, IGNORE_AXES[0]),
+            axes(4, IGNORE_AXES[1]),
+            axes(7, IGNORE_AXES[2]),
+            None if mask & d.POSITION_TARGET_TYPEMASK_YAW_IGNORE else finite(values[10]),
+            None if mask & d.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else finite(values[11]),
+        ),
+        values[0] / 1e3,
+    )
+
+
+def target_attitude(payloads: Payloads) -> Decoded | None:
+    """ATTITUDE_TARGET; nothing while the vehicle has none (not a number)."""
+    time_ms, w, x, y, z, p, q, r, thrust = _target_attitude.unpack_from(
+        payloads[d.MAVLINK_MSG_ID_ATTITUDE_TARGET]
+    )
+    if not all(math.isfinite(v) for v in (w, x, y, z, p, q, r, thrust)):
+        return None
+    return samples.TargetAttitude((w, x, y, z), (p, q, r), thrust), time_ms / 1e3
+
+
+def hud(payloads: Payloads) -> Decoded:
+    """VFR_HUD."""
+    airspeed, groundspeed, _alt, climb, _heading, throttle = _hud.unpack_from(
+        payloads[d.MAVLINK_MSG_ID_VFR_HUD]
+    )
+    return samples.Hud(groundspeed, airspeed, climb, throttle), None
+
+
+def health(payloads: Payloads) -> Decoded:
+    """SYS_STATUS."""
+    present, enabled, healthy, load, *_ = _sys_status.unpack_from(payloads[d.MAVLINK_MSG_ID_SYS_STATUS])
+    prearm = d.MAV_SYS_STATUS_PREARM_CHECK
+    return (
+        samples.Health(
+            present,
+            enabled,
+            healthy,
+            bool(healthy & prearm) if present & prearm else None,
+            load / 1000 if load <= 1000 else None,
+        ),
+        None,
+    )
+
+
+def estimator(payloads: Payloads) -> Decoded:
+    """ESTIMATOR_STATUS."""
+    values = _estimator.unpack_from(payloads[d.MAVLINK_MSG_ID_ESTIMATOR_STATUS])
+    return samples.Estimator(values[9], values[7], values[8]), values[0] / 1e6
+
+
+def finite(value: float) -> float | None:
+    """MAVLink's "not set" is not a number; ours is None."""
+    return value if math.isfinite(value) else None
+
+
+Decoder = Callable[[Payloads], Decoded | None]
+GIMBAL_IDS = gimbal_decoder.IDS
+
+DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
+    "local_position": ((d.MAVLINK_MSG_ID_LOCAL_POSITION_NED,), local_position),
+    "global_position": ((d.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,), global_position),
+    "gps": ((d.MAVLINK_MSG_ID_GPS_RAW_INT,), gps),
+    "battery": ((d.MAVLINK_MSG_ID_BATTERY_STATUS, d.MAVLINK_MSG_ID_SYS_STATUS), battery),
+    "home": ((d.MAVLINK_MSG_ID_HOME_POSITION,), home),
+    "gimbal": (GIMBAL_IDS, gimbal_decoder.gimbal),
+    "motors": ((d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,), motors),
+    "target_local": ((d.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,), target_local),
+    "target_attitude": ((d.MAVLINK_MSG_ID_ATTITUDE_TARGET,), target_attitude),
+    "hud": ((d.MAVLINK_MSG_ID_VFR_HUD,), hud),
+    "health": ((d.MAVLINK_MSG_ID_SYS_STATUS,), health),
+    "estimator": ((d.MAVLINK_MSG_ID_ESTIMATOR_STATUS,), estimator),
+}
+"""Topic → messages it is made of, and how. Attitude is chosen by `vehicle/state.py`: the newer of two."""

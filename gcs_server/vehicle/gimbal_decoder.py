@@ -1,0 +1,166 @@
+"""The gimbal's sample, joined from its manager's and its device's messages.
+
+Frames, as PX4 v1.16 sends them: the device's quaternion (285) and MOUNT_ORIENTATION's yaw (265, ten
+times as often) are both relative to north while yaw is locked, else to the nose. 265's `yaw_absolute`
+adds the heading in either case and is not used. 280 has limits in degrees, and garbage for roll.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.samples import Gimbal, Quaternion
+
+_status = struct.Struct("<II5B")
+_device = struct.Struct("<I4f3fIHBBffB")
+_mount = struct.Struct("<I3f")
+_information = struct.Struct("<II6fB")
+_quaternion = struct.Struct("<I4f")
+_euler = struct.Struct("<I3f")
+
+FORMATS: dict[int, struct.Struct] = {
+    d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _status,
+    d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _device,
+    d.MAVLINK_MSG_ID_MOUNT_ORIENTATION: _mount,
+    d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _information,
+}
+IDS: tuple[int, ...] = (
+    d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
+    d.MAVLINK_MSG_ID_MOUNT_ORIENTATION,
+    d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS,
+    d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION,
+)
+VEHICLE_FRAME = d.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+EARTH_FRAME = d.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
+YAW_LOCK = d.GIMBAL_DEVICE_FLAGS_YAW_LOCK
+LARGEST_ANGLE_RAD = math.radians(720.0)
+SMALLEST_RANGE_RAD = math.radians(0.1)
+
+
+def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
+    """The sample; nothing before an attitude came (285 or 265).
+
+    Besides the gimbal's messages the vehicle's own attitude (31 or 30) is looked at, to turn yaw from
+    one frame into the other.
+    """
+    device = payloads.get(d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS)
+    mount = payloads.get(d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
+    status = payloads.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS)
+    if device is None and mount is None:
+        return None
+    flags, device_id, primary, secondary = _manager(status)
+    time_ms, q, roll, pitch, yaw = -1, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+    if device is not None:
+        values = _device.unpack_from(device)
+        time_ms, q = values[0], (values[1], values[2], values[3], values[4])
+        if status is None or time_ms >= _status.unpack_from(status)[0]:
+            flags = values[9]
+        device_id = values[14] or device_id
+        roll, pitch, yaw = euler_of(q)
+    if mount is not None:
+        mount_ms, roll_deg, pitch_deg, yaw_deg = _mount.unpack_from(mount)
+        if mount_ms > time_ms and all(math.isfinite(v) for v in (roll_deg, pitch_deg, yaw_deg)):
+            time_ms = mount_ms
+            roll, pitch, yaw = (math.radians(v) for v in (roll_deg, pitch_deg, yaw_deg))
+            q = quaternion_of(roll, pitch, yaw)
+    in_earth_frame = yaw_in_earth_frame(flags)
+    heading = _heading(payloads)
+    yaw_ned = yaw if in_earth_frame else None if heading is None else wrap(yaw + heading)
+    yaw_frd = yaw if not in_earth_frame else None if heading is None else wrap(yaw - heading)
+    limits = _limits(payloads.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION))
+    value = Gimbal(
+        gimbal_device_id=device_id,
+        roll_rad=roll,
+        pitch_rad=pitch,
+        yaw_frd_rad=yaw_frd,
+        yaw_ned_rad=yaw_ned,
+        q=q,
+        yaw_in_earth_frame=in_earth_frame,
+        yaw_lock=bool(flags & YAW_LOCK),
+        primary_control=primary,
+        secondary_control=secondary,
+        flags=flags,
+        pitch_min_rad=limits[0],
+        pitch_max_rad=limits[1],
+        yaw_min_rad=limits[2],
+        yaw_max_rad=limits[3],
+    )
+    return value, time_ms / 1e3
+
+
+def yaw_in_earth_frame(flags: int) -> bool:
+    """Which frame a device's yaw is in: flag 32 or 64 says so, else the yaw lock does."""
+    if flags & EARTH_FRAME:
+        return True
+    return False if flags & VEHICLE_FRAME else bool(flags & YAW_LOCK)
+
+
+def control_of(status: bytes) -> tuple[int, int] | None:
+    """Who is in primary control, from GIMBAL_MANAGER_STATUS."""
+    return _manager(status)[2]
+
+
+def _manager(status: bytes | None) -> tuple[int, int, tuple[int, int] | None, tuple[int, int] | None]:
+    if status is None:
+        return 0, 0, None, None
+    _, flags, device_id, system, component, second_system, second_component = _status.unpack_from(status)
+    primary = (system, component) if system or component else None
+    secondary = (second_system, second_component) if second_system or second_component else None
+    return flags, device_id, primary, secondary
+
+
+def _heading(payloads: Mapping[int, bytes]) -> float | None:
+    payload = payloads.get(d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
+    if payload is not None:
+        _, w, x, y, z = _quaternion.unpack_from(payload)
+        return euler_of((w, x, y, z))[2]
+    payload = payloads.get(d.MAVLINK_MSG_ID_ATTITUDE)
+    return None if payload is None else _euler.unpack_from(payload)[3]
+
+
+def _limits(information: bytes | None) -> tuple[float | None, float | None, float | None, float | None]:
+    if information is None:
+        return None, None, None, None
+    values = _information.unpack_from(information)
+    pitch_min, pitch_max, yaw_min, yaw_max = values[4:8]
+    if max(abs(v) for v in values[4:8]) > 2 * math.pi + 0.01:  # PX4: degrees, against the definition
+        pitch_min, pitch_max, yaw_min, yaw_max = (math.radians(v) for v in values[4:8])
+    pitch = _range(pitch_min, pitch_max)
+    yaw = _range(yaw_min, yaw_max)
+    return pitch[0], pitch[1], yaw[0], yaw[1]
+
+
+def _range(low: float, high: float) -> tuple[float | None, float | None]:
+    sane = math.isfinite(low) and math.isfinite(high) and high - low > SMALLEST_RANGE_RAD
+    return (low, high) if sane and max(-low, high) <= LARGEST_ANGLE_RAD else (None, None)
+
+
+def wrap(angle_rad: float) -> float:
+    """Into −π … π."""
+    return math.remainder(angle_rad, 2 * math.pi)
+
+
+def euler_of(q: Quaternion) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of a quaternion (w, x, y, z), rotations in the order yaw, pitch, roll."""
+    w, x, y, z = q
+    return (
+        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+
+
+def quaternion_of(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """(w, x, y, z) of roll, pitch, yaw [rad]; the inverse of `euler_of`."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )

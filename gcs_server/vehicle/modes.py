@@ -1,0 +1,73 @@
+"""PX4's flight modes: the API's names, what people read, and the numbers on the wire.
+
+`custom_mode` holds the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16,
+px4_custom_mode.h); `nav_state` is the bit that arming checks use for the mode.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_server.mavlink import dialect
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One flight mode of PX4."""
+
+    name: str
+    label: str
+    main: int
+    sub: int
+    nav_state: int
+    settable: bool = True
+
+    @property
+    def custom_mode(self) -> int:
+        """As HEARTBEAT and CURRENT_MODE carry it."""
+        return self.main << 16 | self.sub << 24
+
+
+MODES: tuple[Mode, ...] = (
+    Mode("manual", "Manual", 1, 0, 0),
+    Mode("altitude", "Altitude", 2, 0, 1),
+    Mode("position", "Position", 3, 0, 2),
+    Mode("orbit", "Orbit", 3, 1, 21, settable=False),
+    Mode("position_slow", "Position slow", 3, 2, 6),
+    Mode("ready", "Ready", 4, 1, 0, settable=False),
+    Mode("takeoff", "Take off", 4, 2, 17),
+    Mode("hold", "Hold", 4, 3, 4),
+    Mode("mission", "Mission", 4, 4, 3),
+    Mode("rtl", "Return", 4, 5, 5),
+    Mode("land", "Land", 4, 6, 18),
+    Mode("follow", "Follow me", 4, 8, 19),
+    Mode("precision_land", "Precision land", 4, 9, 20),
+    Mode("vtol_takeoff", "VTOL take off", 4, 10, 22, settable=False),
+    *(Mode(f"external_{n}", f"External {n}", 4, 10 + n, 22 + n) for n in range(1, 9)),
+    Mode("acro", "Acro", 5, 0, 10),
+    Mode("offboard", "Offboard", 6, 0, 14),
+    Mode("stabilized", "Stabilized", 7, 0, 15),
+    Mode("termination", "Termination", 10, 0, 13, settable=False),
+)
+BY_NAME = {mode.name: mode for mode in MODES}
+BY_CUSTOM_MODE = {mode.custom_mode: mode for mode in MODES}
+BY_NAV_STATE = {mode.nav_state: mode for mode in MODES if mode.name != "ready"}
+
+LANDED_STATES = {
+    dialect.MAV_LANDED_STATE_UNDEFINED: "unknown",
+    dialect.MAV_LANDED_STATE_ON_GROUND: "on_ground",
+    dialect.MAV_LANDED_STATE_IN_AIR: "in_air",
+    dialect.MAV_LANDED_STATE_TAKEOFF: "taking_off",
+    dialect.MAV_LANDED_STATE_LANDING: "landing",
+}
+
+
+def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
+    """What to call a mode; numbers where it is not one of PX4's that we know."""
+    if autopilot != dialect.MAV_AUTOPILOT_PX4:
+        return f"custom_{custom_mode}", f"Mode {custom_mode}"
+    mode = BY_CUSTOM_MODE.get(custom_mode)
+    if mode is not None:
+        return mode.name, mode.label
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    return f"px4_{main}_{sub}", f"PX4 mode {main}/{sub}"

@@ -1,0 +1,64 @@
+"""STATUSTEXT: joins the chunks of long texts."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+_text = struct.Struct("<B50sHB")
+WAIT_FOR_CHUNKS_S = 1.0
+
+
+@dataclass(slots=True)
+class _Pending:
+    severity: int
+    began_s: float
+    chunks: dict[int, bytes] = field(default_factory=dict[int, bytes])
+    complete: bool = False
+
+
+class TextJoiner:
+    """Chunks with one id become one text; a lost chunk shows as ‹…›."""
+
+    def __init__(self) -> None:
+        self._pending: dict[int, _Pending] = {}
+
+    def feed(self, payload: bytes, now_s: float) -> list[tuple[int, str]]:
+        """(severity, text) of what is complete with this message."""
+        severity, raw, text_id, chunk = _text.unpack(payload)
+        ends = b"\0" in raw
+        part = raw.split(b"\0", 1)[0]
+        if text_id == 0:
+            return [*self.expire(now_s), (severity, _decoded(part))]
+        out: list[tuple[int, str]] = []
+        pending = self._pending.get(text_id)
+        if pending is not None and chunk in pending.chunks and pending.chunks[chunk] != part:
+            out.append(self._finish(text_id))  # the id is used again
+            pending = None
+        if pending is None:
+            pending = self._pending[text_id] = _Pending(severity, now_s)
+        pending.chunks[chunk] = part
+        last = max(pending.chunks)
+        pending.complete = pending.complete or ends
+        if pending.complete and len(pending.chunks) == last + 1:
+            out.append(self._finish(text_id))
+        return out
+
+    def expire(self, now_s: float) -> list[tuple[int, str]]:
+        """What has waited long enough for its missing chunks."""
+        late = [i for i, p in self._pending.items() if now_s - p.began_s > WAIT_FOR_CHUNKS_S]
+        return [self._finish(text_id) for text_id in late]
+
+    def _finish(self, text_id: int) -> tuple[int, str]:
+        pending = self._pending.pop(text_id)
+        parts = [
+            _decoded(pending.chunks[i]) if i in pending.chunks else "‹…›"
+            for i in range(max(pending.chunks) + 1)
+        ]
+        if not pending.complete:
+            parts.append("‹…›")
+        return pending.severity, "".join(parts)
+
+
+def _decoded(raw: bytes) -> str:
+    return raw.decode("utf-8", errors="replace")
