@@ -1,0 +1,120 @@
+"""What a vehicle says by itself: status texts and events, kept in order for every link.
+
+Event ids, names and log levels are facts of PX4's build; where PX4 sends a status text beside an event the
+text ends in a tab.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+EVENTS: Final[dict[str, tuple[int, int]]] = {
+    # name: (id, log levels: internal in the high nibble, external in the low one)
+    "commander_armed_by": (26266355, 102),
+    "commander_disarmed_by": (32794487, 102),
+    "commander_unsupported_arm_disarm_param": (19217309, 51),
+    "commander_arm_denied_resolve_failures": (16910493, 98),
+    "commander_disarm_denied_not_landed": (25868725, 98),
+    "commander_unsupported_auto_mode": (19869445, 51),
+    "commander_modeswitch_not_avail": (27280279, 98),
+    "commander_arming_check_summary": (27825120, 136),
+    "commander_health_summary": (18691879, 136),
+    "check_modes_cannot_takeoff": (18648929, 102),
+    "check_modes_mission": (17154777, 102),
+    "check_modes_offboard_signal": (19865031, 51),
+    "check_modes_manual_control": (17231145, 68),
+    "check_modes_local_pos": (30612409, 51),
+    "check_modes_global_pos": (26788467, 51),
+    "check_battery_low": (21826980, 68),
+    "check_battery_critical": (19404811, 34),
+    "check_failure_detector_roll": (25316113, 34),
+    "check_system_flight_term_active": (29532170, 34),
+    "check_external_modes_unavailable": (31525953, 51),
+    "commander_failsafe_enter_low_bat": (28993875, 100),
+    "commander_failsafe_enter_hold": (30481910, 66),
+    "commander_failsafe_enter": (26528394, 66),
+    "commander_failsafe_enter_generic": (31382480, 66),
+    "commander_failsafe_enter_autopilot_disengaged": (29547634, 66),
+    "commander_takeoff_detected": (21054825, 102),
+    "commander_landing_detected": (26622124, 102),
+    "commander_landing_current_pos": (20099806, 102),
+    "commander_landing_prec_land": (25087420, 102),
+    "commander_rtl": (20262116, 102),
+    "commander_mission_start_denied_no_mission": (23844490, 98),
+    "navigator_takeoff_default_alt": (20656071, 102),
+    "navigator_takeoff_already_higher": (19098816, 99),
+    "vrtl_return_at": (22161044, 102),
+    "rtl_land_at_destination": (16962474, 102),
+    "mavlink_rcv_sp_target_invalid": (22427557, 51),
+    "mavlink_rcv_sp_target_unsup_coord": (28329281, 51),
+    "mavlink_rcv_sp_target_gl_invalid_coord": (27739955, 51),
+    "orbit_radius_exceeded": (18865022, 17),
+}
+
+EVENT_QUEUE_LENGTH: Final = 20
+"""Events kept for a receiver that asks again (PX4's buffer)."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """A sentence for the operator; severity is MAV_SEVERITY."""
+
+    id: int
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One event as message EVENT carries it."""
+
+    sequence: int
+    name: str
+    id: int
+    log_levels: int
+    time_boot_ms: int
+    arguments: bytes
+
+
+class Announcer:
+    """Numbers texts and events and hands them to whoever listens."""
+
+    def __init__(self, time_boot_ms: Callable[[], int]) -> None:
+        self._time_boot_ms = time_boot_ms
+        self._listeners: list[Callable[[StatusText | Event], None]] = []
+        self._text_id = 0
+        self.sequence = 0
+        self.recent: deque[Event] = deque(maxlen=EVENT_QUEUE_LENGTH)
+
+    def add_listener(self, listener: Callable[[StatusText | Event], None]) -> None:
+        """Call `listener` for each new text or event."""
+        self._listeners.append(listener)
+
+    def text(self, severity: int, text: str) -> None:
+        """Say a sentence."""
+        self._text_id = self._text_id % 0xFFFF + 1
+        self._tell(StatusText(self._text_id, severity, text))
+
+    def event(self, name: str, argument_format: str = "", *arguments: float) -> None:
+        """Report an event; arguments are packed little-endian by `argument_format`."""
+        event_id, log_levels = EVENTS[name]
+        self.sequence = (self.sequence + 1) & 0xFFFF
+        packed = struct.pack("<" + argument_format, *arguments).ljust(40, b"\0")
+        event = Event(self.sequence, name, event_id, log_levels, self._time_boot_ms(), packed)
+        self.recent.append(event)
+        self._tell(event)
+
+    def both(
+        self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float
+    ) -> None:
+        """A text with its event, as PX4 sends most of them."""
+        self.text(severity, text + "\t")
+        self.event(name, argument_format, *arguments)
+
+    def _tell(self, item: StatusText | Event) -> None:
+        for listener in tuple(self._listeners):
+            listener(item)

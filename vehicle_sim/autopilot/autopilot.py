@@ -1,0 +1,159 @@
+"""One vehicle's autopilot: commander, navigator, take-off state and land detector in their fixed order."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.navigator import TICK_S, Home, Navigator
+from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
+from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.payload.gimbal import Gimbal
+
+
+class Autopilot:
+    """What decides for vehicle `body.row`; call `update()` at 50 Hz between simulation steps."""
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self.announcer = Announcer(body.time_boot_ms)
+        self._row = SetpointRow(body)
+        self.home = Home()
+        self.offboard = Offboard(body, self.announcer)
+        self.navigator = Navigator(body, self.announcer, self._row, self.home)
+        self.commander = Commander(body, self.announcer, self._row, self.navigator, self.offboard)
+        self.takeoff = TakeoffRamp()
+        self.land_detector = LandDetector()
+        self.gimbal = Gimbal(body)
+
+    def update(self) -> None:
+        """One tick."""
+        self._detect_landing()
+        self.commander.update(landed=self.land_detector.landed)
+        self._ramp()
+        self._steer()
+        self.gimbal.update(TICK_S)
+
+    def _detect_landing(self) -> None:
+        parameter, belief = self.body.parameter, self.body.belief
+        target, i = self.body.simulation.target, self.body.row
+        thrust = float(target.thrust[i]) if self.takeoff.may_thrust else 0.0
+        self.land_detector.update(
+            self.body.time_s,
+            Motion(
+                armed=self.commander.armed,
+                thrust=thrust,
+                velocity_ned_m_s=belief.velocity_ned_m_s,
+                rates_frd_rad_s=belief.rates_frd_rad_s,
+                descends=self._descends(),
+            ),
+            Limits(
+                climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
+                horizontal_max_m_s=parameter("LNDMC_XY_VEL_MAX"),
+                rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
+                trigger_s=parameter("LNDMC_TRIG_TIME"),
+                thrust_min=parameter("MPC_THR_MIN"),
+                thrust_hover=parameter("MPC_THR_HOVER"),
+            ),
+        )
+
+    def _descends(self) -> bool:
+        if self.commander.active is not NavState.OFFBOARD:
+            return self.navigator.descends(self.commander.active)
+        setpoint = self.offboard.setpoint
+        if setpoint.kind in (Kind.ATTITUDE, Kind.RATES) or self.offboard.invalid:
+            return True
+        if math.isfinite(setpoint.position_ned_m[2]):
+            return setpoint.position_ned_m[2] > self.body.belief.position_ned_m[2]
+        return setpoint.velocity_ned_m_s[2] > 0.0
+
+    def _ramp(self) -> None:
+        parameter, active = self.body.parameter, self.commander.active
+        if active is NavState.OFFBOARD:
+            climbs = self.offboard.wants_to_climb(self.body.belief.position_ned_m[2])
+        else:
+            climbs = self.navigator.wants_to_climb(active)
+        self.takeoff.update(
+            self.body.time_s,
+            TICK_S,
+            armed=self.commander.armed,
+            landed=self.land_detector.landed,
+            wants_to_climb=climbs,
+            spoolup_s=parameter("COM_SPOOLUP_TIME"),
+            ramp_s=parameter("MPC_TKO_RAMP_T"),
+            speed_m_s=parameter(
+                "MPC_TKO_SPEED" if active is NavState.TAKEOFF else "MPC_Z_VEL_MAX_UP"
+            ),
+            velocity_gain=parameter("MPC_Z_VEL_P_ACC"),
+        )
+
+    def _steer(self) -> None:
+        commander, takeoff = self.commander, self.takeoff
+        if not commander.armed or commander.active is NavState.TERMINATION:
+            self._row.idle()
+            return
+        direct = commander.active is NavState.OFFBOARD and self.offboard.level is not ControlLevel.TRAJECTORY
+        on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
+        self._row.limits(
+            ramping=takeoff.state is TakeoffState.RAMPUP,
+            landed=self.land_detector.landed or on_ground,
+            climb_limit_m_s=takeoff.climb_limit_m_s,
+            min_thrust=math.nan if takeoff.flying else 0.0,
+            tilt_limit_rad=math.nan if takeoff.flying else math.radians(
+                self.body.parameter("MPC_TILTMAX_LND")
+            ),
+        )  # fmt: skip
+        if direct:
+            self._steer_offboard()
+        elif on_ground:
+            # PX4 presses the vehicle down until it may climb and once it touches.
+            self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
+        elif commander.active is NavState.OFFBOARD:
+            self._steer_offboard()
+        else:
+            self.navigator.run(commander.active, flying=takeoff.flying)
+            return
+        if commander.active is not NavState.OFFBOARD:
+            # keep the trajectory at the vehicle while it cannot follow
+            self.navigator.idle()
+
+    def _steer_offboard(self) -> None:
+        setpoint = self.offboard.setpoint
+        if self.offboard.invalid:
+            self.navigator.sink()
+        elif setpoint.kind is Kind.ATTITUDE and setpoint.q_ned_frd is not None:
+            self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
+        elif setpoint.kind is Kind.RATES:
+            self._row.rates(setpoint.rates_frd_rad_s, setpoint.thrust)
+        else:
+            position, velocity = _complete(setpoint.position_ned_m, setpoint.velocity_ned_m_s)
+            self._row.trajectory(
+                position,
+                velocity,
+                setpoint.acceleration_ned_m_s2,
+                setpoint.yaw_ned_rad,
+                setpoint.yaw_rate_ned_rad_s,
+            )
+
+
+def _complete(
+    position: tuple[float, float, float], velocity: tuple[float, float, float]
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """A lone horizontal axis cannot be controlled: position falls to velocity, missing velocities to zero."""
+    finite_p = [math.isfinite(value) for value in position]
+    finite_v = [math.isfinite(value) for value in velocity]
+    if not any(finite_p) and not any(finite_v):
+        return position, velocity
+    p, v = list(position), list(velocity)
+    if finite_p[0] != finite_p[1]:
+        p[0] = p[1] = math.nan
+    for axis in range(3):
+        if math.isnan(p[axis]) and math.isnan(v[axis]):
+            v[axis] = 0.0
+    return (p[0], p[1], p[2]), (v[0], v[1], v[2])

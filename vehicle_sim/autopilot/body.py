@@ -1,0 +1,111 @@
+"""One vehicle's row of the simulation as plain floats, read once a step however many ask.
+
+Reading single elements of NumPy arrays is what costs in a Python autopilot; this is where it is paid.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.simulation import Simulation
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What the estimator says now; NED, FRD, SI."""
+
+    position_ned_m: Vector
+    velocity_ned_m_s: Vector
+    acceleration_ned_m_s2: Vector
+    q_ned_frd: tuple[float, float, float, float]
+    rates_frd_rad_s: Vector
+    roll_rad: float
+    pitch_rad: float
+    yaw_ned_rad: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    valid_position: bool
+    valid_velocity: bool
+    valid_attitude: bool
+    valid_altitude: bool
+
+
+class Body:
+    """Vehicle `row` of a simulation, for its autopilot and its telemetry."""
+
+    def __init__(self, simulation: Simulation, row: int, boot_time_unix_s: float) -> None:
+        self.simulation = simulation
+        self.row = row
+        self.parameters: Parameters = simulation.parameters[row]
+        self.boot_time_unix_s = boot_time_unix_s
+        self._belief: Belief | None = None
+        self._step = -1
+
+    @property
+    def time_s(self) -> float:
+        """Since boot."""
+        return self.simulation.time_s
+
+    def time_boot_ms(self) -> int:
+        """Since boot, whole milliseconds as PX4's messages carry it."""
+        return int(self.simulation.time_s * 1000.0 + 1e-6)
+
+    def time_boot_us(self) -> int:
+        """Since boot, microseconds."""
+        return int(self.simulation.time_s * 1e6 + 0.5)
+
+    def time_unix_us(self) -> int:
+        """UTC as the vehicle believes it."""
+        return int((self.boot_time_unix_s + self.simulation.time_s) * 1e6)
+
+    def parameter(self, name: str) -> float:
+        """A parameter's value as a float."""
+        return float(self.parameters.get(name))
+
+    def choice(self, name: str) -> int:
+        """An integer parameter's value."""
+        return int(self.parameters.get(name))
+
+    @property
+    def belief(self) -> Belief:
+        """The estimate of this step."""
+        if self._belief is None or self._step != self.simulation.steps:
+            self._belief = self._read()
+            self._step = self.simulation.steps
+        return self._belief
+
+    def _read(self) -> Belief:
+        estimate, i = self.simulation.estimate, self.row
+        w, x, y, z = estimate.q_ned_frd[i].tolist()
+        return Belief(
+            position_ned_m=tuple(estimate.position_ned_m[i].tolist()),
+            velocity_ned_m_s=tuple(estimate.velocity_ned_m_s[i].tolist()),
+            acceleration_ned_m_s2=tuple(estimate.acceleration_ned_m_s2[i].tolist()),
+            q_ned_frd=(w, x, y, z),
+            rates_frd_rad_s=tuple(estimate.rates_frd_rad_s[i].tolist()),
+            roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            pitch_rad=math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+            yaw_ned_rad=math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+            lat_deg=float(estimate.lat_deg[i]),
+            lon_deg=float(estimate.lon_deg[i]),
+            alt_amsl_m=float(estimate.alt_amsl_m[i]),
+            valid_position=bool(estimate.valid_position[i]),
+            valid_velocity=bool(estimate.valid_velocity[i]),
+            valid_attitude=bool(estimate.valid_attitude[i]),
+            valid_altitude=bool(estimate.valid_altitude[i]),
+        )
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Latitude, longitude, altitude of the local origin; NaN until GPS set it."""
+        estimate, i = self.simulation.estimate, self.row
+        return (
+            float(estimate.origin_lat_deg[i]),
+            float(estimate.origin_lon_deg[i]),
+            float(estimate.origin_alt_amsl_m[i]),
+        )

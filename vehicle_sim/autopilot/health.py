@@ -1,0 +1,140 @@
+"""Arming checks: which modes could run, which could be armed in, and the report PX4 sends about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
+
+ALL_MODES = 0x807FFFFF
+"""Bits of the modes that exist; externals are set only while registered, which none ever is here."""
+EVERY_MODE = 0xFFFFFFFF
+LOCAL_POSITION_MASK = 0x7E007C
+GLOBAL_POSITION_MASK = 0x38
+
+COMPONENT_REMOTE = 7
+COMPONENT_BATTERY = 11
+COMPONENT_LOCAL_POSITION = 17
+COMPONENT_SYSTEM = 20
+COMPONENT_GLOBAL_POSITION = 24
+
+PRESENT = 0x38021C0A
+"""Health components present on a real simulated vehicle, as its health summary says."""
+
+
+def _mask(states: frozenset[NavState]) -> int:
+    return sum(1 << state for state in states)
+
+
+STICKS_MASK = _mask(frozenset(mode.state for mode in MODES.values() if mode.needs_sticks))
+CANNOT_TAKE_OFF_MASK = _mask(CANNOT_TAKE_OFF)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that the checks look at."""
+
+    mode: NavState
+    valid_attitude: bool
+    valid_local_position: bool
+    valid_global_position: bool
+    has_mission: bool
+    offboard_signal: bool
+    manual_control: bool
+    gcs_missing: bool
+    """A ground station is required (NAV_DLL_ACT) and none is heard."""
+    mission_required: bool
+    battery_warning: int
+    """0 fine, 1 low, 2 critical, 3 emergency."""
+    terminated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One finding."""
+
+    event: str
+    modes: int
+    component: int
+    blocks_arming: int = 0
+    """Modes that cannot be armed in because of it."""
+    blocks_running: int = 0
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The outcome of all checks."""
+
+    checks: tuple[Check, ...]
+    can_arm: int
+    can_run: int
+
+    def armable(self, mode: NavState) -> bool:
+        """Whether one may arm in this mode."""
+        return bool(self.can_arm >> mode & 1)
+
+    def runnable(self, mode: NavState) -> bool:
+        """Whether this mode may be switched to in flight."""
+        return bool(self.can_run >> mode & 1)
+
+
+def examine(facts: Facts) -> Report:
+    """All findings in PX4's order."""
+    checks: list[Check] = []
+
+    def add(event: str, modes: int, component: int, arming: int | None = None, running: int | None = None,
+            text: str = "") -> None:  # fmt: skip
+        checks.append(
+            Check(event, modes, component, modes if arming is None else arming,
+                  modes if running is None else running, text)
+        )  # fmt: skip
+
+    if facts.terminated:
+        add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
+            text="Preflight Fail: Flight termination active")  # fmt: skip
+    if facts.mode in CANNOT_TAKE_OFF:
+        add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
+    if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
+        add("check_external_modes_unavailable", 1 << facts.mode, COMPONENT_SYSTEM)
+    if not facts.valid_local_position:
+        add("check_modes_local_pos", LOCAL_POSITION_MASK, COMPONENT_LOCAL_POSITION)
+    if not facts.valid_global_position:
+        add("check_modes_global_pos", GLOBAL_POSITION_MASK, COMPONENT_GLOBAL_POSITION)
+    if not facts.has_mission:
+        add("check_modes_mission", 1 << NavState.MISSION, COMPONENT_SYSTEM,
+            arming=EVERY_MODE if facts.mission_required else None)  # fmt: skip
+    if not facts.offboard_signal:
+        add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
+    if not facts.manual_control:
+        add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, STICKS_MASK, STICKS_MASK)
+    if facts.battery_warning == 1:
+        add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
+    elif facts.battery_warning >= 2:
+        add("check_battery_critical", EVERY_MODE, COMPONENT_BATTERY, running=0)
+    can_arm = can_run = ALL_MODES
+    for check in checks:
+        can_arm &= ~check.blocks_arming
+        can_run &= ~check.blocks_running
+    if facts.gcs_missing or not facts.valid_attitude:
+        can_arm = 0
+    return Report(tuple(checks), can_arm, can_run)
+
+
+def announce(report: Report, announcer: Announcer) -> None:
+    """Send the report as PX4 does: summary, one event a finding, health summary."""
+    errors = warnings = 0
+    for check in report.checks:
+        if check.component == COMPONENT_REMOTE or check.event == "check_battery_low":
+            warnings |= 1 << check.component
+        else:
+            errors |= 1 << check.component
+        if check.text:
+            announcer.text(2, check.text)
+    announcer.event(
+        "commander_arming_check_summary", "BIIII", 0, errors, warnings, report.can_arm, report.can_run
+    )
+    for check in report.checks:
+        announcer.event(check.event, "IB", check.modes & EVERY_MODE, check.component)
+    announcer.event("commander_health_summary", "BIII", 0, PRESENT, 0, 0)

@@ -1,0 +1,165 @@
+"""PX4's flight modes: numbers, names and what each needs, in one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class NavState(IntEnum):
+    """PX4's navigation states; event masks use them as bit numbers."""
+
+    MANUAL = 0
+    ALTITUDE = 1
+    POSITION = 2
+    MISSION = 3
+    HOLD = 4
+    RTL = 5
+    POSITION_SLOW = 6
+    ACRO = 10
+    DESCEND = 12
+    TERMINATION = 13
+    OFFBOARD = 14
+    STABILIZED = 15
+    TAKEOFF = 17
+    LAND = 18
+    FOLLOW = 19
+    PRECISION_LAND = 20
+    ORBIT = 21
+    VTOL_TAKEOFF = 22
+    EXTERNAL1 = 23
+    EXTERNAL2 = 24
+    EXTERNAL3 = 25
+    EXTERNAL4 = 26
+    EXTERNAL5 = 27
+    EXTERNAL6 = 28
+    EXTERNAL7 = 29
+    EXTERNAL8 = 30
+
+
+MAIN_AUTO = 4
+MAIN_POSITION = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """What PX4 tells about one mode, and what it needs to run."""
+
+    state: NavState
+    main: int
+    sub: int
+    name: str
+    """As AVAILABLE_MODES and refusals call it."""
+    listed_name: str
+    """In AVAILABLE_MODES; empty where a standard mode says it all."""
+    standard_mode: int
+    properties: int
+    index: int
+    """In AVAILABLE_MODES, from 1; 0: not listed."""
+    needs_sticks: bool = False
+    needs_position: bool = False
+    needs_global: bool = False
+    auto: bool = False
+
+    @property
+    def custom_mode(self) -> int:
+        """HEARTBEAT.custom_mode."""
+        return self.main << 16 | self.sub << 24
+
+    @property
+    def base_flags(self) -> int:
+        """HEARTBEAT.base_mode without armed and stabilise bits."""
+        return 1 | (64 if self.needs_sticks else 0) | (12 if self.auto else 0)
+
+
+_S = NavState
+_UNAVAILABLE = "(Mode not available)"
+
+MODES: dict[NavState, Mode] = {
+    mode.state: mode
+    for mode in (
+        Mode(_S.MANUAL, 1, 0, "Manual", "Manual", 0, 1, 1, needs_sticks=True),
+        Mode(_S.ALTITUDE, 2, 0, "Altitude", "", 4, 0, 2, needs_sticks=True),
+        Mode(_S.POSITION, 3, 0, "Position", "", 1, 0, 3, needs_sticks=True, needs_position=True),
+        Mode(_S.MISSION, 4, 4, "Mission", "", 6, 1, 4, needs_position=True, needs_global=True, auto=True),
+        Mode(_S.HOLD, 4, 3, "Hold", "Hold", 0, 1, 5, needs_position=True, needs_global=True, auto=True),
+        Mode(_S.RTL, 4, 5, "Return", "", 5, 1, 6, needs_position=True, needs_global=True, auto=True),
+        Mode(
+            _S.POSITION_SLOW, 3, 2, "Position Slow", "Position Slow", 0, 1, 7,
+            needs_sticks=True, needs_position=True,
+        ),
+        Mode(_S.ACRO, 5, 0, "Acro", "Acro", 0, 1, 8, needs_sticks=True),
+        Mode(_S.DESCEND, 4, 6, "Descend", "", 0, 0, 0, auto=True),
+        Mode(_S.TERMINATION, 10, 0, "Termination", "Termination", 0, 3, 9),
+        Mode(_S.OFFBOARD, 6, 0, "Offboard", "Offboard", 0, 1, 10),
+        Mode(_S.STABILIZED, 7, 0, "Stabilized", "Stabilized", 0, 1, 11, needs_sticks=True),
+        Mode(_S.TAKEOFF, 4, 2, "Takeoff", "", 8, 1, 12, needs_position=True, auto=True),
+        Mode(_S.LAND, 4, 6, "Land", "", 7, 1, 13, needs_position=True, auto=True),
+        Mode(_S.FOLLOW, 4, 8, "Follow Target", "Follow Target", 0, 1, 14, needs_position=True),
+        Mode(
+            _S.PRECISION_LAND, 4, 9, "Precision Landing", "Precision Landing", 0, 1, 15,
+            needs_position=True, auto=True,
+        ),
+        Mode(_S.ORBIT, 3, 1, "Orbit", "", 2, 1, 16, needs_position=True),
+        Mode(_S.VTOL_TAKEOFF, 4, 10, "VTOL Takeoff", "VTOL Takeoff", 0, 1, 17, needs_position=True),
+        *(
+            Mode(NavState(22 + n), 4, 10 + n, f"External {n}", _UNAVAILABLE, 0, 2, 17 + n)
+            for n in range(1, 9)
+        ),
+    )
+}  # fmt: skip
+"""Every mode; the numbers of AVAILABLE_MODES are those of the recordings."""
+
+LISTED: tuple[Mode, ...] = tuple(
+    sorted((mode for mode in MODES.values() if mode.index), key=lambda mode: mode.index)
+)
+
+CANNOT_TAKE_OFF = frozenset(
+    {_S.RTL, _S.DESCEND, _S.TERMINATION, _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT}
+)
+"""Modes one may not arm in."""
+
+STANDARD_MODES: dict[int, NavState] = {
+    1: _S.POSITION,
+    2: _S.ORBIT,
+    4: _S.ALTITUDE,
+    5: _S.RTL,
+    6: _S.MISSION,
+    7: _S.LAND,
+    8: _S.TAKEOFF,
+}
+"""MAV_STANDARD_MODE to mode, as DO_SET_STANDARD_MODE takes it."""
+
+_MAIN = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
+_POSITION_SUB = {0: _S.POSITION, 1: _S.ORBIT, 2: _S.POSITION_SLOW}
+_AUTO_SUB = {
+    0: _S.MISSION,
+    2: _S.TAKEOFF,
+    3: _S.HOLD,
+    4: _S.MISSION,
+    5: _S.RTL,
+    6: _S.LAND,
+    8: _S.FOLLOW,
+    9: _S.PRECISION_LAND,
+    **{10 + n: NavState(22 + n) for n in range(1, 9)},
+}
+
+
+class UnsupportedAutoMode(Exception):
+    """PX4 knows no such auto sub mode (or it is for other vehicles)."""
+
+
+def from_numbers(main: int, sub: int) -> NavState | None:
+    """The mode PX4 switches to for main and sub mode; None: it answers "done" and changes nothing.
+
+    Raises:
+        UnsupportedAutoMode: an auto sub mode that is none.
+    """
+    if main == MAIN_POSITION:
+        return _POSITION_SUB.get(sub, _S.POSITION)
+    if main == MAIN_AUTO:
+        try:
+            return _AUTO_SUB[sub]
+        except KeyError:
+            raise UnsupportedAutoMode(sub) from None
+    return _MAIN.get(main)

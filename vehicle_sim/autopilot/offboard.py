@@ -1,0 +1,226 @@
+"""Offboard set points: masks and frames decoded as PX4 decodes them, and when the stream counts as lost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.geodesy import to_local
+
+NAN3 = (math.nan, math.nan, math.nan)
+Vector = tuple[float, float, float]
+
+FORCE_BIT = 512
+YAW_BIT = 1024
+YAW_RATE_BIT = 2048
+LOCAL_NED = 1
+BODY_NED = 8
+GLOBAL_AMSL = 5
+GLOBAL_RELATIVE = 6
+GLOBAL_TERRAIN = 11
+
+
+class Kind(Enum):
+    """The highest quantity a stream controls."""
+
+    NONE = "none"
+    POSITION = "position"
+    VELOCITY = "velocity"
+    ACCELERATION = "acceleration"
+    ATTITUDE = "attitude"
+    RATES = "rates"
+    THRUST = "thrust"
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What was asked last; NaN is not controlled."""
+
+    kind: Kind = Kind.NONE
+    position_ned_m: Vector = NAN3
+    velocity_ned_m_s: Vector = NAN3
+    acceleration_ned_m_s2: Vector = NAN3
+    yaw_ned_rad: float = math.nan
+    yaw_rate_ned_rad_s: float = math.nan
+    q_ned_frd: tuple[float, float, float, float] | None = None
+    thrust: float = 0.0
+    rates_frd_rad_s: Vector = (0.0, 0.0, 0.0)
+
+
+def _finite(*values: float) -> bool:
+    return any(math.isfinite(value) for value in values)
+
+
+def _turn(q: tuple[float, float, float, float], v: Vector) -> Vector:
+    w, x, y, z = q
+    tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
+    )
+
+
+class Offboard:
+    """The offboard receiver of one vehicle."""
+
+    def __init__(self, body: Body, announcer: Announcer) -> None:
+        self._body = body
+        self._announcer = announcer
+        self._heard_at_s = -math.inf
+        self.setpoint = Setpoint()
+        self.invalid = False
+        """The newest set point controls nothing: the controllers sink level."""
+
+    def signal(self) -> bool:
+        """Whether a valid set point came within COM_OF_LOSS_T."""
+        loss_s = max(0.0, self._body.parameter("COM_OF_LOSS_T"))
+        return self._body.time_s - self._heard_at_s < loss_s
+
+    def local(
+        self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
+    ) -> None:
+        """SET_POSITION_TARGET_LOCAL_NED."""
+        if frame not in (LOCAL_NED, BODY_NED):
+            self.invalid = True
+            self._announcer.both(
+                2,
+                f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported",
+                "mavlink_rcv_sp_target_unsup_coord",
+                "B",
+                frame,
+            )
+            return
+        position, velocity, acceleration = _masked(mask, 1, p), _masked(mask, 8, v), _masked(mask, 64, a)
+        if frame == BODY_NED:
+            position = NAN3
+            velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(v)
+            acceleration = NAN3 if mask & 0b111000000 else _turn(self._body.belief.q_ned_frd, a)
+        valid = not (mask & FORCE_BIT and _finite(*acceleration))
+        self._accept(valid, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=True)
+
+    def global_int(
+        self,
+        frame: int,
+        mask: int,
+        lat_lon_alt: Vector,
+        home_alt_amsl_m: float,
+        v: Vector,
+        a: Vector,
+        yaw_rad: float,
+        yaw_rate_rad_s: float,
+    ) -> None:
+        """SET_POSITION_TARGET_GLOBAL_INT; terrain frames count as AMSL relative to home here."""
+        if frame not in (GLOBAL_AMSL, GLOBAL_RELATIVE, GLOBAL_TERRAIN):
+            self.invalid = True
+            self._announcer.both(
+                2,
+                f"SET_POSITION_TARGET_GLOBAL_INT invalid coordinate frame {frame}",
+                "mavlink_rcv_sp_target_gl_invalid_coord",
+                "B",
+                frame,
+            )
+            return
+        lat_deg, lon_deg, alt_m = lat_lon_alt
+        origin_lat, origin_lon, origin_alt = self._body.origin
+        position = NAN3
+        if not mask & 0b111 and math.isfinite(origin_lat):
+            north, east = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+            down = -(alt_m - origin_alt) if frame == GLOBAL_AMSL else -alt_m
+            if frame == GLOBAL_TERRAIN:
+                down = -(alt_m + home_alt_amsl_m - origin_alt)
+            position = (float(north), float(east), down)
+        velocity, acceleration = _masked(mask, 8, v), _masked(mask, 64, a)
+        self._accept(True, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=False)
+
+    def attitude(
+        self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float
+    ) -> None:
+        """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
+        thrust = self.setpoint.thrust if mask & 64 else min(1.0, max(0.0, thrust))
+        norm = math.sqrt(sum(each * each for each in q))
+        self._heard_at_s = self._body.time_s
+        if not mask & 128:
+            if not math.isfinite(norm) or norm < 1e-6:
+                return
+            unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+            rate = math.nan if mask & 4 else rates[2]
+            self.setpoint = Setpoint(
+                Kind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate
+            )
+        elif not mask & 3:
+            finite = tuple(each if math.isfinite(each) else 0.0 for each in rates)
+            self.setpoint = Setpoint(
+                Kind.RATES, rates_frd_rad_s=(finite[0], finite[1], finite[2]), thrust=thrust
+            )
+        self.invalid = False
+
+    def _from_body_yaw(self, v: Vector) -> Vector:
+        yaw = self._body.belief.yaw_ned_rad
+        c, s = math.cos(yaw), math.sin(yaw)
+        return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+
+    def _accept(
+        self,
+        valid: bool,
+        position: Vector,
+        velocity: Vector,
+        acceleration: Vector,
+        mask: int,
+        yaw_rad: float,
+        yaw_rate_rad_s: float,
+        *,
+        loud: bool,
+    ) -> None:
+        kind = Kind.NONE
+        if _finite(*position):
+            kind = Kind.POSITION
+        elif _finite(*velocity):
+            kind = Kind.VELOCITY
+        elif _finite(*acceleration):
+            kind = Kind.ACCELERATION
+        self.setpoint = Setpoint(
+            kind,
+            position,
+            velocity,
+            acceleration,
+            math.nan if mask & YAW_BIT else yaw_rad,
+            math.nan if mask & YAW_RATE_BIT else yaw_rate_rad_s,
+        )
+        self.invalid = kind is Kind.NONE or not valid
+        if not self.invalid:
+            self._heard_at_s = self._body.time_s
+        elif loud:
+            self._announcer.both(2, "SET_POSITION_TARGET_LOCAL_NED invalid", "mavlink_rcv_sp_target_invalid")
+
+    @property
+    def level(self) -> ControlLevel:
+        """Where the newest set point enters the cascade."""
+        if self.setpoint.kind is Kind.ATTITUDE:
+            return ControlLevel.ATTITUDE
+        if self.setpoint.kind is Kind.RATES:
+            return ControlLevel.RATES
+        return ControlLevel.TRAJECTORY
+
+    def wants_to_climb(self, z_ned_m: float) -> bool:
+        """Whether the set point leads off the ground."""
+        setpoint = self.setpoint
+        if setpoint.kind is Kind.POSITION and math.isfinite(setpoint.position_ned_m[2]):
+            return setpoint.position_ned_m[2] < z_ned_m - 0.1
+        if _finite(setpoint.velocity_ned_m_s[2]):
+            return setpoint.velocity_ned_m_s[2] < 0.0
+        if _finite(setpoint.acceleration_ned_m_s2[2]):
+            return setpoint.acceleration_ned_m_s2[2] < 0.0
+        return False
+
+
+def _masked(mask: int, first_bit: int, values: Vector) -> Vector:
+    kept = [
+        math.nan if mask & (first_bit << n) or not math.isfinite(value) else value
+        for n, value in enumerate(values)
+    ]
+    return (kept[0], kept[1], kept[2])

@@ -1,0 +1,78 @@
+"""The take-off state: rotors spool up, then the allowed climb rate ramps from "no thrust" to what is asked."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+
+GRAVITY_M_S2 = 9.80665
+
+
+class TakeoffState(IntEnum):
+    """How far the vehicle is on its way into the air."""
+
+    DISARMED = 0
+    SPOOLUP = 1
+    READY = 2
+    RAMPUP = 3
+    FLIGHT = 4
+
+
+class TakeoffRamp:
+    """PX4's take-off state machine for one vehicle."""
+
+    def __init__(self) -> None:
+        self.state = TakeoffState.DISARMED
+        self.climb_limit_m_s = math.nan
+        self._armed_at_s = 0.0
+        self._progress = 0.0
+
+    def update(
+        self,
+        now_s: float,
+        dt_s: float,
+        *,
+        armed: bool,
+        landed: bool,
+        wants_to_climb: bool,
+        spoolup_s: float,
+        ramp_s: float,
+        speed_m_s: float,
+        velocity_gain: float,
+    ) -> None:
+        """Advance; `climb_limit_m_s` is NaN in flight, where no ramp limits.
+
+        Args:
+            velocity_gain: MPC_Z_VEL_P_ACC; the ramp starts at the speed error that means zero thrust.
+        """
+        if not armed:
+            self.state = TakeoffState.DISARMED
+        elif self.state is TakeoffState.DISARMED:
+            self.state, self._armed_at_s = TakeoffState.SPOOLUP, now_s
+        if self.state is TakeoffState.SPOOLUP and now_s - self._armed_at_s >= spoolup_s:
+            self.state = TakeoffState.READY
+        if self.state is TakeoffState.READY and (wants_to_climb or not landed):
+            self.state, self._progress = TakeoffState.RAMPUP, 0.0
+        if self.state is TakeoffState.RAMPUP:
+            self._progress = min(1.0, self._progress + dt_s / ramp_s) if ramp_s > dt_s else 1.0
+            if self._progress >= 1.0:
+                self.state = TakeoffState.FLIGHT
+        elif self.state is TakeoffState.FLIGHT and landed:
+            self.state = TakeoffState.READY
+        start = -GRAVITY_M_S2 / velocity_gain if velocity_gain > 0.0 else -1.0
+        if self.state is TakeoffState.FLIGHT:
+            self.climb_limit_m_s = math.nan
+        elif self.state is TakeoffState.RAMPUP:
+            self.climb_limit_m_s = start + self._progress * (speed_m_s - start)
+        else:
+            self.climb_limit_m_s = start
+
+    @property
+    def flying(self) -> bool:
+        """Past the ramp."""
+        return self.state is TakeoffState.FLIGHT
+
+    @property
+    def may_thrust(self) -> bool:
+        """Ramping or flying; before, the controllers get no set point."""
+        return self.state >= TakeoffState.RAMPUP

@@ -1,0 +1,110 @@
+"""The simulator's only door to the generated dialect: message layouts as tables, pack and unpack by them.
+
+Nothing of pymavlink runs on the wire path; its classes are read once for wire order, struct format and
+CRC extra.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from .generated_dialect import mavlink_map as _classes
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How one message lies on the wire."""
+
+    id: int
+    name: str
+    fields: tuple[str, ...]
+    """In wire order."""
+    array_lengths: tuple[int, ...]
+    """0 for scalars and strings."""
+    is_text: tuple[bool, ...]
+    packer: struct.Struct
+    crc_extra: int
+
+
+def _layout(cls: Any) -> Layout:
+    types = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
+    names: tuple[str, ...] = tuple(cls.ordered_fieldnames)
+    text = tuple(types[name] == "char" for name in names)
+    lengths = tuple(
+        0 if is_text else length for length, is_text in zip(cls.array_lengths, text, strict=True)
+    )
+    return Layout(cls.id, cls.msgname, names, lengths, text, struct.Struct(cls.unpacker.format), cls.crc_extra)
+
+
+LAYOUTS: dict[int, Layout] = {msg_id: _layout(cls) for msg_id, cls in _classes.items()}
+BY_NAME: dict[str, Layout] = {layout.name: layout for layout in LAYOUTS.values()}
+
+
+class Message:
+    """A decoded message: its fields as attributes, plus who sent it and the raw frame for forwarding."""
+
+    __slots__ = ("component_id", "frame", "id", "name", "system_id", "values")
+
+    def __init__(
+        self, layout: Layout, values: dict[str, Any], system_id: int, component_id: int, frame: bytes
+    ) -> None:
+        self.id = layout.id
+        self.name = layout.name
+        self.values = values
+        self.system_id = system_id
+        self.component_id = component_id
+        self.frame = frame
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.values[name]
+        except KeyError:
+            raise AttributeError(f"{self.name} has no field {name}") from None
+
+    @property
+    def sender(self) -> tuple[int, int]:
+        """(system id, component id)."""
+        return self.system_id, self.component_id
+
+    def __repr__(self) -> str:
+        return f"{self.name}({self.values})"
+
+
+def _fields(layout: Layout, flat: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:
+    at = 0
+    for name, length, is_text in zip(layout.fields, layout.array_lengths, layout.is_text, strict=True):
+        if length:
+            yield name, list(flat[at : at + length])
+            at += length
+            continue
+        value = flat[at]
+        yield name, value.split(b"\0", 1)[0].decode("ascii", "replace") if is_text else value
+        at += 1
+
+
+def unpack(layout: Layout, payload: bytes) -> dict[str, Any]:
+    """Fields by name; a payload cut by MAVLink 2's zero truncation is filled up, extra bytes are dropped."""
+    size = layout.packer.size
+    return dict(_fields(layout, layout.packer.unpack(payload[:size].ljust(size, b"\0"))))
+
+
+def pack(name: str, /, **fields: Any) -> tuple[Layout, bytes]:
+    """Layout and payload of a message given by field names; what is left out is zero."""
+    layout = BY_NAME[name]
+    unknown = fields.keys() - set(layout.fields)
+    if unknown:
+        raise TypeError(f"{name} has no field {', '.join(sorted(unknown))}")
+    flat: list[Any] = []
+    for field, length, is_text in zip(layout.fields, layout.array_lengths, layout.is_text, strict=True):
+        value = fields.get(field)
+        if length:
+            items = list(value or ())[:length]
+            flat += items + [0] * (length - len(items))
+        elif is_text:
+            flat.append(value.encode("ascii", "replace") if isinstance(value, str) else value or b"")
+        else:
+            flat.append(0 if value is None else value)
+    return layout, layout.packer.pack(*flat)

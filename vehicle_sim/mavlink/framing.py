@@ -1,0 +1,114 @@
+"""Bytes to frames and back: MAVLink 1 and 2 framing with its CRC, nothing of the messages' meaning."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from fastcrc import crc16
+
+from vehicle_sim.mavlink.dialect import LAYOUTS, Layout, Message, unpack
+
+STX_V2 = 0xFD
+STX_V1 = 0xFE
+
+_crc = crc16.mcrf4xx
+_HEADER = struct.Struct("<BBBBBBBHB")
+_CRC = struct.Struct("<H")
+
+
+def frame_v2(layout: Layout, payload: bytes, sequence: int, system_id: int, component_id: int) -> bytes:
+    """One MAVLink 2 frame, trailing zeros of the payload cut (one byte stays)."""
+    payload = payload.rstrip(b"\0") or b"\0"
+    msg_id = layout.id
+    head = _HEADER.pack(
+        STX_V2, len(payload), 0, 0, sequence, system_id, component_id, msg_id & 0xFFFF, msg_id >> 16
+    )
+    body = head + payload
+    return body + _CRC.pack(_crc(body[1:] + bytes((layout.crc_extra,))))
+
+
+@dataclass(slots=True)
+class ParserCounts:
+    """What a link has seen, for LINK_NODE_STATUS."""
+
+    frames: int = 0
+    bad_crc: int = 0
+    skipped_bytes: int = 0
+    unknown: int = 0
+    lost: int = 0
+
+
+class FrameParser:
+    """Finds messages in a byte stream; garbage is skipped and counted, never raised."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.counts = ParserCounts()
+        self._sequences: dict[tuple[int, int], int] = {}
+
+    def feed(self, data: bytes) -> list[Message]:
+        """All whole messages that end within `data`."""
+        self._buffer += data
+        buffer, out, at = self._buffer, [], 0
+        end = len(buffer)
+        while at < end:
+            start = buffer[at]
+            if start not in (STX_V2, STX_V1):
+                at += 1
+                self.counts.skipped_bytes += 1
+                continue
+            total = self._length(at)
+            if total is None or at + total > end:
+                break
+            message = self._read(bytes(buffer[at : at + total]))
+            if message is None:
+                at += 1
+                self.counts.skipped_bytes += 1
+                continue
+            at += total
+            if message is not _UNKNOWN:
+                out.append(message)
+        del buffer[:at]
+        return out
+
+    def _length(self, at: int) -> int | None:
+        buffer = self._buffer
+        if buffer[at] == STX_V1:
+            return None if len(buffer) < at + 2 else 8 + buffer[at + 1]
+        if len(buffer) < at + 3:
+            return None
+        return 12 + buffer[at + 1] + (13 if buffer[at + 2] & 1 else 0)
+
+    def _read(self, frame: bytes) -> Message | None:
+        if frame[0] == STX_V2:
+            if frame[2] & ~1:
+                return None
+            head, size = 10, frame[1]
+            sequence, system_id, component_id = frame[4], frame[5], frame[6]
+            msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
+        else:
+            head, size = 6, frame[1]
+            sequence, system_id, component_id, msg_id = frame[2], frame[3], frame[4], frame[5]
+        layout = LAYOUTS.get(msg_id)
+        if layout is None:
+            self.counts.unknown += 1
+            return _UNKNOWN
+        body = frame[1 : head + size]
+        if _crc(body + bytes((layout.crc_extra,))) != _CRC.unpack_from(frame, head + size)[0]:
+            self.counts.bad_crc += 1
+            return None
+        self._count(system_id, component_id, sequence)
+        values = unpack(layout, frame[head : head + size])
+        return Message(layout, values, system_id, component_id, frame)
+
+    def _count(self, system_id: int, component_id: int, sequence: int) -> None:
+        self.counts.frames += 1
+        last = self._sequences.get((system_id, component_id))
+        if last is not None:
+            self.counts.lost += (sequence - last - 1) & 0xFF
+        self._sequences[system_id, component_id] = sequence
+
+
+_UNKNOWN = Message(LAYOUTS[0], {}, 0, 0, b"")
+"""Stands for a well-framed message whose id no definition knows: skipped whole."""

@@ -1,0 +1,255 @@
+"""A three-axis gimbal and its manager: who may command it, what is wanted, and how it gets there.
+
+The manager follows PX4's (MNT_MODE_IN 4, MNT_MODE_OUT 0: manager and device with id 1). The device follows
+its set point like a first-order lag with a rate limit, which PX4's dummy output does not: real ones do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntFlag
+
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.geodesy import to_local
+
+TIME_CONSTANT_S = 0.15
+RATE_LIMIT_RAD_S = math.radians(90.0)
+INPUT_MAVLINK_V2 = 4
+Quaternion = tuple[float, float, float, float]
+
+
+class Flag(IntFlag):
+    """GIMBAL_MANAGER_FLAGS; the device's flags are the same bits."""
+
+    RETRACT = 1
+    NEUTRAL = 2
+    ROLL_LOCK = 4
+    PITCH_LOCK = 8
+    YAW_LOCK = 16
+
+
+def wrap_pi(angle_rad: float) -> float:
+    """Into -pi..pi."""
+    return math.remainder(angle_rad, math.tau)
+
+
+def euler_to_q(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """Quaternion of roll, pitch, yaw (applied yaw first)."""
+    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
+    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
+    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def q_to_euler(q: Quaternion) -> tuple[float, float, float]:
+    """Roll, pitch, yaw."""
+    w, x, y, z = q
+    return (
+        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+
+
+@dataclass(slots=True)
+class Angles:
+    """Roll and pitch against the horizon, yaw in the frame the lock flag says; radians."""
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+
+
+class Gimbal:
+    """Manager and device of one vehicle."""
+
+    device_id = 1
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+        self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
+        self.primary = (0, 0)
+        self.wanted = Angles()
+        self.actual = Angles()
+        self.rates_rad_s = Angles()
+        """The device's own rates of its Euler angles."""
+        self._wanted_rates: tuple[float, float] | None = None
+        self._roi: tuple[float, float, float] | None = None
+        """Latitude, longitude, altitude above sea."""
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the gimbal module runs (MNT_MODE_IN)."""
+        return self._body.choice("MNT_MODE_IN") == INPUT_MAVLINK_V2
+
+    @property
+    def yaw_locked(self) -> bool:
+        """Yaw is held against north, not against the vehicle."""
+        return bool(self.flags & Flag.YAW_LOCK)
+
+    # --- control ---------------------------------------------------------------------------------------
+
+    def configure(self, system: int, component: int, sender: tuple[int, int], own: tuple[int, int]) -> None:
+        """DO_GIMBAL_MANAGER_CONFIGURE of the primary control: -1 keep, -2 self, -3 release, 0 nobody.
+
+        As in PX4, -2 means the autopilot itself, and -3 works only for the owner.
+        """
+        if system == -1:
+            return
+        if system == -2:
+            self.primary = own
+        elif system == -3:
+            if self.primary == sender:
+                self.primary = (0, 0)
+        elif system >= 0:
+            self.primary = (system & 0xFF, max(0, component) & 0xFF)
+
+    def controls(self, sender: tuple[int, int]) -> bool:
+        """Whether this sender is in primary control."""
+        return self.primary == sender
+
+    def set_pitch_yaw(
+        self,
+        flags: int,
+        pitch_rad: float,
+        yaw_rad: float,
+        pitch_rate_rad_s: float = math.nan,
+        yaw_rate_rad_s: float = math.nan,
+    ) -> None:
+        """Angles where both are given, else rates; NaN yaw or nothing at all keeps what was wanted."""
+        self._take_flags(flags)
+        if flags & (Flag.RETRACT | Flag.NEUTRAL):
+            return
+        if math.isfinite(pitch_rad) and math.isfinite(yaw_rad):
+            self._want(euler_to_q(0.0, pitch_rad, yaw_rad))
+        elif math.isfinite(pitch_rate_rad_s) or math.isfinite(yaw_rate_rad_s):
+            self._want_rates(pitch_rate_rad_s, yaw_rate_rad_s)
+
+    def set_attitude(self, flags: int, q: Quaternion, rates_rad_s: tuple[float, float, float]) -> None:
+        """GIMBAL_MANAGER_SET_ATTITUDE."""
+        self._take_flags(flags)
+        if all(math.isfinite(each) for each in q) and any(q):
+            self._want(q)
+        elif any(math.isfinite(each) for each in rates_rad_s[1:]):
+            self._want_rates(rates_rad_s[1], rates_rad_s[2])
+
+    def set_manual(
+        self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float
+    ) -> None:
+        """GIMBAL_MANAGER_SET_MANUAL_CONTROL: -1..1 of the full range or of MNT_RATE_*."""
+        parameter = self._body.parameter
+        self.set_pitch_yaw(
+            flags,
+            pitch * math.radians(parameter("MNT_RANGE_PITCH")),
+            yaw * math.radians(parameter("MNT_RANGE_YAW")) / 2.0,
+            pitch_rate * math.radians(parameter("MNT_RATE_PITCH")),
+            yaw_rate * math.radians(parameter("MNT_RATE_YAW")),
+        )
+
+    def set_mount(self, pitch_deg: float, roll_deg: float, yaw_deg: float) -> None:
+        """DO_MOUNT_CONTROL by angles."""
+        self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
+        self._forget()
+        self.wanted = Angles(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+
+    def centre(self) -> None:
+        """Straight ahead, level."""
+        self._forget()
+        self.wanted = Angles()
+
+    def look_at(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Follow a place on the globe."""
+        if not (math.isfinite(lat_deg) and math.isfinite(lon_deg) and math.isfinite(alt_amsl_m)):
+            return
+        self._wanted_rates = None
+        self._roi = (lat_deg, lon_deg, alt_amsl_m)
+        self.flags |= Flag.YAW_LOCK
+
+    def look_nowhere(self) -> None:
+        """Leave the region of interest; back to neutral."""
+        if self._roi is not None:
+            self.flags &= ~Flag.YAW_LOCK
+        self.centre()
+
+    @property
+    def looking_at(self) -> tuple[float, float, float] | None:
+        """The region of interest."""
+        return self._roi
+
+    # --- motion ----------------------------------------------------------------------------------------
+
+    def update(self, dt_s: float) -> None:
+        """Move on by `dt_s`."""
+        if self._wanted_rates is not None:
+            pitch_limit = math.radians(90.0)
+            pitch = self.wanted.pitch_rad + self._wanted_rates[0] * dt_s
+            self.wanted.pitch_rad = max(-pitch_limit, min(pitch_limit, pitch))
+            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + self._wanted_rates[1] * dt_s)
+        elif self._roi is not None:
+            self._aim()
+        goal_yaw_frd = self.wanted.yaw_rad
+        if self.yaw_locked:
+            goal_yaw_frd = wrap_pi(goal_yaw_frd - self._body.belief.yaw_ned_rad)
+        actual, rates = self.actual, self.rates_rad_s
+        rates.roll_rad = _rate(wrap_pi(self.wanted.roll_rad - actual.roll_rad))
+        rates.pitch_rad = _rate(self.wanted.pitch_rad - actual.pitch_rad)
+        rates.yaw_rad = _rate(wrap_pi(goal_yaw_frd - actual.yaw_rad))
+        actual.roll_rad = wrap_pi(actual.roll_rad + rates.roll_rad * dt_s)
+        actual.pitch_rad += rates.pitch_rad * dt_s
+        actual.yaw_rad = wrap_pi(actual.yaw_rad + rates.yaw_rad * dt_s)
+
+    @property
+    def yaw_ned_rad(self) -> float:
+        """Where the gimbal points, against north."""
+        return wrap_pi(self.actual.yaw_rad + self._body.belief.yaw_ned_rad)
+
+    def device_quaternion(self) -> Quaternion:
+        """As GIMBAL_DEVICE_ATTITUDE_STATUS reports it: yaw against north with the lock, else to the body."""
+        yaw = self.yaw_ned_rad if self.yaw_locked else self.actual.yaw_rad
+        return euler_to_q(self.actual.roll_rad, self.actual.pitch_rad, yaw)
+
+    def _take_flags(self, flags: int) -> None:
+        self._forget()
+        locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
+        heading = self._body.belief.yaw_ned_rad
+        if lock and not locked:
+            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + heading)
+        elif locked and not lock:
+            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad - heading)
+        self.flags = Flag(flags & 0x1F) & ~(Flag.RETRACT | Flag.NEUTRAL)
+        if flags & (Flag.RETRACT | Flag.NEUTRAL):
+            self.wanted = Angles()
+
+    def _forget(self) -> None:
+        self._wanted_rates = None
+        self._roi = None
+
+    def _want(self, q: Quaternion) -> None:
+        self.wanted = Angles(*q_to_euler(q))
+
+    def _want_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
+        self._wanted_rates = (
+            pitch_rate_rad_s if math.isfinite(pitch_rate_rad_s) else 0.0,
+            yaw_rate_rad_s if math.isfinite(yaw_rate_rad_s) else 0.0,
+        )
+
+    def _aim(self) -> None:
+        if self._roi is None:
+            return
+        belief = self._body.belief
+        if not math.isfinite(belief.lat_deg):
+            return
+        n, e = to_local(self._roi[0], self._roi[1], belief.lat_deg, belief.lon_deg)  # type: ignore[arg-type]
+        north, east = float(n), float(e)
+        up = self._roi[2] - belief.alt_amsl_m
+        self.wanted = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
+
+
+def _rate(gap_rad: float) -> float:
+    return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, gap_rad / TIME_CONSTANT_S))
