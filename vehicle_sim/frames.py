@@ -176,3 +176,8 @@ def euler_of(q: FloatArray) -> FloatArray:
 def wrap_pi(angle_rad: FloatArray) -> FloatArray:
     """The same angle within -pi..pi."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def cross_table() -> FloatArray:
+    """(3, 3, 3): (a × b)_k is the sum over i, j of a_i b_j table[i, j, k]."""
+    return _CROSS.reshape(3, 3, 3).copy()

@@ -22,10 +22,12 @@ def to_local(
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     sin_lat0, cos_lat0 = np.sin(lat0), np.cos(lat0)
     cos_d_lon = np.cos(d_lon)
-    angle = np.arccos(np.clip(sin_lat0 * sin_lat + cos_lat0 * cos_lat * cos_d_lon, -1.0, 1.0))
-    scale = np.where(angle > 0.0, angle / np.where(angle > 0.0, np.sin(angle), 1.0), 1.0) * EARTH_RADIUS_M
-    north = scale * (cos_lat0 * sin_lat - sin_lat0 * cos_lat * cos_d_lon)
-    return north, scale * cos_lat * np.sin(d_lon)
+    north = cos_lat0 * sin_lat - sin_lat0 * cos_lat * cos_d_lon
+    east = cos_lat * np.sin(d_lon)
+    sin_angle = np.hypot(north, east)
+    angle = np.arctan2(sin_angle, sin_lat0 * sin_lat + cos_lat0 * cos_lat * cos_d_lon)
+    scale = EARTH_RADIUS_M * np.where(sin_angle > 0.0, angle / np.where(sin_angle > 0.0, sin_angle, 1.0), 1.0)
+    return scale * north, scale * east
 
 
 def to_global(

@@ -24,7 +24,14 @@ Listener = Callable[[str, ParameterValue], None]
 DATA_FILE = Path(__file__).parent / "data" / "parameters.json"
 
 _VOLATILE_NAMES = frozenset(
-    {"ASPD_SCALE_1", "COM_FLIGHT_UUID", "EKF2_MAG_DECL", "LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "SENS_DPRES_OFF"}
+    {
+        "ASPD_SCALE_1",
+        "COM_FLIGHT_UUID",
+        "EKF2_MAG_DECL",
+        "LND_FLIGHT_T_HI",
+        "LND_FLIGHT_T_LO",
+        "SENS_DPRES_OFF",
+    }
 )
 _NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
 
@@ -174,9 +181,7 @@ class Parameters:
 
     def changed(self) -> tuple[str, ...]:
         """Names whose value differs from the boot value, in list order."""
-        return tuple(
-            name for name in self._names if not _same(self._values[name], self._by_name[name].value)
-        )
+        return tuple(name for name in self._names if not _same(self._values[name], self._by_name[name].value))
 
     def add_listener(self, listener: Listener) -> Callable[[], None]:
         """Call `listener(name, value)` after each change; the returned function removes it."""

@@ -1,0 +1,129 @@
+"""Control allocation: collective thrust and torques become four motor signals (PX4's, airmode off).
+
+The mixer is the normalised pseudo-inverse of the rotor geometry (CA_ROTOR*). What does not fit into 0..1 is
+taken back in PX4's order: thrust down, then roll and pitch, then yaw, with a margin that leaves some yaw.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.airframe import ROTOR_COUNT
+from vehicle_sim.parameters import Parameters
+
+FloatArray = NDArray[np.float64]
+
+_YAW_MARGIN = 0.15
+_SMALL = 1e-6
+
+
+class Allocation:
+    """Mixers of N vehicles.
+
+    Args:
+        count: N.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._mix = np.zeros((count, 4, ROTOR_COUNT))
+        self._unmix = np.zeros((count, ROTOR_COUNT, 3))
+        self._demand = np.zeros((count, 1, 4))
+        self.short_of = np.zeros((count, 3))
+        """(N, 3) torque asked for less torque given in the last step."""
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Build the mixer of vehicle `i` from CA_ROTOR*."""
+        effect = rotor_effectiveness(parameters)
+        mix = np.linalg.pinv(effect)
+        rows = mix.T.copy()
+        roll, pitch, yaw, thrust = rows
+        tilt_scale = max(math.sqrt(float(row @ row) / (ROTOR_COUNT / 2.0)) for row in (roll, pitch))
+        yaw_scale = float(np.max(np.abs(yaw)))
+        thrust_scale = float(np.mean(np.abs(thrust)))
+        scales = np.array([tilt_scale, tilt_scale, yaw_scale, thrust_scale])
+        if np.any(scales < _SMALL):
+            raise ValueError(
+                "CA_ROTOR* describe rotors that cannot control all of roll, pitch, yaw and thrust"
+            )
+        rows /= scales[:, None]
+        self._mix[i] = rows
+        self._unmix[i] = np.linalg.pinv(rows)[:, :3]
+
+    def update(self, torque: FloatArray, thrust: FloatArray) -> FloatArray:
+        """Motor signals (N, 4) within 0..1 for torques (N, 3) and collective thrust (N,)."""
+        demand = self._demand
+        demand[:, 0, :3] = torque
+        np.minimum(demand[:, 0, :3], 1.0, out=demand[:, 0, :3])
+        np.maximum(demand[:, 0, :3], -1.0, out=demand[:, 0, :3])
+        demand[:, 0, 3] = thrust
+        motors = (demand @ self._mix)[:, 0, :]
+        if motors.min() >= 0.0 and motors.max() <= 1.0:
+            self.short_of[:] = 0.0
+            return motors
+        motors = self._fit(demand)
+        given = (motors[:, None, :] @ self._unmix)[:, 0, :]
+        np.subtract(demand[:, 0, :3], given, out=self.short_of)
+        self.short_of[np.abs(self.short_of) < _SMALL] = 0.0
+        return motors
+
+    def _fit(self, demand: FloatArray) -> FloatArray:
+        roll, pitch, yaw, lift = (self._mix[:, k, :] for k in range(4))
+        part = demand[:, 0, :, None] * self._mix
+        motors = part[:, 0] + part[:, 1] + part[:, 3]
+        motors = _desaturate(motors, -lift, 1.0, one_way=True)
+        motors = _desaturate(motors, roll, 1.0)
+        motors = _desaturate(motors, pitch, 1.0)
+        motors = motors + part[:, 2]
+        motors = _desaturate(motors, yaw, 1.0 + _YAW_MARGIN)
+        motors = _desaturate(motors, -lift, 1.0, one_way=True)
+        return np.clip(motors, 0.0, 1.0)
+
+
+def rotor_effectiveness(parameters: Parameters) -> FloatArray:
+    """(4, ROTOR_COUNT): roll, pitch, yaw torque and lift of each rotor at full signal, by CA_ROTOR*."""
+    effect = np.zeros((4, ROTOR_COUNT))
+    for k in range(ROTOR_COUNT):
+
+        def value(name: str, k: int = k) -> float:
+            return float(parameters.get(f"CA_ROTOR{k}_{name}"))
+
+        axis = np.array([value("AX"), value("AY"), value("AZ")])
+        place = np.array([value("PX"), value("PY"), value("PZ")])
+        axis = axis / max(float(np.linalg.norm(axis)), _SMALL)
+        strength = value("CT")
+        effect[:3, k] = strength * (np.cross(place, axis) - value("KM") * axis)
+        effect[3, k] = -strength * axis[2]
+    return effect
+
+
+def _desaturate(
+    motors: FloatArray, direction: FloatArray, highest: float, *, one_way: bool = False
+) -> FloatArray:
+    """Move along `direction` (N, 4) until the motors (N, 4) fit as well as they can; twice, as PX4 does.
+
+    Args:
+        motors: signals that may lie outside of 0..highest.
+        direction: change of the signals for a unit of what may be given up.
+        highest: upper limit.
+        one_way: only a positive amount may be taken.
+    """
+    first = _amount(motors, direction, highest)
+    if one_way:
+        first = np.where(first < 0.0, 0.0, first)
+        allowed = first > 0.0
+    else:
+        allowed = np.ones_like(first, dtype=np.bool_)
+    motors = motors + first[:, None] * direction
+    second = np.where(allowed, 0.5 * _amount(motors, direction, highest), 0.0)
+    return motors + second[:, None] * direction
+
+
+def _amount(motors: FloatArray, direction: FloatArray, highest: float) -> FloatArray:
+    """How far to move: the largest need upwards plus the largest need downwards, (N,)."""
+    usable = np.abs(direction) > _SMALL
+    missing = np.where(motors < 0.0, -motors, np.where(motors > highest, highest - motors, 0.0))
+    needs = np.where(usable, missing / np.where(usable, direction, 1.0), 0.0)
+    return np.minimum(needs.min(axis=1), 0.0) + np.maximum(needs.max(axis=1), 0.0)

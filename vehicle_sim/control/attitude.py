@@ -1,0 +1,85 @@
+"""Attitude control: the attitude error becomes body rates (mc_att_control).
+
+Tilt first: the shortest turn that brings the thrust axis where it should point, then as much yaw as
+MC_YAW_WEIGHT lets through.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.frames import conjugate, quaternion_product, row_norm
+from vehicle_sim.parameters import Parameters
+
+FloatArray = NDArray[np.float64]
+
+_OPPOSITE = 1e-6
+
+
+class AttitudeControl:
+    """Gains of N vehicles.
+
+    Args:
+        count: N.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._gain = np.zeros((count, 3))
+        self._yaw_weight = np.ones(count)
+        self._limit = np.zeros((count, 3))
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Read MC_* of vehicle `i`."""
+
+        def value(name: str) -> float:
+            return float(parameters.get(name))
+
+        weight = min(1.0, max(0.0, value("MC_YAW_WEIGHT")))
+        self._yaw_weight[i] = weight
+        yaw_gain = value("MC_YAW_P") / weight if weight > 1e-4 else value("MC_YAW_P")
+        self._gain[i] = value("MC_ROLL_P"), value("MC_PITCH_P"), yaw_gain
+        self._limit[i] = [math.radians(value(f"MC_{axis}RATE_MAX")) for axis in ("ROLL", "PITCH", "YAW")]
+
+    def update(self, q: FloatArray, wanted: FloatArray, yaw_rate_ned_rad_s: FloatArray) -> FloatArray:
+        """Body rate setpoints (N, 3).
+
+        Args:
+            q: (N, 4) attitude.
+            wanted: (N, 4) attitude setpoint.
+            yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN is none.
+        """
+        error = quaternion_product(conjugate(q), wanted)
+        w, x, y, z = error[:, 0], error[:, 1], error[:, 2], error[:, 3]
+        # The wanted thrust axis seen from the body gives the pure tilt: error = tilt ⊗ twist about z.
+        norm = np.sqrt(w * w + z * z)
+        safe = np.maximum(norm, _OPPOSITE)
+        half_yaw = np.arctan2(np.where(w < 0.0, -z, z), np.abs(w)) * self._yaw_weight
+        cos_half, sin_half = np.cos(half_yaw), np.sin(half_yaw)
+        reduced = np.empty_like(error)
+        tilt_x = (w * x - y * z) / safe
+        tilt_y = (w * y + x * z) / safe
+        reduced[:, 0] = norm * cos_half
+        reduced[:, 1] = tilt_x * cos_half + tilt_y * sin_half
+        reduced[:, 2] = tilt_y * cos_half - tilt_x * sin_half
+        reduced[:, 3] = norm * sin_half
+        opposite = norm < _OPPOSITE
+        if opposite.any():
+            reduced[opposite] = error[opposite] * np.where(error[opposite, :1] < 0.0, -1.0, 1.0)
+        reduced /= row_norm(reduced)
+        rates = 2.0 * reduced[:, 1:] * self._gain
+        turn = np.where(np.isnan(yaw_rate_ned_rad_s), 0.0, yaw_rate_ned_rad_s)
+        if turn.any():
+            rates += _down_in_body(q) * turn[:, None]
+        return np.clip(rates, -self._limit, self._limit)
+
+
+def _down_in_body(q: FloatArray) -> FloatArray:
+    """The NED z axis in FRD, (N, 3)."""
+    w, x, y, z = q[:, 0], q[:, 1], q[:, 2], q[:, 3]
+    return np.stack(
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        axis=1,
+    )

@@ -1,0 +1,159 @@
+"""The controllers in their order: position and attitude at 125 Hz, body rates and motors at 250 Hz.
+
+PX4 runs the outer loops whenever the estimator publishes, every second IMU sample of the SIH, and the rate
+loop on each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.airframe import ROTOR_COUNT
+from vehicle_sim.control.allocation import Allocation
+from vehicle_sim.control.attitude import AttitudeControl
+from vehicle_sim.control.hover_thrust import HoverThrust
+from vehicle_sim.control.position import PositionControl
+from vehicle_sim.control.rate import RateControl
+from vehicle_sim.control.setpoints import ControlLevel, Setpoints
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.state import EstimateState, TargetState
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+OUTER_EVERY_STEPS = 2
+HOVER_EVERY_OUTER = 5
+MOTOR_DISARMED_US = 900.0
+MOTOR_MIN_US = 1000.0
+MOTOR_SPAN_US = 1000.0
+
+
+class Cascade:
+    """The controllers of N vehicles.
+
+    Args:
+        count: N.
+        dt_s: step.
+    """
+
+    def __init__(self, count: int, dt_s: float) -> None:
+        outer_s = dt_s * OUTER_EVERY_STEPS
+        self._position = PositionControl(count, outer_s)
+        self._hover = HoverThrust(count, outer_s * HOVER_EVERY_OUTER)
+        self._attitude = AttitudeControl(count)
+        self._rate = RateControl(count, dt_s)
+        self._allocation = Allocation(count)
+        self._steps = 0
+        self._thrust = np.zeros(count)
+        self._powered = np.zeros(count, dtype=np.bool_)
+        self._was_trajectory = np.zeros(count, dtype=np.bool_)
+        self.motor_signal = np.zeros((count, ROTOR_COUNT))
+        """(N, 4) 0..1, what the rotors follow."""
+        self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
+        """(N, 4) the same as PX4 reports it: 900 disarmed, 1000..2000 armed."""
+        self.target = TargetState(
+            q_ned_frd=np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1)),
+            rates_frd_rad_s=np.zeros((count, 3)),
+            thrust=np.zeros(count),
+            position_ned_m=np.full((count, 3), np.nan),
+            velocity_ned_m_s=np.full((count, 3), np.nan),
+            acceleration_ned_m_s2=np.full((count, 3), np.nan),
+            yaw_ned_rad=np.full(count, np.nan),
+            yaw_rate_ned_rad_s=np.full(count, np.nan),
+            hover_thrust=self._hover.value,
+        )
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Read all control parameters of vehicle `i`."""
+        for block in (self._allocation, self._position, self._hover, self._attitude, self._rate):
+            block.configure(i, parameters)
+
+    def reset(self, i: int) -> None:
+        """Vehicle `i` starts anew."""
+        mask = np.zeros(self._thrust.shape, dtype=np.bool_)
+        mask[i] = True
+        self._position.reset(mask)
+        self._hover.reset(mask)
+        self._rate.reset(mask)
+        self._thrust[i] = 0.0
+        self.motor_signal[i] = 0.0
+        self.motors_us[i] = MOTOR_DISARMED_US
+        self._was_trajectory[i] = False
+
+    def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
+        """One step; results in `motor_signal`, `motors_us` and `target`."""
+        self._steps += 1
+        if self._steps % OUTER_EVERY_STEPS == 0:
+            self._outer(setpoints, estimate)
+        powered = self._powered
+        if not powered.any():
+            self.motor_signal[:] = 0.0
+        else:
+            torque = self._rate.update(
+                estimate.rates_frd_rad_s,
+                estimate.angular_acceleration_frd_rad_s2,
+                self.target.rates_frd_rad_s,
+                setpoints.landed,
+                self._allocation.short_of,
+            )
+            motors = self._allocation.update(torque, self._thrust)
+            np.multiply(motors, powered[:, None], out=self.motor_signal)
+        np.multiply(self.motor_signal, MOTOR_SPAN_US, out=self.motors_us)
+        self.motors_us += MOTOR_MIN_US
+        if not setpoints.armed.all():
+            self.motors_us[~setpoints.armed] = MOTOR_DISARMED_US
+            self.motor_signal[~setpoints.armed] = 0.0
+
+    def _outer(self, setpoints: Setpoints, estimate: EstimateState) -> None:
+        target = self.target
+        level = np.where(setpoints.armed, setpoints.level, ControlLevel.DISARMED)
+        self._powered = level > ControlLevel.DISARMED
+        if not self._powered.all():
+            idle = ~self._powered
+            self._rate.reset(idle)
+            self._thrust[idle] = 0.0
+            target.rates_frd_rad_s[idle] = 0.0
+        self._position.track(estimate)
+        grounded = ~setpoints.armed | setpoints.landed | setpoints.ramp_thrust
+        if grounded.any():
+            self._hover.reset(grounded)
+        trajectory = level == ControlLevel.TRAJECTORY
+        if trajectory.any():
+            fresh = trajectory & (~self._was_trajectory | setpoints.landed)
+            if fresh.any():
+                self._position.reset(fresh)
+            self._position.update(setpoints, estimate, self._hover.value, target)
+            np.copyto(target.q_ned_frd, self._position.q_ned_frd, where=trajectory[:, None])
+            np.copyto(self._thrust, self._position.thrust, where=trajectory)
+        self._was_trajectory = trajectory
+        self._take_lower_levels(level, setpoints)
+        if (level >= ControlLevel.ATTITUDE).any():
+            rates = self._attitude.update(estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s)
+            np.copyto(target.rates_frd_rad_s, rates, where=(level >= ControlLevel.ATTITUDE)[:, None])
+        np.copyto(target.thrust, self._thrust)
+        if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
+            self._learn_hover(trajectory & ~grounded, estimate)
+
+    def _take_lower_levels(self, level: FloatArray, setpoints: Setpoints) -> None:
+        """Attitude, rate and thrust setpoints of the vehicles that are flown by them."""
+        by_attitude, by_rates = level == ControlLevel.ATTITUDE, level == ControlLevel.RATES
+        if not (by_attitude | by_rates).any():
+            return
+        np.copyto(self.target.q_ned_frd, setpoints.q_ned_frd, where=by_attitude[:, None])
+        np.copyto(self.target.rates_frd_rad_s, setpoints.rates_frd_rad_s, where=by_rates[:, None])
+        np.copyto(self._thrust, np.clip(setpoints.thrust, 0.0, 1.0), where=by_attitude | by_rates)
+
+    def _learn_hover(self, flying: BoolArray, estimate: EstimateState) -> None:
+        if not flying.any():
+            return
+        q = estimate.q_ned_frd
+        cos_tilt = 1.0 - 2.0 * (q[:, 1] * q[:, 1] + q[:, 2] * q[:, 2])
+        old = self._hover.value.copy()
+        self._hover.update(
+            flying,
+            self._thrust * cos_tilt,
+            -estimate.acceleration_ned_m_s2[:, 2],
+            estimate.velocity_ned_m_s,
+        )
+        self._position.hover_thrust_changed(old, self._hover.value, self.target)

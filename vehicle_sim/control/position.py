@@ -1,0 +1,255 @@
+"""Position and velocity control: trajectory setpoints become an attitude and a thrust (mc_pos_control).
+
+P on position, PID on velocity, acceleration to thrust vector, thrust vector to attitude. NaN in a setpoint
+means "not controlled" and is added as PX4 adds it: a finite part stands alone where the other is NaN.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.control.setpoints import Setpoints
+from vehicle_sim.frames import GRAVITY_M_S2, quaternion_from_matrix
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.state import EstimateState, TargetState
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_TINY = 1e-9
+
+
+class PositionControl:
+    """Gains and integrators of N vehicles.
+
+    Args:
+        count: N.
+        dt_s: interval between two updates.
+    """
+
+    def __init__(self, count: int, dt_s: float) -> None:
+        self._dt_s = dt_s
+        self.velocity_integral = np.zeros((count, 3))
+        self._position_p = np.zeros((count, 3))
+        self._velocity_p = np.ones((count, 3))
+        self._velocity_i = np.zeros((count, 3))
+        self._velocity_d = np.zeros((count, 3))
+        self._speed_xy = np.zeros((count, 1))
+        self._speed_up = np.zeros(count)
+        self._speed_down = np.zeros(count)
+        self._thrust_min = np.zeros(count)
+        self._thrust_max = np.zeros(count)
+        self._thrust_xy_margin = np.zeros(count)
+        self._tilt_max = np.zeros(count)
+        self._decouple = np.ones(count, dtype=np.bool_)
+        self._velocity_keep = np.zeros((count, 1))
+        self._derivative_gain = np.ones((count, 1))
+        self._velocity = np.zeros((count, 3))
+        self._velocity_rate = np.zeros((count, 3))
+        self.q_ned_frd = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1))
+        """(N, 4) attitude setpoint."""
+        self.thrust = np.zeros(count)
+        """(N,) collective thrust setpoint."""
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Read MPC_* of vehicle `i`."""
+
+        def value(name: str) -> float:
+            return float(parameters.get(name))
+
+        def axes(horizontal: str, vertical: str) -> list[float]:
+            return [value(horizontal), value(horizontal), value(vertical)]
+
+        self._position_p[i] = axes("MPC_XY_P", "MPC_Z_P")
+        self._velocity_p[i] = np.maximum(axes("MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC"), 0.01)
+        self._velocity_i[i] = axes("MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
+        self._velocity_d[i] = axes("MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
+        self._speed_xy[i] = value("MPC_XY_VEL_MAX")
+        self._speed_up[i] = value("MPC_Z_VEL_MAX_UP")
+        self._speed_down[i] = value("MPC_Z_VEL_MAX_DN")
+        self._thrust_min[i] = value("MPC_THR_MIN")
+        self._thrust_max[i] = value("MPC_THR_MAX")
+        self._thrust_xy_margin[i] = value("MPC_THR_XY_MARG")
+        self._tilt_max[i] = math.radians(value("MPC_TILTMAX_AIR"))
+        self._decouple[i] = value("MPC_ACC_DECOUPLE") != 0
+        self._velocity_keep[i] = 1.0 - _alpha(value("MPC_VEL_LP"), self._dt_s)
+        self._derivative_gain[i] = _alpha(value("MPC_VELD_LP"), self._dt_s)
+
+    def reset(self, mask: BoolArray) -> None:
+        """Forget what was integrated for the vehicles in `mask`."""
+        self.velocity_integral[mask] = 0.0
+
+    def track(self, estimate: EstimateState) -> None:
+        """Keep the filtered velocity and its derivative up to date, also while nobody asks for control."""
+        velocity = (
+            estimate.velocity_ned_m_s + (self._velocity - estimate.velocity_ned_m_s) * self._velocity_keep
+        )
+        slope = (velocity - self._velocity) / self._dt_s
+        self._velocity_rate += self._derivative_gain * (slope - self._velocity_rate)
+        self._velocity = velocity
+
+    def hover_thrust_changed(self, old: FloatArray, new: FloatArray, target: TargetState) -> None:
+        """Move the vertical integral so that a new hover thrust (N,) does not change the thrust."""
+        demand = np.nan_to_num(target.acceleration_ned_m_s2[:, 2])
+        self.velocity_integral[:, 2] += (demand - GRAVITY_M_S2) * (old / new) + GRAVITY_M_S2 - demand
+
+    def update(
+        self, setpoints: Setpoints, estimate: EstimateState, hover_thrust: FloatArray, target: TargetState
+    ) -> None:
+        """One control step for all N; results in `q_ned_frd`, `thrust` and `target`."""
+        wanted = self._velocity_setpoint(setpoints, estimate)
+        error = wanted - self._velocity
+        demand = self._velocity_p * error
+        demand += self.velocity_integral
+        demand -= self._velocity_d * self._velocity_rate
+        feedforward = setpoints.acceleration_ned_m_s2
+        if setpoints.ramp_thrust.any():
+            feedforward = feedforward.copy()
+            feedforward[setpoints.ramp_thrust, 2] = np.nan
+        demand = _add_finite(feedforward, demand)
+        target.velocity_ned_m_s[:] = wanted
+        target.acceleration_ned_m_s2[:] = demand
+        demand = np.where(np.isnan(demand), 0.0, demand)
+        np.copyto(error, 0.0, where=np.isnan(error))
+
+        limits = self._thrust_limits(setpoints)
+        body_z, thrust = self._acceleration_to_thrust(demand, hover_thrust, setpoints, limits)
+        self._anti_windup(demand, error, thrust, hover_thrust, limits)
+        np.copyto(self.thrust, np.sqrt((thrust * thrust).sum(axis=1)))
+        yaw = setpoints.yaw_ned_rad
+        yaw = np.where(np.isnan(yaw), estimate.heading_rad, yaw)
+        self.q_ned_frd[:] = _attitude(body_z, thrust, yaw)
+        np.copyto(target.position_ned_m, setpoints.position_ned_m)
+        np.copyto(target.yaw_ned_rad, setpoints.yaw_ned_rad)
+        np.copyto(target.yaw_rate_ned_rad_s, setpoints.yaw_rate_ned_rad_s)
+
+    def _velocity_setpoint(self, setpoints: Setpoints, estimate: EstimateState) -> FloatArray:
+        """P control of position on top of the velocity feed-forward, within the speed limits."""
+        by_position = (setpoints.position_ned_m - estimate.position_ned_m) * self._position_p
+        wanted = _add_finite(setpoints.velocity_ned_m_s, by_position)
+        horizontal = wanted[:, :2]
+        speed = np.sqrt((horizontal * horizontal).sum(axis=1, keepdims=True))
+        too_fast = speed > self._speed_xy
+        if too_fast.any():
+            first = np.nan_to_num(by_position[:, :2])
+            limited = _constrain_xy(first, np.nan_to_num(horizontal - first), self._speed_xy)
+            np.copyto(horizontal, limited, where=too_fast)
+        up = np.where(np.isnan(setpoints.climb_limit_m_s), self._speed_up, setpoints.climb_limit_m_s)
+        np.minimum(wanted[:, 2], self._speed_down, out=wanted[:, 2])
+        np.maximum(wanted[:, 2], -up, out=wanted[:, 2])
+        return wanted
+
+    def _thrust_limits(self, setpoints: Setpoints) -> tuple[FloatArray, FloatArray]:
+        lowest = np.where(np.isnan(setpoints.min_thrust), self._thrust_min, setpoints.min_thrust)
+        highest = np.minimum(self._thrust_max, setpoints.thrust_limit)
+        return np.minimum(lowest, highest), highest
+
+    def _acceleration_to_thrust(
+        self,
+        demand: FloatArray,
+        hover_thrust: FloatArray,
+        setpoints: Setpoints,
+        limits: tuple[FloatArray, FloatArray],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Tilt towards the demand, lift against gravity; height has precedence over the horizontal part."""
+        lowest, highest = limits
+        direction = -demand
+        direction[:, 2] = GRAVITY_M_S2 + np.where(self._decouple, 0.0, direction[:, 2])
+        np.maximum(direction[:, 2], _TINY, out=direction[:, 2])
+        level = np.sqrt((direction[:, :2] * direction[:, :2]).sum(axis=1))
+        tilt_max = np.where(np.isnan(setpoints.tilt_limit_rad), self._tilt_max, setpoints.tilt_limit_rad)
+        tilt = np.minimum(np.arctan2(level, direction[:, 2]), tilt_max)
+        cos_tilt = np.cos(tilt)
+        body_z = np.empty_like(direction)
+        body_z[:, :2] = direction[:, :2] * (np.sin(tilt) / np.maximum(level, _TINY))[:, None]
+        body_z[:, 2] = cos_tilt
+        lift = hover_thrust * (1.0 - demand[:, 2] / GRAVITY_M_S2)
+        collective = np.maximum(lift / cos_tilt, lowest)
+        thrust = -body_z * collective[:, None]
+
+        horizontal = np.sqrt((thrust[:, :2] * thrust[:, :2]).sum(axis=1))
+        margin = np.minimum(horizontal, self._thrust_xy_margin)
+        vertical_max = np.sqrt(np.maximum(highest * highest - margin * margin, 0.0))
+        thrust[:, 2] = np.maximum(thrust[:, 2], -vertical_max)
+        horizontal_max = np.sqrt(np.maximum(highest * highest - thrust[:, 2] * thrust[:, 2], 0.0))
+        scale = np.minimum(1.0, horizontal_max / np.maximum(horizontal, _TINY))
+        thrust[:, :2] *= scale[:, None]
+        return body_z, thrust
+
+    def _anti_windup(
+        self,
+        demand: FloatArray,
+        error: FloatArray,
+        thrust: FloatArray,
+        hover_thrust: FloatArray,
+        limits: tuple[FloatArray, FloatArray],
+    ) -> None:
+        """Integrate the velocity error, less what the thrust limits keep from happening."""
+        lowest, highest = limits
+        vertical = error[:, 2]
+        stuck = ((thrust[:, 2] >= -lowest) & (vertical >= 0.0)) | (
+            (thrust[:, 2] <= -highest) & (vertical <= 0.0)
+        )
+        np.copyto(vertical, 0.0, where=stuck)
+        produced = thrust[:, :2] * (GRAVITY_M_S2 / hover_thrust)[:, None]
+        wanted = demand[:, :2]
+        short = (wanted * wanted).sum(axis=1) > (produced * produced).sum(axis=1)
+        back = (wanted - produced) * (2.0 / self._velocity_p[:, :1])
+        back *= short[:, None]
+        error[:, :2] -= back
+        self.velocity_integral += error * self._velocity_i * self._dt_s
+        np.clip(
+            self.velocity_integral[:, 2],
+            -GRAVITY_M_S2,
+            GRAVITY_M_S2,
+            out=self.velocity_integral[:, 2],
+        )
+
+
+def _alpha(cutoff_hz: float, dt_s: float) -> float:
+    """Gain of a first-order low-pass; one without a cutoff."""
+    if cutoff_hz <= 0.0:
+        return 1.0
+    return dt_s / (dt_s + 1.0 / (2.0 * math.pi * cutoff_hz))
+
+
+def _add_finite(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a + b where both are numbers, else the one that is, else NaN."""
+    total = a + b
+    unknown = np.isnan(total)
+    if unknown.any():
+        total = np.where(unknown, np.where(np.isnan(a), b, a), total)
+    return total
+
+
+def _constrain_xy(first: FloatArray, second: FloatArray, limit: FloatArray) -> FloatArray:
+    """`first` + as much of `second` as keeps the length within `limit` (N, 1); `first` is cut if alone too long."""
+    first_norm = np.sqrt((first * first).sum(axis=1, keepdims=True))
+    second_norm = np.maximum(np.sqrt((second * second).sum(axis=1, keepdims=True)), _TINY)
+    unit = second / second_norm
+    along = (first * unit).sum(axis=1, keepdims=True)
+    room = np.maximum(along * along - first_norm * first_norm + limit * limit, 0.0)
+    length = np.clip(-along + np.sqrt(room), 0.0, second_norm)
+    shortened = first * (limit / np.maximum(first_norm, _TINY))
+    return np.where(first_norm >= limit, shortened, first + unit * length)
+
+
+def _attitude(body_z: FloatArray, thrust: FloatArray, yaw_ned_rad: FloatArray) -> FloatArray:
+    """Attitude whose lift points along `thrust` (`body_z` where there is none) with the nose towards the yaw."""
+    norm = np.sqrt((thrust * thrust).sum(axis=1, keepdims=True))
+    z = np.where(norm > _TINY, -thrust / np.maximum(norm, _TINY), body_z)
+    sin_yaw, cos_yaw = np.sin(yaw_ned_rad), np.cos(yaw_ned_rad)
+    matrix = np.empty((z.shape[0], 3, 3))
+    x = matrix[:, :, 0]
+    x[:, 0] = cos_yaw * z[:, 2]
+    x[:, 1] = sin_yaw * z[:, 2]
+    x[:, 2] = -(cos_yaw * z[:, 0] + sin_yaw * z[:, 1])
+    x /= np.sqrt((x * x).sum(axis=1, keepdims=True))
+    matrix[:, 0, 1] = z[:, 1] * x[:, 2] - z[:, 2] * x[:, 1]
+    matrix[:, 1, 1] = z[:, 2] * x[:, 0] - z[:, 0] * x[:, 2]
+    matrix[:, 2, 1] = z[:, 0] * x[:, 1] - z[:, 1] * x[:, 0]
+    matrix[:, :, 2] = z
+    return quaternion_from_matrix(matrix)

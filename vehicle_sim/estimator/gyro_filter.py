@@ -1,0 +1,78 @@
+"""The filtered body rates that the rate controller flies on: PX4's low-pass and derivative as one product.
+
+A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) and, on its output, a difference with a first-order
+low-pass (IMU_DGYRO_CUTOFF). Both together are one linear map of five numbers an axis, so N vehicles cost
+one matrix product a step; a cutoff of zero or one above half the sample rate switches a filter off.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_INPUT, _DELAY_1, _DELAY_2, _OUTPUT, _DERIVATIVE = range(5)
+
+
+class GyroFilter:
+    """Filters of N vehicles.
+
+    Args:
+        count: N.
+        dt_s: sample interval.
+    """
+
+    def __init__(self, count: int, dt_s: float) -> None:
+        self._dt_s = dt_s
+        self._map = np.zeros((count, 5, 5))
+        self._state = np.zeros((count, 3, 5))
+        for i in range(count):
+            self.configure(i, 0.0, 0.0)
+
+    def configure(self, i: int, cutoff_hz: float, derivative_cutoff_hz: float) -> None:
+        """Set both cutoffs of vehicle `i`; its filter goes on from where it is."""
+        b, a = _butterworth(cutoff_hz, 1.0 / self._dt_s)
+        alpha = 1.0
+        if derivative_cutoff_hz > 0.0:
+            alpha = self._dt_s / (self._dt_s + 1.0 / (2.0 * math.pi * derivative_cutoff_hz))
+        new = self._map[i]
+        new[:] = 0.0
+        new[_INPUT, _DELAY_1] = 1.0
+        new[_DELAY_1, _DELAY_1] = -a[0]
+        new[_DELAY_2, _DELAY_1] = -a[1]
+        new[_DELAY_1, _DELAY_2] = 1.0
+        new[_INPUT, _OUTPUT] = b[0]
+        new[_DELAY_1, _OUTPUT] = b[1] - b[0] * a[0]
+        new[_DELAY_2, _OUTPUT] = b[2] - b[0] * a[1]
+        new[:, _DERIVATIVE] = (alpha / self._dt_s) * new[:, _OUTPUT]
+        new[_OUTPUT, _DERIVATIVE] -= alpha / self._dt_s
+        new[_DERIVATIVE, _DERIVATIVE] = 1.0 - alpha
+
+    def reset(self, i: int) -> None:
+        """Forget the past of vehicle `i`."""
+        self._state[i] = 0.0
+
+    def update(self, gyro_frd_rad_s: FloatArray, rates_out: FloatArray, acceleration_out: FloatArray) -> None:
+        """Take samples (N, 3); write filtered rates and angular accelerations (N, 3)."""
+        self._state[:, :, _INPUT] = gyro_frd_rad_s
+        self._state = self._state @ self._map
+        rates_out[:] = self._state[:, :, _OUTPUT]
+        acceleration_out[:] = self._state[:, :, _DERIVATIVE]
+
+
+def _butterworth(
+    cutoff_hz: float, sample_hz: float
+) -> tuple[tuple[float, float, float], tuple[float, float]]:
+    """Numerator and denominator (without its leading one) of a second-order low-pass, bilinear."""
+    if not 0.0 < cutoff_hz < 0.5 * sample_hz:
+        return (1.0, 0.0, 0.0), (0.0, 0.0)
+    omega = math.tan(math.pi * cutoff_hz / sample_hz)
+    scale = 1.0 + math.sqrt(2.0) * omega + omega * omega
+    gain = omega * omega / scale
+    return (gain, 2.0 * gain, gain), (
+        2.0 * (omega * omega - 1.0) / scale,
+        (1.0 - math.sqrt(2.0) * omega + omega * omega) / scale,
+    )

@@ -1,0 +1,118 @@
+"""Six degrees of freedom for N quadrotors: rotors with lag, linear drag, gravity, and ground that holds.
+
+The model is that of PX4's SIH: thrust and moments proportional to a rotor's lagged signal, drag linear in
+speed and body rate, and ground contact that stops the vehicle dead while its weight exceeds its lift.
+Forces of all vehicles come from one matrix product over (rotor thrusts, body rates, their products).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.airframe import ROTOR_COUNT, Airframe
+from vehicle_sim.frames import (
+    GRAVITY_M_S2,
+    cross_table,
+    quaternion_from_yaw,
+    quaternion_rate,
+    rotation_matrix,
+    row_norm,
+)
+from vehicle_sim.state import TruthState
+
+FloatArray = NDArray[np.float64]
+
+_RATES = slice(ROTOR_COUNT, ROTOR_COUNT + 3)
+_PRODUCTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
+
+
+class RigidBodies:
+    """The bodies of N vehicles; `state` is the truth.
+
+    Args:
+        count: N.
+        dt_s: step.
+    """
+
+    def __init__(self, count: int, dt_s: float) -> None:
+        self._dt_s = dt_s
+        self.state = TruthState(
+            position_ned_m=np.zeros((count, 3)),
+            velocity_ned_m_s=np.zeros((count, 3)),
+            acceleration_ned_m_s2=np.zeros((count, 3)),
+            q_ned_frd=quaternion_from_yaw(np.zeros(count)),
+            rates_frd_rad_s=np.zeros((count, 3)),
+            rotor_thrust=np.zeros((count, ROTOR_COUNT)),
+            on_ground=np.ones(count, dtype=np.bool_),
+        )
+        self.matrix = rotation_matrix(self.state.q_ned_frd)
+        """(N, 3, 3) of `state.q_ned_frd`."""
+        self.wind_ned_m_s = np.zeros((count, 3))
+        self._inputs = np.zeros((count, 1, ROTOR_COUNT + 12))
+        self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
+        self._lag = np.ones((count, 1))
+        self._drag_per_s = np.zeros((count, 1))
+        self._gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
+
+    def configure(self, i: int, airframe: Airframe) -> None:
+        """Give vehicle `i` an airframe."""
+        inverse = np.linalg.inv(airframe.inertia_kg_m2)
+        wrench = airframe.wrench_table()
+        response = self._response[i]
+        response[:] = 0.0
+        response[:ROTOR_COUNT, 0] = -wrench[:, 0] / airframe.mass_kg
+        response[:ROTOR_COUNT, 1:] = wrench[:, 1:] @ inverse.T
+        response[_RATES, 1:] = -airframe.drag_nm_per_rad_s * inverse.T
+        gyroscopic = np.einsum("imk,mj->ijk", cross_table(), airframe.inertia_kg_m2).reshape(9, 3)
+        response[_PRODUCTS, 1:] = -gyroscopic @ inverse.T
+        self._drag_per_s[i] = airframe.drag_n_per_m_s / airframe.mass_kg
+        self._lag[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
+
+    def place(self, i: int, position_ned_m: FloatArray, yaw_ned_rad: float) -> None:
+        """Put vehicle `i` somewhere, level and at rest; below the surface counts as on it."""
+        state = self.state
+        state.position_ned_m[i] = position_ned_m
+        state.position_ned_m[i, 2] = min(float(position_ned_m[2]), 0.0)
+        for rows in (
+            state.velocity_ned_m_s,
+            state.acceleration_ned_m_s2,
+            state.rates_frd_rad_s,
+            state.rotor_thrust,
+        ):
+            rows[i] = 0.0
+        state.q_ned_frd[i] = quaternion_from_yaw(np.array([yaw_ned_rad]))[0]
+        state.on_ground[i] = state.position_ned_m[i, 2] >= 0.0
+        self.matrix = rotation_matrix(state.q_ned_frd)
+
+    def step(self, motor_signal: FloatArray) -> None:
+        """Advance by one step with motor signals (N, 4), 0..1."""
+        state, dt_s = self.state, self._dt_s
+        rotors, rates = state.rotor_thrust, state.rates_frd_rad_s
+        position, velocity = state.position_ned_m, state.velocity_ned_m_s
+        rotors += self._lag * (motor_signal - rotors)
+
+        inputs = self._inputs
+        inputs[:, 0, :ROTOR_COUNT] = rotors
+        inputs[:, 0, _RATES] = rates
+        inputs[:, 0, _PRODUCTS] = (rates[:, :, None] * rates[:, None, :]).reshape(-1, 9)
+        response = (inputs @ self._response)[:, 0, :]
+
+        acceleration = self.matrix[:, :, 2] * response[:, :1]
+        acceleration += self._gravity
+        acceleration -= self._drag_per_s * (velocity - self.wind_ned_m_s)
+
+        position += dt_s * velocity
+        rates += dt_s * response[:, 1:]
+        held = (position[:, 2] >= 0.0) & (acceleration[:, 2] >= 0.0) & (velocity[:, 2] >= 0.0)
+        if held.any():
+            acceleration[held] = velocity[held] * (-1.0 / dt_s)
+            rates[held] = 0.0
+            position[held, 2] = 0.0
+        velocity += dt_s * acceleration
+        state.acceleration_ned_m_s2[:] = acceleration
+        state.on_ground[:] = held
+        q = state.q_ned_frd
+        q += dt_s * quaternion_rate(q, rates)
+        q /= row_norm(q)
+        self.matrix = rotation_matrix(q)

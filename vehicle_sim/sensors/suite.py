@@ -1,0 +1,185 @@
+"""IMU, magnetometer, barometer and GPS of N vehicles; all noise of the simulator lives here.
+
+Rates and noise are those measured on PX4's SIH at rest (baselines of the recordings): gyro 0.01 rad/s and
+accelerometer 0.1 m/s² a sample, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and 0.06 to 0.16 m/s,
+barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white and comes from one
+seeded generator.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.frames import GRAVITY_M_S2, rotate_back
+from vehicle_sim.geodesy import to_global
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.state import Home, SensorState, TruthState
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+GYRO_NOISE_RAD_S = 0.01
+ACCEL_NOISE_M_S2 = 0.1
+MAG_NOISE_GAUSS = (0.0115, 0.0115, 0.0175)
+BARO_NOISE_M = 0.09
+GPS_POSITION_NOISE_M = (0.2, 0.2, 0.5)
+GPS_VELOCITY_NOISE_M_S = (0.06, 0.077, 0.158)
+
+MAG_EVERY_STEPS = 5
+BARO_EVERY_STEPS = 12
+GPS_EVERY_STEPS = 31
+
+GPS_HORIZONTAL_ACCURACY_M = 0.9
+GPS_VERTICAL_ACCURACY_M = 1.78
+GPS_SPEED_ACCURACY_M_S = 0.4
+GPS_HDOP = 0.7
+GPS_VDOP = 1.1
+SATELLITES_FOR_A_FIX = 4
+BARO_TEMPERATURE_DEG_C = 11.82
+"""What SCALED_PRESSURE says at home: 15 degrees at sea level, 6.5 degrees a kilometre less."""
+
+_SEA_LEVEL_PA = 101325.0
+_SEA_LEVEL_K = 288.15
+_LAPSE_K_M = 0.0065
+_PRESSURE_EXPONENT = 5.2558797
+
+_FIELD_GAUSS = 0.4826
+_FIELD_INCLINATION_RAD = math.radians(63.15)
+MAG_DECLINATION_RAD = math.radians(2.96)
+"""Where the simulated field points; the recordings' mean at rest with the nose to north."""
+
+
+def pressure_hpa(alt_amsl_m: FloatArray) -> FloatArray:
+    """Static pressure of the standard atmosphere."""
+    return (
+        0.01
+        * _SEA_LEVEL_PA
+        * (1.0 - _LAPSE_K_M * np.asarray(alt_amsl_m) / _SEA_LEVEL_K) ** _PRESSURE_EXPONENT
+    )
+
+
+class SensorSuite:
+    """The sensors of N vehicles; `state` holds each one's newest sample.
+
+    Args:
+        count: N.
+        dt_s: step.
+        home: where local NED (0, 0, 0) lies.
+        seed: of the noise.
+        noise: False for perfect sensors at the same rates.
+    """
+
+    def __init__(self, count: int, dt_s: float, home: Home, *, seed: int, noise: bool) -> None:
+        self._count = count
+        self._dt_s = dt_s
+        self._home = home
+        self._random = np.random.default_rng(seed)
+        self._noise = noise
+        self._steps = 0
+        self._gps_enabled = np.ones(count, dtype=np.bool_)
+        self._satellites = np.full(count, 10, dtype=np.int64)
+        self._mag_offset = np.zeros((count, 3))
+        self._baro_offset_hpa = np.zeros(count)
+        self._imu_noise = np.zeros((count, 6))
+        self._imu_sigma = np.array([GYRO_NOISE_RAD_S] * 3 + [ACCEL_NOISE_M_S2] * 3)
+        self._gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
+        level = _FIELD_GAUSS * math.cos(_FIELD_INCLINATION_RAD)
+        self._field_ned = np.array(
+            [
+                level * math.cos(MAG_DECLINATION_RAD),
+                level * math.sin(MAG_DECLINATION_RAD),
+                _FIELD_GAUSS * math.sin(_FIELD_INCLINATION_RAD),
+            ]
+        )
+        self.state = SensorState(
+            gyro_frd_rad_s=np.zeros((count, 3)),
+            accel_frd_m_s2=np.zeros((count, 3)),
+            mag_frd_gauss=np.zeros((count, 3)),
+            mag_count=0,
+            baro_pressure_hpa=np.zeros(count),
+            baro_alt_amsl_m=np.zeros(count),
+            baro_temperature_deg_c=np.full(count, BARO_TEMPERATURE_DEG_C),
+            baro_count=0,
+            gps_lat_deg=np.zeros(count),
+            gps_lon_deg=np.zeros(count),
+            gps_alt_amsl_m=np.zeros(count),
+            gps_velocity_ned_m_s=np.zeros((count, 3)),
+            gps_horizontal_accuracy_m=np.full(count, GPS_HORIZONTAL_ACCURACY_M),
+            gps_vertical_accuracy_m=np.full(count, GPS_VERTICAL_ACCURACY_M),
+            gps_speed_accuracy_m_s=np.full(count, GPS_SPEED_ACCURACY_M_S),
+            gps_hdop=np.full(count, GPS_HDOP),
+            gps_vdop=np.full(count, GPS_VDOP),
+            gps_satellites=np.zeros(count, dtype=np.int64),
+            gps_fix_type=np.zeros(count, dtype=np.int64),
+            gps_count=0,
+        )
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Read SIM_GPS_USED, SIM_MAG_OFFSET_* and SIM_BARO_OFF_P of vehicle `i`."""
+        self._satellites[i] = int(parameters.get("SIM_GPS_USED"))
+        self._mag_offset[i] = [float(parameters.get(f"SIM_MAG_OFFSET_{axis}")) for axis in "XYZ"]
+        self._baro_offset_hpa[i] = float(parameters.get("SIM_BARO_OFF_P"))
+
+    def set_gps_enabled(self, i: int, enabled: bool) -> None:
+        """Cover the antenna of vehicle `i`: its receiver goes on reporting, without a fix."""
+        self._gps_enabled[i] = enabled
+
+    def sample(self, truth: TruthState, matrix: FloatArray) -> None:
+        """Take this step's samples of the truth; `matrix` (N, 3, 3) is that of its attitude."""
+        state = self.state
+        np.copyto(state.gyro_frd_rad_s, truth.rates_frd_rad_s)
+        np.copyto(state.accel_frd_m_s2, rotate_back(matrix, truth.acceleration_ned_m_s2 - self._gravity))
+        if self._noise:
+            noise = self._random.standard_normal(out=self._imu_noise)
+            noise *= self._imu_sigma
+            state.gyro_frd_rad_s += noise[:, :3]
+            state.accel_frd_m_s2 += noise[:, 3:]
+        steps = self._steps
+        if steps % MAG_EVERY_STEPS == 0:
+            field = np.broadcast_to(self._field_ned, (self._count, 3))
+            state.mag_frd_gauss[:] = rotate_back(matrix, field) + self._mag_offset
+            state.mag_frd_gauss += self._white(MAG_NOISE_GAUSS)
+            state.mag_count += 1
+        if steps % BARO_EVERY_STEPS == 0:
+            self._sample_baro(truth)
+        if steps % GPS_EVERY_STEPS == 0:
+            self._sample_gps(truth)
+        self._steps += 1
+
+    def _sample_baro(self, truth: TruthState) -> None:
+        state = self.state
+        alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + self._white((BARO_NOISE_M,))[:, 0]
+        state.baro_pressure_hpa[:] = pressure_hpa(alt) + self._baro_offset_hpa
+        ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
+        state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
+        state.baro_temperature_deg_c[:] = 15.0 - _LAPSE_K_M * alt
+        state.baro_count += 1
+
+    def _sample_gps(self, truth: TruthState) -> None:
+        state = self.state
+        position = truth.position_ned_m + self._white(GPS_POSITION_NOISE_M)
+        lat, lon = to_global(
+            position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
+        )
+        fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
+        np.copyto(state.gps_lat_deg, lat, where=fixed)
+        np.copyto(state.gps_lon_deg, lon, where=fixed)
+        np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=fixed)
+        velocity = truth.velocity_ned_m_s + self._white(GPS_VELOCITY_NOISE_M_S)
+        state.gps_velocity_ned_m_s[:] = np.where(fixed[:, None], velocity, 0.0)
+        state.gps_satellites[:] = np.where(self._gps_enabled, self._satellites, 0)
+        state.gps_fix_type[:] = np.where(fixed, 3, 0)
+        state.gps_horizontal_accuracy_m[:] = np.where(fixed, GPS_HORIZONTAL_ACCURACY_M, 100.0)
+        state.gps_vertical_accuracy_m[:] = np.where(fixed, GPS_VERTICAL_ACCURACY_M, 100.0)
+        state.gps_speed_accuracy_m_s[:] = np.where(fixed, GPS_SPEED_ACCURACY_M_S, 100.0)
+        state.gps_hdop[:] = np.where(fixed, GPS_HDOP, 100.0)
+        state.gps_vdop[:] = np.where(fixed, GPS_VDOP, 100.0)
+        state.gps_count += 1
+
+    def _white(self, sigma: tuple[float, ...]) -> FloatArray:
+        if not self._noise:
+            return np.zeros((self._count, len(sigma)))
+        return self._random.standard_normal((self._count, len(sigma))) * np.array(sigma)
