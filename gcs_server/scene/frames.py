@@ -1,0 +1,109 @@
+"""The only place where the server speaks ENU and FLU: everything else is NED and FRD.
+
+Vectors are `(x, y, z)` tuples [m], quaternions `(w, x, y, z)` tuples. A quaternion's name says what it
+does: `q_enu_flu` takes FLU vectors to ENU. Plain floats, because one pose is cheaper that way than in NumPy.
+"""
+
+from __future__ import annotations
+
+import math
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
+Q_ENU_NED: Quaternion = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
+"""Half a turn about the axis between north and east: (n, e, d) becomes (e, n, -d)."""
+Q_FRD_FLU: Quaternion = (0.0, 1.0, 0.0, 0.0)
+"""Half a turn about forward."""
+
+WGS84_SEMI_MAJOR_M = 6378137.0
+WGS84_FLATTENING = 1.0 / 298.257223563
+
+
+def enu_from_ned(v_ned: Vector3) -> Vector3:
+    """The same vector with east first and up positive."""
+    return (v_ned[1], v_ned[0], -v_ned[2])
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product: first `b`, then `a`."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """The inverse of a unit quaternion."""
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+def rotate(q: Quaternion, v: Vector3) -> Vector3:
+    """`v` turned by `q`."""
+    _, x, y, z = multiply(multiply(q, (0.0, *v)), conjugate(q))
+    return (x, y, z)
+
+
+def normalized(q: Quaternion) -> Quaternion | None:
+    """`q` at length one; None where it is no rotation (zero or not finite)."""
+    length = math.sqrt(sum(c * c for c in q))
+    if not math.isfinite(length) or length < 1e-6:
+        return None
+    return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+
+
+def q_from_yaw(yaw_rad: float) -> Quaternion:
+    """A turn about the third axis of whatever frame is meant (down: clockwise, up: anticlockwise)."""
+    return (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
+
+
+def yaw_from_q(q: Quaternion) -> float:
+    """The turn about the third axis [rad], in (-π, π]."""
+    w, x, y, z = q
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def q_enu_flu_from_q_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
+    """An attitude as the scene wants it: FLU → FRD → NED → ENU."""
+    return multiply(multiply(Q_ENU_NED, q_ned_frd), Q_FRD_FLU)
+
+
+def yaw_enu_from_ned(yaw_ned_rad: float) -> float:
+    """Clockwise from north becomes anticlockwise from east [rad]."""
+    return math.pi / 2 - yaw_ned_rad
+
+
+def q_ned_camera(q: Quaternion, *, yaw_in_earth_frame: bool, vehicle_yaw_ned_rad: float) -> Quaternion:
+    """A gimbal's attitude against the earth.
+
+    MAVLink gives roll and pitch against the horizon always; the yaw either against north or against the
+    vehicle's heading (GIMBAL_DEVICE_ATTITUDE_STATUS): only then the heading is added.
+    """
+    return q if yaw_in_earth_frame else multiply(q_from_yaw(vehicle_yaw_ned_rad), q)
+
+
+def enu_from_geodetic(
+    lat_deg: float, lon_deg: float, alt_m: float, *, origin_deg_m: tuple[float, float, float]
+) -> Vector3:
+    """A place in the tangent plane of `origin_deg_m` (lat_deg, lon_deg, alt_m).
+
+    By the two radii of curvature of WGS84 at the origin: within 5 km it is off by less than 2 m, which
+    no picture shows.
+    """
+    lat_0_deg, lon_0_deg, alt_0_m = origin_deg_m
+    lat_0_rad = math.radians(lat_0_deg)
+    e2 = WGS84_FLATTENING * (2 - WGS84_FLATTENING)
+    w2 = 1 - e2 * math.sin(lat_0_rad) ** 2
+    radius_east_m = WGS84_SEMI_MAJOR_M / math.sqrt(w2)
+    radius_north_m = radius_east_m * (1 - e2) / w2
+    delta_lon_deg = (lon_deg - lon_0_deg + 180.0) % 360.0 - 180.0
+    return (
+        math.radians(delta_lon_deg) * radius_east_m * math.cos(lat_0_rad),
+        math.radians(lat_deg - lat_0_deg) * radius_north_m,
+        alt_m - alt_0_m,
+    )

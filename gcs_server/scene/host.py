@@ -1,0 +1,159 @@
+"""Runs viser where nobody but our proxy can reach it: on a Unix socket in a folder of our own.
+
+viser checks neither origin nor identity of who connects, and offers every browser to open a public
+tunnel. So it gets no TCP port at all (a web page cannot open a Unix socket, and the folder is closed to
+other users), whoever connects must also know a secret made for this run, and what opens the tunnel is
+taken out. Its banner is kept off the terminal.
+
+viser has no setting for any of this; the seam is the `websockets` name inside `viser.infra._infra`,
+replaced only while the server starts (hence the pinned minor version; `tests/` hold it).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import http
+import logging
+import secrets
+import shutil
+import socket
+import tempfile
+import threading
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+from urllib.parse import parse_qs, urlsplit
+
+import rich
+import viser
+import websockets
+import websockets.asyncio.server
+from viser import _messages
+from viser.infra import _infra
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from gcs_server.errors import GcsError
+
+log = logging.getLogger(__name__)
+
+SECRET_HEADER = "X-Scene-Secret"
+START_DEADLINE_S = 20.0
+MAX_SOCKET_PATH = 100
+"""Unix allows about 104 to 108 bytes."""
+
+_starting = threading.Lock()
+
+
+class SceneError(GcsError):
+    """The 3D view could not be started; flying is not affected."""
+
+    code = "scene_unavailable"
+
+
+class _PrivateViser(viser.ViserServer):
+    """viser without its way out of the machine."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Never: the view of an aircraft is not put on the internet by a click."""
+        del verbose
+        log.warning("a public tunnel to the 3D view was asked for and refused")
+        return None
+
+
+class ViserHost:
+    """One viser server and the key to it."""
+
+    def __init__(self) -> None:
+        self.secret = secrets.token_urlsafe(32)
+        self._folder: Path | None = None
+        self._server: viser.ViserServer | None = None
+
+    @property
+    def socket_path(self) -> Path:
+        """Where viser listens. Raises SceneError before `start`."""
+        if self._folder is None:
+            raise SceneError("The 3D view is not running.", remedy="Flying is not affected; try again.")
+        return self._folder / "s"
+
+    async def start(self) -> None:
+        """Raises SceneError, saying why."""
+        folder = Path(tempfile.mkdtemp(prefix="gcs-scene-"))  # made with mode 0700
+        if len(str(folder)) > MAX_SOCKET_PATH:
+            shutil.rmtree(folder, ignore_errors=True)
+            folder = Path(tempfile.mkdtemp(prefix="gcs-scene-", dir="/tmp"))
+        self._folder = folder
+        try:
+            # Bound here, where a failure is an exception: viser would try for ever and hang.
+            listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            listener.bind(str(self.socket_path))
+            async with asyncio.timeout(START_DEADLINE_S):
+                self._server = await asyncio.to_thread(self._build, listener)
+        except (OSError, TimeoutError) as error:
+            self._remove_folder()
+            raise SceneError(
+                f"The 3D view could not be started: {error or 'viser did not come up'}.",
+                remedy="Flying is not affected. Is the folder for temporary files writable?",
+            ) from error
+
+    async def stop(self) -> None:
+        """Ends viser's threads and removes its socket."""
+        server, self._server = self._server, None
+        if server is not None:
+            await asyncio.to_thread(server.stop)
+        self._remove_folder()
+
+    def clients(self) -> dict[int, viser.ClientHandle]:
+        """The browsers that look on now, by viser's own number."""
+        return self._server.get_clients() if self._server is not None else {}
+
+    def query_of(self, client_id: int) -> dict[str, str]:
+        """What the proxy handed on with this client's connection."""
+        if self._server is None:
+            return {}
+        connection = self._server._websock_server._live_connections.get(client_id)  # pyright: ignore[reportPrivateUsage]
+        if connection is None or connection.request is None:
+            return {}
+        return {k: v[-1] for k, v in parse_qs(urlsplit(connection.request.path).query).items()}
+
+    def _build(self, listener: socket.socket) -> viser.ViserServer:
+        with _starting:
+            rich.get_console().quiet = True  # only viser prints by rich here
+            own = _infra.websockets
+            try:
+                _infra.websockets = cast(Any, self._guarded(listener))
+                server = _PrivateViser(host="127.0.0.1", port=0, verbose=False)
+            finally:
+                _infra.websockets = own
+        for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+            server._websock_server.unregister_handler(message)  # pyright: ignore[reportPrivateUsage]
+        return server
+
+    def _guarded(self, listener: socket.socket) -> types.SimpleNamespace:
+        """`websockets` as viser sees it while it starts: it serves our socket, and asks for the secret."""
+
+        def serve(handler: Callable[..., Any], _host: str, _port: int, **options: Any) -> Any:
+            theirs = options.pop("process_request", None)
+
+            def process_request(connection: Any, request: Request) -> Response | None:
+                given = request.headers.get(SECRET_HEADER, "")
+                if not hmac.compare_digest(given.encode(), self.secret.encode()):
+                    return Response(http.HTTPStatus.FORBIDDEN.value, "Forbidden", Headers(), b"")
+                return theirs(connection, request) if theirs is not None else None
+
+            return websockets.asyncio.server.serve(
+                handler, process_request=process_request, unix=True, sock=listener, **options
+            )
+
+        return types.SimpleNamespace(
+            asyncio=types.SimpleNamespace(server=types.SimpleNamespace(serve=serve)),
+            datastructures=websockets.datastructures,
+            exceptions=websockets.exceptions,
+        )
+
+    def _remove_folder(self) -> None:
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None

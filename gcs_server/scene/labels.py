@@ -1,0 +1,65 @@
+"""Name tags in the page's own type and colours.
+
+viser's own labels are black on white in every theme, and its HTML panels in the scene do not work in
+1.1. So a tag is an empty node, and its text goes in one HTML element of viser's hidden panel; the script
+of `page.py` draws the texts where the nodes are.
+"""
+
+from __future__ import annotations
+
+import html
+
+import viser
+
+from gcs_server.scene.frames import Vector3
+
+EVERY_S = 0.2
+"""Figures that change faster than this cannot be read."""
+
+
+class Label:
+    """A tag at a point of the scene."""
+
+    def __init__(self, client: viser.ClientHandle, name: str, colour: str) -> None:
+        self._node = client.scene.add_frame(name, show_axes=False)
+        self.name = name
+        self.colour = colour
+        self.text = ""
+        self.note = ""
+        self.shown = True
+
+    def move(self, position_m: Vector3) -> None:
+        """Puts it elsewhere."""
+        self._node.position = position_m
+
+    def html(self) -> str:
+        """For the script that draws it; empty while there is nothing to show."""
+        if not self.shown or not self.text:
+            return ""
+        return (
+            f'<i data-gcs-tag="{html.escape(self.name)}" data-gcs-colour="{self.colour}" '
+            f'data-gcs-note="{html.escape(self.note)}">{html.escape(self.text)}</i>'
+        )
+
+
+class Board:
+    """All tags of one browser, sent as one."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._html = client.gui.add_html("")
+        self._said = ""
+        self._next_s = 0.0
+
+    def say(self, labels: list[Label], now_s: float) -> None:
+        """Sends the texts if one has changed; at most five times a second."""
+        if now_s < self._next_s:
+            return
+        text = "".join(label.html() for label in labels)
+        if text != self._said:
+            self._said = text
+            self._next_s = now_s + EVERY_S
+            self._html.content = text
+
+    def remove(self) -> None:
+        """Takes it down."""
+        self._html.remove()

@@ -1,0 +1,150 @@
+"""viser's own browser program, dressed for our page: no panel, no branding, our ground and our labels.
+
+The program is one file with everything inside; it is served from the installed package with a few lines
+put before it. Its content policy lets it reach this server and nothing else.
+"""
+
+from __future__ import annotations
+
+import functools
+import gzip
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import viser
+
+from gcs_server.scene.palette import PALETTES, Palette
+
+_BOOT = """
+(() => {
+  const query = new URLSearchParams(location.search);
+  const page = document.documentElement;
+  page.dataset.gcsTheme = query.get('theme') === 'light' ? 'light' : 'dark';
+  // viser reads the address of its stream from here; the choice of view travels with it.
+  const stream = location.origin.replace(/^http/, 'ws') + location.pathname;
+  const wanted = new URLSearchParams();
+  for (const key of ['view', 'theme', 'mode', 'vehicle']) if (query.has(key)) wanted.set(key, query.get(key));
+  query.set('websocket', stream + '?' + wanted);
+  history.replaceState(null, '', '?' + query);
+  // viser only reconnects while its page has the focus; inside ours it never has.
+  document.hasFocus = () => true;
+  // Its first scheme is always light; those that follow come from the server.
+  let seen = 0;
+  new MutationObserver(() => {
+    const scheme = page.getAttribute('data-mantine-color-scheme');
+    if (seen++ > 0 && scheme) page.dataset.gcsTheme = scheme;
+  }).observe(page, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
+
+  // Name tags: the texts stand in viser's hidden panel, each drawn where its node is.
+  const tags = new Map();
+  const layer = document.createElement('div');
+  layer.className = 'gcs-tags';
+  addEventListener('DOMContentLoaded', () => document.body.append(layer));
+  const apply = (m, [x, y, z, w]) =>
+    [0, 1, 2, 3].map((r) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w);
+  const sync = () => {
+    const wanted = new Set();
+    for (const source of document.querySelectorAll('[data-gcs-tag]')) {
+      const name = source.dataset.gcsTag;
+      wanted.add(name);
+      let tag = tags.get(name);
+      if (!tag) {
+        tag = document.createElement('span');
+        tag.append(document.createElement('b'), document.createElement('small'));
+        tags.set(name, tag);
+        layer.append(tag);
+      }
+      const [text, note] = tag.children;
+      if (text.textContent !== source.textContent) text.textContent = source.textContent;
+      if (note.textContent !== source.dataset.gcsNote) note.textContent = source.dataset.gcsNote;
+      tag.style.borderColor = source.dataset.gcsColour;
+    }
+    for (const [name, tag] of tags) if (!wanted.has(name)) { tag.remove(); tags.delete(name); }
+  };
+  let next = 0;
+  const draw = (now) => {
+    requestAnimationFrame(draw);
+    if (now >= next) { next = now + 100; sync(); }
+    const viser = window.__viserMutable;
+    if (!viser || !viser.camera) return;
+    const { matrixWorldInverse, projectionMatrix } = viser.camera;
+    for (const [name, tag] of tags) {
+      const node = viser.nodeRefFromName[name];
+      const at = node && apply(matrixWorldInverse.elements, [...node.matrixWorld.elements.slice(12, 15), 1]);
+      const seen = at && at[2] < -0.1;
+      if (seen) {
+        const [x, y, , w] = apply(projectionMatrix.elements, at);
+        const left = ((x / w + 1) / 2) * innerWidth, top = ((1 - y / w) / 2) * innerHeight;
+        const place = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px) translate(-50%, -50%)`;
+        if (tag.style.transform !== place) tag.style.transform = place;
+      }
+      const visibility = seen ? 'visible' : 'hidden';
+      if (tag.style.visibility !== visibility) tag.style.visibility = visibility;
+    }
+  };
+  requestAnimationFrame(draw);
+})();
+"""
+
+_STYLE = """
+html, body { margin: 0; height: 100%; overflow: hidden; }
+canvas { outline: none; }
+.mantine-Paper-root, .mantine-Notifications-root, .mantine-Modal-root, .mantine-Spotlight-root {
+  display: none !important;
+}
+.gcs-tags { position: fixed; inset: 0; z-index: 5; overflow: hidden; pointer-events: none; }
+.gcs-tags span {
+  position: absolute; left: 0; top: 0; display: flex; gap: 6px; white-space: nowrap; visibility: hidden;
+  font: 600 11px/18px Inter, system-ui, "Segoe UI", sans-serif; font-variant-numeric: tabular-nums;
+  padding: 0 8px; border-radius: 10px; border: 1px solid; will-change: transform;
+}
+.gcs-tags b { font-weight: 600; }
+.gcs-tags small { font-size: 11px; font-weight: 400; }
+.gcs-tags small:empty { display: none; }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """The document, ready to be sent."""
+
+    plain: bytes
+    zipped: bytes
+    etag: str
+
+
+@functools.cache
+def page() -> Page:
+    """Made at the first request and kept."""
+    build = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    html = build.read_text(encoding="utf-8")
+    style = _STYLE + "".join(_theme_style(p) for p in PALETTES.values())
+    inserted = f"<style>{style}</style><script>{_BOOT}</script>"
+    # Before the first of viser's own scripts, after the character set is declared.
+    head, mark, rest = html.partition("<title>Viser</title>")
+    if not mark:
+        raise ValueError("viser's page has no title where it is expected: is this viser 1.1?")
+    plain = f"{head}<title>3D</title>{inserted}{rest}".encode()
+    return Page(plain, gzip.compress(plain, 6), f'"{hashlib.sha256(plain).hexdigest()[:24]}"')
+
+
+def content_policy(host: str, *, secure: bool) -> str:
+    """Everything from the document itself; the stream from this server; nothing from anywhere else."""
+    stream = f"{'wss' if secure else 'ws'}://{host}"
+    return (
+        "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
+        "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; worker-src blob: data:; "
+        f"connect-src 'self' {stream} data: blob:; "
+        "frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _theme_style(p: Palette) -> str:
+    root = f'html[data-gcs-theme="{p.theme}"]'
+    return (
+        f"{root}, {root} body {{ background: {p.ground}; color-scheme: {p.theme}; }}"
+        f"{root} canvas[data-engine] {{ background: linear-gradient({p.sky}, {p.ground} 47%); }}"
+        f"{root} .gcs-tags span {{ background: {p.panel}; color: {p.text}; }}"
+        f"{root} .gcs-tags small {{ color: {p.text_2}; }}"
+    )

@@ -1,0 +1,103 @@
+"""The design's colours as the 3D view uses them, for both themes.
+
+The values are those of the page's tokens; one colour means one thing: cyan (and the other identity
+colours) what is, violet what we ask for, everything else grey.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Theme = Literal["dark", "light"]
+Rgb = tuple[int, int, int]
+
+
+def rgb(colour: str) -> Rgb:
+    """`#35d6e6` as three bytes."""
+    return (int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16))
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """One theme."""
+
+    theme: Theme
+    identities: tuple[str, ...]
+    """Of the first vehicle, the second, …; then from the start again."""
+    target: str
+    text: str
+    text_2: str
+    text_3: str
+    panel: str
+    line: str
+    sky: str
+    ground: str
+    grid: str
+    grid_section: str
+    body: Rgb
+    """The airframe's shell: the theme's text colour, so that it stands out of the ground."""
+    dark_part: Rgb
+    """Motors, lens and landing gear."""
+    lost: Rgb
+    shadow_opacity: float
+    disc_opacity: float
+
+    def identity(self, index: int) -> str:
+        """The colour of the vehicle at this place in the fleet."""
+        return self.identities[index % len(self.identities)]
+
+
+PALETTES: dict[Theme, Palette] = {
+    "dark": Palette(
+        theme="dark",
+        identities=("#35d6e6", "#ffd166", "#ff8fab", "#9be564"),
+        target="#c08bff",
+        text="#e8eef3",
+        text_2="#9aa8b5",
+        text_3="#667583",
+        panel="#131a20",
+        line="#26313b",
+        sky="#1a222a",
+        ground="#10171d",
+        grid="#26343e",
+        grid_section="#3a4c59",
+        body=(232, 238, 243),
+        dark_part=(52, 64, 74),
+        lost=(102, 117, 131),
+        shadow_opacity=0.45,
+        disc_opacity=0.24,
+    ),
+    "light": Palette(
+        theme="light",
+        identities=("#00788a", "#8a6100", "#b3245a", "#3f7a00"),
+        target="#7a2bd6",
+        text="#0c1319",
+        text_2="#46545f",
+        text_3="#6d7b86",
+        panel="#ffffff",
+        line="#ccd5dc",
+        sky="#f3f6f8",
+        ground="#e4e9ea",
+        grid="#c2cccf",
+        grid_section="#9fadb3",
+        body=(38, 48, 57),
+        dark_part=(12, 19, 25),
+        lost=(109, 123, 134),
+        shadow_opacity=0.3,
+        disc_opacity=0.22,
+    ),
+}
+
+
+def lit(colour: str, palette: Palette) -> Rgb:
+    """A colour such that viser's filmic tone curve shows the one that is meant.
+
+    The curve washes bright colours out; taking most of the grey out beforehand makes up for it. Dark
+    ones it leaves nearly alone.
+    """
+    red, green, blue = rgb(colour)
+    if palette.theme == "light":
+        return (red, green, blue)
+    grey = 0.75 * min(red, green, blue) if max(red, green, blue) - min(red, green, blue) > 60 else 0.0
+    return (round(red - grey), round(green - grey), round(blue - grey))

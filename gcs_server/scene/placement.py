@@ -1,0 +1,130 @@
+"""One common ENU frame for vehicles whose local frames each start somewhere else.
+
+The world's origin is the first home (or, before one is known, the first global position): there the
+grid's zero and the ground lie. A vehicle's local origin is put into it from its home, or from one pair
+of global and local position; a vehicle without any geographic position shares the world's origin.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_server.scene.frames import Vector3, enu_from_geodetic, enu_from_ned
+from gcs_server.scene.ports import SceneVehicle, value_of
+from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition
+
+RELATCH_M = 5.0
+"""Global and local position disagree this much: the local origin has moved (an estimator reset)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a vehicle is, in the world's ENU [m]."""
+
+    position_enu_m: Vector3
+    local_origin_enu_m: Vector3 | None
+    """Where the vehicle's own local frame starts; None while it has none (targets cannot be placed)."""
+    ground_z_m: float
+    """Height of its home: what its altitude is counted from."""
+    home_enu_m: Vector3 | None
+    known: bool
+    """False: it has told no position; it is drawn at the origin to show its attitude."""
+
+
+class Placement:
+    """Keeps the world's origin and each vehicle's local origin."""
+
+    def __init__(self) -> None:
+        self._world_origin_deg_m: tuple[float, float, float] | None = None
+        self._local_origins_enu_m: dict[str, Vector3] = {}
+
+    def forget(self, vehicle_id: str) -> None:
+        """A vehicle has gone; with the last one the world's origin goes too."""
+        self._local_origins_enu_m.pop(vehicle_id, None)
+
+    def reset(self) -> None:
+        """Nobody is left: the next vehicle gives the origin."""
+        self._world_origin_deg_m = None
+        self._local_origins_enu_m.clear()
+
+    def place(self, vehicle: SceneVehicle) -> Place:
+        """Where to draw it now."""
+        home = value_of(vehicle, "home", Home)
+        global_position = value_of(vehicle, "global_position", GlobalPosition)
+        local = value_of(vehicle, "local_position", LocalPosition)
+        home_enu_m = self._geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m) if home else None
+        global_enu_m = (
+            self._geodetic(global_position.lat_deg, global_position.lon_deg, global_position.alt_amsl_m)
+            if global_position
+            else None
+        )
+        local_enu_m = enu_from_ned(local.position_ned_m) if local else None
+        if local_enu_m is not None and not _finite(local_enu_m):
+            local_enu_m = None
+        origin = self._local_origin(vehicle.id, home, home_enu_m, global_enu_m, local_enu_m)
+        if local_enu_m is not None and origin is not None:
+            position = _add(origin, local_enu_m)
+        else:
+            position = global_enu_m
+        # Without a home the local frame starts where the vehicle was switched on: its ground.
+        ground = home_enu_m or origin or (0.0, 0.0, 0.0)
+        return Place(
+            position_enu_m=position or ground,
+            local_origin_enu_m=origin,
+            ground_z_m=ground[2],
+            home_enu_m=home_enu_m,
+            known=position is not None,
+        )
+
+    def _geodetic(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3 | None:
+        if not _finite((lat_deg, lon_deg, alt_amsl_m)) or (lat_deg == 0.0 and lon_deg == 0.0):
+            return None
+        if self._world_origin_deg_m is None:
+            self._world_origin_deg_m = (lat_deg, lon_deg, alt_amsl_m)
+        return enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m, origin_deg_m=self._world_origin_deg_m)
+
+    def _local_origin(
+        self,
+        vehicle_id: str,
+        home: Home | None,
+        home_enu_m: Vector3 | None,
+        global_enu_m: Vector3 | None,
+        local_enu_m: Vector3 | None,
+    ) -> Vector3 | None:
+        if local_enu_m is None:
+            return None
+        latched = self._local_origins_enu_m.get(vehicle_id)
+        if latched is not None and (
+            global_enu_m is None or math.dist(_add(latched, local_enu_m), global_enu_m) < RELATCH_M
+        ):
+            return latched
+        if global_enu_m is not None:
+            origin = _subtract(global_enu_m, local_enu_m)
+            by_home = _home_origin(home, home_enu_m)
+            # The home does not move while both positions do: take it where it tells the same.
+            if by_home is not None and math.dist(by_home, origin) < RELATCH_M:
+                origin = by_home
+            self._local_origins_enu_m[vehicle_id] = origin
+            return origin
+        # No global position (yet): the home tells, else the world starts here; neither is latched.
+        return _home_origin(home, home_enu_m) or (0.0, 0.0, 0.0)
+
+
+def _home_origin(home: Home | None, home_enu_m: Vector3 | None) -> Vector3 | None:
+    if home is None or home_enu_m is None or home.position_ned_m is None:
+        return None
+    home_local_enu_m = enu_from_ned(home.position_ned_m)
+    return _subtract(home_enu_m, home_local_enu_m) if _finite(home_local_enu_m) else None
+
+
+def _finite(values: Vector3) -> bool:
+    return all(math.isfinite(v) for v in values)
+
+
+def _add(a: Vector3, b: Vector3) -> Vector3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _subtract(a: Vector3, b: Vector3) -> Vector3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

@@ -1,0 +1,160 @@
+"""From a vehicle's topics to what is drawn of it: pure, one frozen value a look."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_server.scene.frames import (
+    IDENTITY,
+    Quaternion,
+    Vector3,
+    conjugate,
+    enu_from_ned,
+    multiply,
+    normalized,
+    q_enu_flu_from_q_ned_frd,
+    q_ned_camera,
+    yaw_enu_from_ned,
+)
+from gcs_server.scene.placement import Place
+from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
+from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
+
+PWM_STOPPED_US = 1000
+PWM_FULL_US = 2000
+TARGET_FRESH_S = 1.5
+"""PX4 sends POSITION_TARGET_LOCAL_NED at 10 Hz while something is followed."""
+VELOCITY_ARROW_S = 1.0
+"""A velocity asked for is shown where it would lead in this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What is asked for, in the world's ENU."""
+
+    position_enu_m: Vector3
+    yaw_enu_rad: float | None
+    is_velocity: bool
+    """The place is where the velocity leads, not one that was asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclePose:
+    """All that a view draws of one vehicle."""
+
+    position_enu_m: Vector3
+    q_enu_flu: Quaternion
+    ground_z_m: float
+    home_enu_m: Vector3 | None
+    q_body_camera: Quaternion | None
+    """Takes the camera's forward-left-up to the body's; None: no gimbal has been heard."""
+    motors: tuple[float, float, float, float] | None
+    """Commanded effort of PX4's motors 1–4, 0 to 1; None where the vehicle does not tell."""
+    target: Target | None
+    lost: bool
+    label: str
+    note: str
+    """What must stand beside the label: simulated, replayed, lost, no position; else empty."""
+
+
+def pose_of(
+    vehicle: SceneVehicle, place: Place, offboard: OffboardTarget | None, now_monotonic_s: float
+) -> VehiclePose:
+    """Looks at a vehicle's newest samples."""
+    attitude = value_of(vehicle, "attitude", Attitude)
+    status = value_of(vehicle, "status", Status)
+    q_ned_frd = (normalized(attitude.q_ned_frd) if attitude else None) or IDENTITY
+    yaw_ned_rad = attitude.yaw_ned_rad if attitude else 0.0
+    lost = status is not None and status.link_lost
+    return VehiclePose(
+        position_enu_m=place.position_enu_m,
+        q_enu_flu=q_enu_flu_from_q_ned_frd(q_ned_frd),
+        ground_z_m=place.ground_z_m,
+        home_enu_m=place.home_enu_m,
+        q_body_camera=gimbal_in_body(value_of(vehicle, "gimbal", Gimbal), q_ned_frd, yaw_ned_rad),
+        motors=motor_efforts(value_of(vehicle, "motors", Motors), armed=status is not None and status.armed),
+        target=None if lost else _target(vehicle, place, offboard, now_monotonic_s),
+        lost=lost,
+        label=_label(vehicle.id, place),
+        note=_note(vehicle, place, lost),
+    )
+
+
+def gimbal_in_body(gimbal: Gimbal | None, q_ned_frd: Quaternion, yaw_ned_rad: float) -> Quaternion | None:
+    """The camera against the airframe, both in FLU: what the drawn gimbal has to turn by."""
+    q = normalized(gimbal.q) if gimbal else None
+    if gimbal is None or q is None:
+        return None
+    q_camera = q_ned_camera(q, yaw_in_earth_frame=gimbal.yaw_in_earth_frame, vehicle_yaw_ned_rad=yaw_ned_rad)
+    return multiply(
+        conjugate(q_enu_flu_from_q_ned_frd(q_ned_frd)),
+        q_enu_flu_from_q_ned_frd(q_camera),
+    )
+
+
+def motor_efforts(motors: Motors | None, *, armed: bool) -> tuple[float, float, float, float] | None:
+    """PWM of the first four outputs as 0 to 1; a disarmed vehicle's motors stand still."""
+    if motors is None or len(motors.pwm_us) < 4:
+        return None
+    if not armed:
+        return (0.0, 0.0, 0.0, 0.0)
+    span = PWM_FULL_US - PWM_STOPPED_US
+    a, b, c, d = (min(1.0, max(0.0, (pwm - PWM_STOPPED_US) / span)) for pwm in motors.pwm_us[:4])
+    return (a, b, c, d)
+
+
+def _target(
+    vehicle: SceneVehicle, place: Place, offboard: OffboardTarget | None, now_monotonic_s: float
+) -> Target | None:
+    origin = place.local_origin_enu_m
+    if origin is None:
+        return None
+    if offboard is None:
+        sample = vehicle.topic("target_local")
+        if sample is None or not isinstance(sample.value, TargetLocal):
+            return None
+        if now_monotonic_s - sample.received_monotonic_s > TARGET_FRESH_S:
+            return None
+        status = value_of(vehicle, "status", Status)
+        if status is not None and not status.armed:
+            return None
+        offboard = OffboardTarget(
+            position_ned_m=_whole(sample.value.position_ned_m),
+            velocity_ned_m_s=_whole(sample.value.velocity_ned_m_s),
+            yaw_ned_rad=sample.value.yaw_ned_rad,
+        )
+    yaw_enu_rad = None if offboard.yaw_ned_rad is None else yaw_enu_from_ned(offboard.yaw_ned_rad)
+    if offboard.position_ned_m is not None:
+        at = enu_from_ned(offboard.position_ned_m)
+        return Target((origin[0] + at[0], origin[1] + at[1], origin[2] + at[2]), yaw_enu_rad, False)
+    if offboard.velocity_ned_m_s is not None:
+        v = enu_from_ned(offboard.velocity_ned_m_s)
+        p, t = place.position_enu_m, VELOCITY_ARROW_S
+        return Target((p[0] + v[0] * t, p[1] + v[1] * t, p[2] + v[2] * t), yaw_enu_rad, True)
+    return None
+
+
+def _whole(v: tuple[float | None, float | None, float | None]) -> Vector3 | None:
+    a, b, c = v
+    if a is None or b is None or c is None or not all(math.isfinite(x) for x in (a, b, c)):
+        return None
+    return (a, b, c)
+
+
+def _label(vehicle_id: str, place: Place) -> str:
+    if not place.known:
+        return vehicle_id
+    height_m = place.position_enu_m[2] - place.ground_z_m
+    # No "-0.0": half a decimetre of estimator noise on the ground is not below it.
+    return f"{vehicle_id} · {height_m if abs(height_m) >= 0.05 else 0.0:.1f} m"
+
+
+def _note(vehicle: SceneVehicle, place: Place, lost: bool) -> str:
+    facts = (
+        (lost, "lost"),
+        (not place.known, "no position"),
+        (vehicle.identity.simulated, "simulated"),
+        (vehicle.identity.replayed, "replayed"),
+    )
+    return ", ".join(text for is_so, text in facts if is_so)

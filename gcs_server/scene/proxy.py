@@ -1,0 +1,171 @@
+"""The way to the 3D view through the server's own port, and the only one.
+
+`GET /scene/` is the program, `WS /scene/` its stream, `POST /scene/view/{token}` says what one view
+shows. A browser may say through the stream where its camera is, and nothing else: everything else that
+viser would obey (above all the request for a public tunnel) ends here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+from collections.abc import Callable
+from typing import Any, Literal
+from urllib.parse import urlencode
+
+import msgspec
+import websockets.asyncio.client
+from fastapi import APIRouter, Request, Response, WebSocket
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.datastructures import Headers
+from starlette.websockets import WebSocketDisconnect
+from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.typing import Subprotocol
+
+from gcs_server.errors import Refused
+from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
+from gcs_server.scene.page import content_policy, page
+from gcs_server.scene.views import View
+
+log = logging.getLogger(__name__)
+
+ALLOWED_FROM_BROWSER = frozenset({"ViewerCameraMessage"})
+MAX_FROM_BROWSER = 4096
+"""A camera message has some 300 bytes."""
+MAX_TO_BROWSER = 64 * 1024 * 1024
+TOKEN = re.compile(r"[A-Za-z0-9_-]{1,64}")
+QUERY_KEYS = ("view", "theme", "mode", "vehicle")
+
+
+class ViewRequest(BaseModel):
+    """What a page asks of one of its views; what is left out stays as it is."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    mode: Literal["chase", "free", "gimbal", "top"] | None = None
+    vehicle: str | None = Field(default=None, max_length=32, description="A vehicle's id.")
+    theme: Literal["dark", "light"] | None = None
+
+
+def is_same_origin(headers: Headers) -> bool:
+    """True where the page that asks is one of ours (or it is no page: no browser leaves Origin out).
+
+    Compared with the Host it asked for, so that it holds behind any port mapping and name.
+    """
+    origin = headers.get("origin")
+    if origin is None:
+        return True
+    scheme, mark, asking = origin.lower().partition("://")
+    if not mark:  # "null": a sandboxed frame or a file
+        return False
+    default_port = {"http": ":80", "https": ":443"}.get(scheme, "")
+    host = headers.get("host", "").lower()
+    return asking.removesuffix(default_port) == host.removesuffix(default_port)
+
+
+def is_allowed_from_browser(data: bytes) -> bool:
+    """True for a message viser may get to see."""
+    if len(data) > MAX_FROM_BROWSER:
+        return False
+    try:
+        message = msgspec.msgpack.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return False
+    return isinstance(message, dict) and message.get("type") in ALLOWED_FROM_BROWSER
+
+
+def scene_router(host: ViserHost, set_view: Callable[[str, ViewRequest], View]) -> APIRouter:
+    """The routes below `/scene`.
+
+    Args:
+        set_view: keeps what a token's view shall show; raises UnknownVehicle.
+    """
+    router = APIRouter(prefix="/scene", include_in_schema=False)
+
+    @router.get("/")
+    async def program(request: Request) -> Response:
+        document = page()
+        headers = {
+            "Content-Security-Policy": content_policy(
+                request.headers.get("host", ""), secure=request.url.scheme == "https"
+            ),
+            "ETag": document.etag,
+            "Cache-Control": "no-cache",
+            "Vary": "Accept-Encoding",
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+        }
+        if request.headers.get("if-none-match") == document.etag:
+            return Response(status_code=304, headers=headers)
+        body = document.plain
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            body, headers["Content-Encoding"] = document.zipped, "gzip"
+        return Response(body, media_type="text/html; charset=utf-8", headers=headers)
+
+    @router.post("/view/{token}")
+    async def choose_view(token: str, wanted: ViewRequest, request: Request) -> dict[str, Any]:
+        if not is_same_origin(request.headers):
+            raise Refused("A page of another origin may not steer the 3D view.")
+        if not TOKEN.fullmatch(token):
+            raise Refused(
+                "The token of a view has 1 to 64 letters, figures, - or _.",
+                remedy="Use the one of the frame's own address, ?view=….",
+            )
+        view = set_view(token, wanted)
+        return {"mode": view.mode, "vehicle": view.vehicle, "theme": view.theme}
+
+    @router.websocket("/")
+    async def stream(websocket: WebSocket) -> None:
+        if not is_same_origin(websocket.headers):
+            log.warning("3D view refused to a page of %s", websocket.headers.get("origin"))
+            await websocket.close(code=1008)  # before accept: HTTP 403
+            return
+        await _bridge(websocket, host)
+
+    return router
+
+
+async def _bridge(websocket: WebSocket, host: ViserHost) -> None:
+    query = {k: v for k in QUERY_KEYS if (v := websocket.query_params.get(k)) and len(v) <= 64}
+    offered = [Subprotocol(p) for p in websocket.scope.get("subprotocols", []) if p.startswith("viser-v")]
+    try:
+        upstream = await websockets.asyncio.client.unix_connect(
+            str(host.socket_path),
+            f"ws://scene/?{urlencode(query)}",
+            subprotocols=offered or None,
+            additional_headers={SECRET_HEADER: host.secret},
+            compression=None,
+            max_size=MAX_TO_BROWSER,
+            user_agent_header=None,
+        )
+    except (OSError, WebSocketException, SceneError) as error:
+        log.warning("3D view not available: %s", error)
+        await websocket.close(code=1013)
+        return
+    async with upstream:
+        await websocket.accept(subprotocol=upstream.subprotocol)
+        async with asyncio.TaskGroup() as both:
+            both.create_task(_to_browser(upstream, websocket), name="scene to browser")
+            both.create_task(_from_browser(websocket, upstream), name="scene from browser")
+
+
+async def _to_browser(upstream: websockets.asyncio.client.ClientConnection, websocket: WebSocket) -> None:
+    try:
+        # One message at a time: while the browser is slow viser waits too, and keeps only the newest.
+        async for data in upstream:
+            if isinstance(data, bytes):
+                await websocket.send_bytes(data)
+        await websocket.close(code=upstream.close_code or 1001, reason=upstream.close_reason or "")
+    except (ConnectionClosed, WebSocketDisconnect, RuntimeError, OSError):
+        await upstream.close()
+
+
+async def _from_browser(websocket: WebSocket, upstream: websockets.asyncio.client.ClientConnection) -> None:
+    try:
+        while True:
+            data = await websocket.receive_bytes()
+            if is_allowed_from_browser(data):
+                await upstream.send(data)
+    except (ConnectionClosed, WebSocketDisconnect, RuntimeError, KeyError, OSError):
+        await upstream.close()

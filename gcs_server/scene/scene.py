@@ -1,0 +1,175 @@
+"""The 3D view of the fleet: looks at the topics 30 times a second, and only while somebody looks on.
+
+It reads and never commands. Whatever goes wrong in here ends `run()`, which its supervisor reports and
+starts again; nothing else of the server waits for it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+
+from fastapi import APIRouter
+
+from gcs_server.clock import Clock
+from gcs_server.scene.host import ViserHost
+from gcs_server.scene.palette import Theme
+from gcs_server.scene.placement import Placement
+from gcs_server.scene.ports import OffboardTargets, SceneFleet
+from gcs_server.scene.pose import VehiclePose, pose_of
+from gcs_server.scene.proxy import TOKEN, ViewRequest, scene_router
+from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.stage import Stage
+from gcs_server.scene.trail import Trail
+from gcs_server.scene.views import CAMERAS, View
+
+log = logging.getLogger(__name__)
+
+PERIOD_S = 1.0 / 30.0
+IDLE_PERIOD_S = 0.2
+"""With nobody looking on: enough to keep the trails."""
+LONGEST_STEP_S = 0.25
+MAX_VIEWS = 64
+"""Choices of views kept for pages that may come back."""
+
+
+class _Track:
+    """What is kept of one vehicle between two looks."""
+
+    def __init__(self) -> None:
+        self.smoother = Smoother()
+        self.trail = Trail()
+
+
+class Scene:
+    """Everything of the 3D view behind one name.
+
+    Args:
+        fleet: what to draw; read only.
+        clock: measures the steps.
+        offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
+    """
+
+    def __init__(self, fleet: SceneFleet, clock: Clock, offboard: OffboardTargets | None = None) -> None:
+        self._fleet = fleet
+        self._clock = clock
+        self._offboard = offboard
+        self._host = ViserHost()
+        self._placement = Placement()
+        self._tracks: dict[str, _Track] = {}
+        self._views: OrderedDict[str, View] = OrderedDict()
+        self._stages: dict[int, tuple[str, Stage]] = {}
+        self._router = scene_router(self._host, self._set_view)
+        self._started = False
+
+    def router(self) -> APIRouter:
+        """`/scene/` and what is below it, to be included in the server's application."""
+        return self._router
+
+    @property
+    def viewers(self) -> int:
+        """How many browsers look on."""
+        return len(self._stages)
+
+    async def start(self) -> None:
+        """Brings viser up. Raises SceneError; `run` tries again by itself."""
+        if not self._started:
+            await self._host.start()
+            self._started = True
+
+    async def run(self) -> None:
+        """Draws until cancelled; to be supervised."""
+        await self.start()
+        # After a failure every browser's scene is built anew: nothing half-done stays.
+        for _, stage in self._stages.values():
+            stage.close()
+        self._stages.clear()
+        last_s = self._clock.monotonic_s()
+        while True:
+            now_s = self._clock.monotonic_s()
+            self._step(now_s, min(LONGEST_STEP_S, now_s - last_s))
+            last_s = now_s
+            spent_s = self._clock.monotonic_s() - now_s
+            period_s = PERIOD_S if self._stages else IDLE_PERIOD_S
+            await self._clock.sleep(max(0.002, period_s - spent_s))
+
+    async def stop(self) -> None:
+        """Ends viser and its threads."""
+        self._stages.clear()
+        self._started = False
+        await self._host.stop()
+
+    def _step(self, now_s: float, dt_s: float) -> None:
+        clients = self._host.clients()
+        for gone in [c for c in self._stages if c not in clients]:
+            del self._stages[gone]
+        self._look_at_fleet(now_s, dt_s, drawn=bool(clients))
+        drawn = {
+            vehicle.id: (index, track.smoother, track.trail)
+            for index, vehicle in enumerate(self._fleet.all())
+            if (track := self._tracks.get(vehicle.id)) is not None
+        }
+        for client_id, client in clients.items():
+            known = self._stages.get(client_id)
+            token = known[0] if known is not None else self._token(client_id)
+            view = self._views[token]
+            if known is None or known[1].theme != view.theme:
+                if known is not None:
+                    known[1].close()
+                known = (token, Stage(client, view))
+                self._stages[client_id] = known
+            known[1].update(view, drawn, now_s)
+
+    def _look_at_fleet(self, now_s: float, dt_s: float, *, drawn: bool) -> None:
+        vehicles = self._fleet.all()
+        present = {vehicle.id for vehicle in vehicles}
+        for gone in [v for v in self._tracks if v not in present]:
+            del self._tracks[gone]
+            self._placement.forget(gone)
+        if not vehicles:
+            self._placement.reset()
+        for vehicle in vehicles:
+            track = self._tracks.setdefault(vehicle.id, _Track())
+            place = self._placement.place(vehicle)
+            if place.known:
+                track.trail.add(place.position_enu_m)
+            if drawn:
+                target = self._offboard(vehicle.id) if self._offboard is not None else None
+                pose: VehiclePose = pose_of(vehicle, place, target, now_s)
+                track.smoother.step(pose, dt_s)
+
+    def _set_view(self, token: str, wanted: ViewRequest) -> View:
+        if wanted.vehicle is not None:
+            self._fleet.get(wanted.vehicle)
+        changed = wanted.model_dump(exclude_none=True)
+        old = self._views.get(token, View())
+        return self._keep(token, View(**{**_as_dict(old), **changed}))
+
+    def _token(self, client_id: int) -> str:
+        """The name under which a page steers this view, and what its address asked for."""
+        query = self._host.query_of(client_id)
+        token = query.get("view", "")
+        if not TOKEN.fullmatch(token):
+            token = f".{client_id}"  # no page can name it
+        if token not in self._views:
+            self._keep(token, _view_from_query(query))
+        return token
+
+    def _keep(self, token: str, view: View) -> View:
+        self._views[token] = view
+        self._views.move_to_end(token)
+        in_use = {t for t, _ in self._stages.values()} | {token}
+        for old in [t for t in self._views if t not in in_use][: max(0, len(self._views) - MAX_VIEWS)]:
+            del self._views[old]
+        return view
+
+
+def _view_from_query(query: dict[str, str]) -> View:
+    """What cannot be understood falls back to the default: a picture is better than an error here."""
+    mode = next((m for m in CAMERAS if m == query.get("mode")), "chase")
+    theme: Theme = "light" if query.get("theme") == "light" else "dark"
+    return View(mode=mode, vehicle=query.get("vehicle") or None, theme=theme)
+
+
+def _as_dict(view: View) -> dict[str, object]:
+    return {"mode": view.mode, "vehicle": view.vehicle, "theme": view.theme}

@@ -1,0 +1,70 @@
+"""Takes the steps out of telemetry that comes at 10 to 50 Hz and is drawn at 30: a short first-order lag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from gcs_server.scene.frames import Quaternion, Vector3, normalized
+from gcs_server.scene.model import ROTOR_SPINS
+from gcs_server.scene.pose import VehiclePose
+
+LAG_S = 0.07
+SNAP_M = 15.0
+"""Farther than this at once is a jump, and shown as one."""
+SPIN_HZ = 2.6
+"""A rotor at full effort; its real hundred turns a second would look like standing still."""
+SETTLED = 1e-4
+
+
+class Smoother:
+    """Of one vehicle: its pose as drawn, and how far its rotors have turned."""
+
+    def __init__(self) -> None:
+        self.pose: VehiclePose | None = None
+        self.rotor_angles_rad: tuple[float, ...] = (0.3, 1.1, 2.0, 2.7)
+
+    def step(self, measured: VehiclePose, dt_s: float) -> VehiclePose:
+        """What to draw `dt_s` after the last time."""
+        last = self.pose
+        if measured.motors is not None and not measured.lost:
+            self.rotor_angles_rad = tuple(
+                (angle + spin * 2 * math.pi * SPIN_HZ * _visible_effort(effort) * dt_s) % (2 * math.pi)
+                for angle, spin, effort in zip(
+                    self.rotor_angles_rad, ROTOR_SPINS, measured.motors, strict=True
+                )
+            )
+        if last is None or math.dist(last.position_enu_m, measured.position_enu_m) > SNAP_M:
+            self.pose = measured
+            return measured
+        share = 1.0 - math.exp(-max(0.0, dt_s) / LAG_S)
+        camera = measured.q_body_camera
+        if camera is not None and last.q_body_camera is not None:
+            camera = _towards(last.q_body_camera, camera, share)
+        self.pose = replace(
+            measured,
+            position_enu_m=_between(last.position_enu_m, measured.position_enu_m, share),
+            q_enu_flu=_towards(last.q_enu_flu, measured.q_enu_flu, share),
+            q_body_camera=camera,
+        )
+        return self.pose
+
+
+def _visible_effort(effort: float) -> float:
+    # Idling rotors turn visibly; the root spreads the low efforts, where a hover is.
+    return math.sqrt(effort) if effort > 0.0 else 0.0
+
+
+def _between(a: Vector3, b: Vector3, share: float) -> Vector3:
+    if math.dist(a, b) < SETTLED:
+        return b
+    return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)
+
+
+def _towards(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    if abs(dot) > 1.0 - SETTLED * SETTLED:
+        return b
+    s = math.copysign(share, dot)
+    mixed = tuple(x * (1.0 - share) + y * s for x, y in zip(a, b, strict=True))
+    return normalized((mixed[0], mixed[1], mixed[2], mixed[3])) or b

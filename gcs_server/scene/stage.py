@@ -1,0 +1,207 @@
+"""One browser's scene: viser nodes made once, then only what has changed is sent.
+
+Each browser has its own, because each has its own theme and looks from its own place. Nodes below
+`/world` are in the world's ENU; `/world` itself is moved by the view (`views.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import viser
+
+from gcs_server.scene.frames import Vector3
+from gcs_server.scene.labels import Board
+from gcs_server.scene.palette import PALETTES, Palette, rgb
+from gcs_server.scene.pose import VehiclePose
+from gcs_server.scene.shapes import Shapes, shapes
+from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.strokes import scale_marks
+from gcs_server.scene.trail import Trail
+from gcs_server.scene.vehicle_node import VehicleNode, set_pose
+from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, in_world, world_pose
+
+GRID_STEPS_M = (1.0, 10.0, 100.0)
+"""Cell sizes; sections are ten of them."""
+CAMERA_STRAYED_M = 0.02
+FAR_M = 20_000.0
+
+
+class Stage:
+    """What one connected browser sees.
+
+    Args:
+        client: viser's handle of it.
+        view: what it asked for.
+    """
+
+    def __init__(self, client: viser.ClientHandle, view: View) -> None:
+        self._client = client
+        self._scene = client.scene
+        self._palette: Palette = PALETTES[view.theme]
+        self._shapes: Shapes = shapes()
+        self._vehicles: dict[str, VehicleNode] = {}
+        self._world_pose = WorldPose()
+        self._mode: Mode | None = None
+        self._grid_step_m = 0.0
+        self._next_grid_s = 0.0
+        client.gui.configure_theme(
+            control_layout="floating",
+            dark_mode=view.theme == "dark",
+            show_logo=False,
+            show_share_button=False,
+        )
+        self._scene.configure_environment_map(None)
+        self._scene.configure_default_lights(enabled=False)
+        self.theme = view.theme
+        with client.atomic():
+            self._world = self._scene.add_frame("/world", show_axes=False)
+            self._lights = self._scene.add_frame("/lights", show_axes=False)
+            self._add_lights()
+            self._grid = self._add_grid()
+            self._marks: Any = None
+            self._board = Board(client)
+
+    def close(self) -> None:
+        """Takes everything down, to be built anew in another theme; the browser stays."""
+        with self._client.atomic():
+            for node in self._vehicles.values():
+                node.remove()
+            self._vehicles.clear()
+            self._board.remove()
+            for handle in (self._marks, self._grid, self._world, self._lights):
+                if handle is not None:
+                    handle.remove()
+
+    def update(
+        self,
+        view: View,
+        fleet: dict[str, tuple[int, Smoother, Trail]],
+        now_s: float,
+    ) -> None:
+        """Sends what is new.
+
+        Args:
+            fleet: by id: place in the fleet (for the colour), pose as drawn, trail.
+        """
+        seen = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
+        with self._client.atomic():
+            for vehicle_id in [v for v in self._vehicles if v not in fleet]:
+                self._vehicles.pop(vehicle_id).remove()
+            for vehicle_id, (index, smoother, trail) in fleet.items():
+                if smoother.pose is None:
+                    continue
+                node = self._vehicles.get(vehicle_id)
+                if node is None:
+                    node = VehicleNode(self._client, index, self._palette, self._shapes)
+                    self._vehicles[vehicle_id] = node
+                through_its_camera = view.mode == "gimbal" and vehicle_id == seen
+                node.update(smoother, trail, now_s, hidden=through_its_camera)
+            self._look(view, fleet[seen][1].pose if seen is not None else None)
+            self._board.say([label for node in self._vehicles.values() for label in node.labels], now_s)
+            if now_s >= self._next_grid_s:
+                self._next_grid_s = now_s + 0.5
+                self._fit_grid()
+
+    def _look(self, view: View, pose: VehiclePose | None) -> None:
+        world = world_pose(view.mode, pose)
+        if view.mode != self._mode:
+            self._start_mode(view.mode, world, pose)
+        elif view.mode == "gimbal":
+            self._hold_camera()
+        if world != self._world_pose:
+            set_pose(self._world, world.position_m, world.q)
+            if world.q != self._world_pose.q:
+                self._lights.wxyz = world.q
+            self._world_pose = world
+
+    def _start_mode(self, mode: Mode, world: WorldPose, pose: VehiclePose | None) -> None:
+        wanted, camera = CAMERAS[mode], self._client.camera
+        position, look_at = wanted.position_m, wanted.look_at_m
+        if mode == "free" and self._mode is not None:
+            # Stay where one is: only the world comes back to its place.
+            position = in_world(self._world_pose, _triple(camera.position))
+            look_at = in_world(self._world_pose, _triple(camera.look_at))
+        elif mode == "free" and pose is not None:
+            position = _sum(wanted.position_m, pose.position_enu_m)
+            look_at = pose.position_enu_m
+        self._mode = mode
+        self._set_camera(position, look_at, wanted.fov_rad)
+
+    def _set_camera(self, position: Vector3, look_at: Vector3, fov_rad: float) -> None:
+        camera = self._client.camera
+        camera.up_direction = (0.0, 0.0, 1.0)
+        camera.position = position
+        camera.look_at = look_at
+        camera.fov = fov_rad
+        camera.near, camera.far = 0.05, FAR_M
+
+    def _hold_camera(self) -> None:
+        wanted, camera = CAMERAS["gimbal"], self._client.camera
+        look_at = _triple(camera.look_at)
+        ahead = _difference(look_at, _triple(camera.position))
+        strayed_m = math.dist(_triple(camera.position), wanted.position_m)
+        if strayed_m > CAMERA_STRAYED_M or math.hypot(ahead[1], ahead[2]) > 0.01 * max(0.1, ahead[0]):
+            self._set_camera(wanted.position_m, wanted.look_at_m, wanted.fov_rad)
+
+    def _fit_grid(self) -> None:
+        """Finer near the ground, coarser from above; the figures on it follow."""
+        camera = self._client.camera
+        height_m = abs(in_world(self._world_pose, _triple(camera.position))[2])
+        step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < 25 * s), GRID_STEPS_M[-1])
+        if step_m == self._grid_step_m:
+            return
+        self._grid_step_m = step_m
+        self._grid.cell_size, self._grid.section_size = step_m, step_m * 10
+        self._grid.fade_distance = step_m * 90
+        if self._marks is not None:
+            self._marks.remove()
+        self._marks = self._scene.add_line_segments(
+            "/world/marks",
+            scale_marks(step_m * 10),
+            rgb(self._palette.text_3),
+            thickness=1.2,
+            thickness_units="screen",
+            position=(0.0, 0.0, 0.004 * step_m),
+        )
+
+    def _add_grid(self) -> Any:
+        return self._scene.add_grid(
+            "/world/ground",
+            infinite_grid=True,
+            cell_color=rgb(self._palette.grid),
+            section_color=rgb(self._palette.grid_section),
+            cell_thickness=0.9,
+            section_thickness=1.3,
+            cell_size=1.0,
+            section_size=10.0,
+            fade_distance=90.0,
+            fade_strength=1.6,
+            shadow_opacity=0.0,
+        )
+
+    def _add_lights(self) -> None:
+        dark = self._palette.theme == "dark"
+        self._scene.add_light_hemisphere(
+            "/lights/sky",
+            sky_color=(255, 255, 255),
+            ground_color=(70, 84, 96) if dark else (170, 178, 184),
+            intensity=1.5 if dark else 2.6,
+            position=(0.0, 0.0, 1.0),
+        )
+        self._scene.add_light_directional("/lights/sun", intensity=2.2, position=(-3.0, 2.0, 6.0))
+        self._scene.add_light_directional("/lights/back", intensity=0.7, position=(4.0, -3.0, 2.0))
+
+
+def _triple(v: np.ndarray[Any, Any] | Vector3) -> Vector3:
+    return (float(v[0]), float(v[1]), float(v[2]))
+
+
+def _sum(a: Vector3, b: Vector3) -> Vector3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _difference(a: Vector3, b: Vector3) -> Vector3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

@@ -1,0 +1,289 @@
+"""One vehicle in one browser's scene: its nodes, and the little that is sent of it at each step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import viser
+
+from gcs_server.scene.frames import IDENTITY, Quaternion, Vector3, q_from_yaw, rotate
+from gcs_server.scene.labels import Label
+from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
+from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.pose import Target, VehiclePose
+from gcs_server.scene.shapes import Shapes
+from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.trail import Trail
+
+FRUSTUM_MIN_M = 0.9
+FRUSTUM_MAX_M = 2.6
+TRAIL_EVERY_S = 1.0 / 15.0
+LABEL_ABOVE_M = 0.62
+GROUND_GAP_M = 0.012
+"""What lies on the ground lies this much above it, or it would flicker."""
+AWAY_M = 0.35
+"""Nearer than this the target is the vehicle: no line between them."""
+
+
+def set_pose(handle: Any, position_m: Vector3, q: Quaternion) -> None:
+    """Moves a node."""
+    handle.position = position_m
+    handle.wxyz = q
+
+
+class VehicleNode:
+    """The nodes of one vehicle.
+
+    Args:
+        index: place in the fleet; gives the identity colour.
+    """
+
+    _count = 0
+
+    def __init__(self, client: viser.ClientHandle, index: int, palette: Palette, shapes: Shapes) -> None:
+        VehicleNode._count += 1
+        self._root = f"/world/vehicle_{VehicleNode._count}"
+        self._client, self._scene = client, client.scene
+        self._palette, self._shapes = palette, shapes
+        self._colour = palette.identity(index)
+        self._rgb = lit(self._colour, palette)
+        self._drawn: VehiclePose | None = None
+        self._angles: tuple[float, ...] = ()
+        self._trail_version = -1
+        self._next_trail_s = 0.0
+        self._tail_end: Vector3 | None = None
+        self._frustum_m = 0.0
+        self._add_airframe()
+        self._add_gimbal()
+        self._add_ground_marks()
+        self._add_target()
+        self._sealed: Any = None
+        self._tail = self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
+        self._label = Label(client, f"{self._root}/label", self._colour)
+        self._hidden: bool | None = None
+
+    def remove(self) -> None:
+        """Takes it down."""
+        self._top.remove()
+
+    @property
+    def labels(self) -> list[Label]:
+        """Its tags."""
+        return [self._label, self._target_label]
+
+    def update(self, smoother: Smoother, trail: Trail, now_s: float, *, hidden: bool) -> None:
+        """Sends what has changed since the last time.
+
+        Args:
+            hidden: without airframe, label and frustum: one looks through its camera.
+        """
+        pose = smoother.pose
+        if pose is None:
+            return
+        last = self._drawn
+        if hidden != self._hidden:
+            self._hidden = hidden
+            self._body.visible = not hidden
+            self._label.shown = not hidden
+        if last is None or pose.position_enu_m != last.position_enu_m or pose.q_enu_flu != last.q_enu_flu:
+            self._move(pose, last)
+        if pose.motors is not None and smoother.rotor_angles_rad != self._angles:
+            self._angles = smoother.rotor_angles_rad
+            self._blades.batched_wxyzs = rotor_quaternions(self._angles)
+        self._point_gimbal(pose, last)
+        if last is None or pose.lost != last.lost:
+            self._show_lost(pose.lost)
+        if last is None or pose.home_enu_m != last.home_enu_m:
+            self._home.visible = pose.home_enu_m is not None
+            if pose.home_enu_m is not None:
+                self._home.position = _lifted(pose.home_enu_m)
+        self._show_target(pose, last)
+        self._label.text, self._label.note = pose.label, pose.note
+        if now_s >= self._next_trail_s:
+            self._next_trail_s = now_s + TRAIL_EVERY_S
+            self._draw_trail(trail, pose.position_enu_m)
+        self._drawn = pose
+
+    def _move(self, pose: VehiclePose, last: VehiclePose | None) -> None:
+        x, y, z = pose.position_enu_m
+        if last is None or pose.q_enu_flu != last.q_enu_flu:
+            self._body.wxyz = pose.q_enu_flu
+        if last is not None and pose.position_enu_m == last.position_enu_m:
+            return
+        self._body.position = pose.position_enu_m
+        self._label.move((x, y, z + LABEL_ABOVE_M))
+        height_m = z - pose.ground_z_m
+        self._shadow.position = (x, y, pose.ground_z_m + GROUND_GAP_M)
+        self._plumb.position = (x, y, pose.ground_z_m)
+        self._plumb.scale = (1.0, 1.0, max(0.001, height_m))
+        self._plumb.visible = height_m > 0.3
+
+    def _point_gimbal(self, pose: VehiclePose, last: VehiclePose | None) -> None:
+        q = pose.q_body_camera
+        if last is None or (q is None) != (last.q_body_camera is None):
+            self._gimbal.visible = q is not None
+        if q is None:
+            return
+        if last is None or q != last.q_body_camera:
+            self._gimbal.wxyz = q
+        depth_m = _frustum_depth(pose, q)
+        if abs(depth_m - self._frustum_m) > 0.02:
+            self._frustum_m = depth_m
+            self._frustum.scale = depth_m
+
+    def _show_lost(self, lost: bool) -> None:
+        """Hollow and grey: nothing stale looks live."""
+        p = self._palette
+        grey = p.lost
+        self._shell.color, self._shell.opacity = (grey, 0.22) if lost else (p.body, None)
+        self._dark.color, self._dark.opacity = (grey, 0.22) if lost else (p.dark_part, None)
+        colour = grey if lost else self._rgb
+        self._mark.color, self._mark.opacity = colour, 0.5 if lost else None
+        self._rims.colors = np.asarray(colour, np.uint8)
+        self._discs.visible = self._frustum.visible = not lost
+        self._blades.visible = not lost
+        self._label.colour = self._palette.text_3 if lost else self._colour
+
+    def _show_target(self, pose: VehiclePose, last: VehiclePose | None) -> None:
+        target = pose.target
+        if last is None or (target is None) != (last.target is None):
+            self._target.visible = self._way.visible = target is not None
+            self._target_label.shown = target is not None
+        if target is None:
+            return
+        if last is None or target != last.target:
+            yaw = target.yaw_enu_rad
+            set_pose(self._target, target.position_enu_m, q_from_yaw(yaw) if yaw is not None else IDENTITY)
+            x, y, z = target.position_enu_m
+            self._target_label.move((x, y, z + LABEL_ABOVE_M * 0.7))
+        self._stretch(pose, target)
+        height_m = target.position_enu_m[2] - pose.ground_z_m
+        self._target_label.text = "velocity" if target.is_velocity else f"target {height_m:.1f} m"
+
+    def _stretch(self, pose: VehiclePose, target: Target) -> None:
+        a, b = pose.position_enu_m, target.position_enu_m
+        way = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+        length_m = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+        away = length_m > AWAY_M
+        self._way.visible = away
+        self._target_label.shown = away
+        if away:
+            set_pose(self._way, a, q_along(way))
+            self._way.scale = (length_m, 1.0, 1.0)
+
+    def _draw_trail(self, trail: Trail, head: Vector3) -> None:
+        if trail.version != self._trail_version:
+            self._trail_version = trail.version
+            if self._sealed is not None:
+                self._sealed.remove()
+                self._sealed = None
+            if len(trail.sealed) > 1:
+                self._sealed = self._lines("/trail", _chain(trail.sealed), self._colour, 2.6)
+            self._tail_end = None
+        if trail.recent and head != self._tail_end:
+            self._tail_end = head
+            self._tail.points = _chain([*trail.recent, head])
+
+    def _add_airframe(self) -> None:
+        s, p = self._shapes, self._palette
+        self._top = self._scene.add_frame(self._root, show_axes=False)
+        self._body = self._scene.add_frame(f"{self._root}/body", show_axes=False)
+        self._shell = self._mesh("/body/shell", s.shell, p.body)
+        self._dark = self._mesh("/body/dark", s.dark_parts, p.dark_part)
+        self._mark = self._mesh("/body/mark", s.front_mark, self._rgb, side="double")
+        self._discs = self._mesh(
+            "/body/discs", s.rotor_discs, self._rgb, opacity=p.disc_opacity, side="double"
+        )
+        self._rims = self._lines("/body/rims", s.rotor_rims, self._colour, 1.5)
+        self._blades = self._scene.add_batched_meshes_simple(
+            f"{self._root}/body/blades",
+            s.blades.vertices,
+            s.blades.faces,
+            batched_wxyzs=rotor_quaternions((0.3, 1.1, 2.0, 2.7)),
+            batched_positions=np.asarray(ROTORS_FLU_M, np.float32),
+            batched_colors=p.body,
+            side="double",
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _add_gimbal(self) -> None:
+        s, p = self._shapes, self._palette
+        self._gimbal = self._scene.add_frame(
+            f"{self._root}/body/gimbal", show_axes=False, position=GIMBAL_AT_M
+        )
+        self._mesh("/body/gimbal/camera", s.camera, p.dark_part)
+        self._lines("/body/gimbal/lens", s.lens, p.text, 2.0)
+        self._frustum = self._scene.add_frame(f"{self._root}/body/gimbal/sees", show_axes=False)
+        volume, edges = s.frustum
+        self._mesh("/body/gimbal/sees/volume", volume, self._rgb, opacity=0.13, side="double")
+        self._lines("/body/gimbal/sees/edges", edges, self._colour, 1.2)
+
+    def _add_ground_marks(self) -> None:
+        p = self._palette
+        self._home = self._lines("/home", self._shapes.home, p.text_2, 1.8)
+        self._shadow = self._scene.add_image(
+            f"{self._root}/shadow",
+            self._shadow_image(),
+            render_width=1.7,
+            render_height=1.7,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        upright = np.asarray([[(0, 0, 0), (0, 0, 1)]], np.float32)
+        self._plumb = self._lines("/plumb", upright, p.text_3, 1.0)
+
+    def _add_target(self) -> None:
+        p = self._palette
+        self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
+        self._way = self._lines("/way", self._shapes.dots, p.target, 2.0)
+        self._target_label = Label(self._client, f"{self._root}/target_label", p.target)
+        self._target.visible = self._way.visible = False
+        self._target_label.shown = False
+
+    def _shadow_image(self) -> Any:
+        image = self._shapes.shadow.copy()
+        image[..., 3] = (image[..., 3] * self._palette.shadow_opacity).astype(np.uint8)
+        return image
+
+    def _mesh(self, name: str, mesh: Any, colour: tuple[int, int, int], **options: Any) -> Any:
+        return self._scene.add_mesh_simple(
+            self._root + name,
+            mesh.vertices,
+            mesh.faces,
+            color=colour,
+            cast_shadow=False,
+            receive_shadow=False,
+            **options,
+        )
+
+    def _lines(self, name: str, points: Points, colour: str, width_px: float) -> Any:
+        return self._scene.add_line_segments(
+            self._root + name,
+            points,
+            lit(colour, self._palette),
+            thickness=width_px,
+            thickness_units="screen",
+        )
+
+
+def _frustum_depth(pose: VehiclePose, q_body_camera: Quaternion) -> float:
+    """Down to the ground where it is near, so that the far face lies on it [m]."""
+    forward = rotate(pose.q_enu_flu, rotate(q_body_camera, (1.0, 0.0, 0.0)))
+    height_m = pose.position_enu_m[2] - pose.ground_z_m
+    if forward[2] > -0.05:
+        return FRUSTUM_MAX_M
+    return min(FRUSTUM_MAX_M, max(FRUSTUM_MIN_M, height_m / -forward[2]))
+
+
+def _chain(points: list[Vector3]) -> Points:
+    line = np.asarray(points, np.float32)
+    return np.stack([line[:-1], line[1:]], axis=1)
+
+
+def _lifted(at_m: Vector3) -> Vector3:
+    return (at_m[0], at_m[1], at_m[2] + GROUND_GAP_M)
