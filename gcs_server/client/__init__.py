@@ -1,0 +1,32 @@
+"""The Python client: httpx and websockets, nothing else of ours.
+
+    async with Gcs() as gcs:
+        drone = await gcs.wait_for_vehicle(ready=True)
+        async with drone.offboard(position_ned_m=(0, 0, -5)) as offboard:
+            await drone.arm()
+            await offboard.position_ned(0, 0, -5)
+
+`SyncGcs` is the same without `await`.
+"""
+
+from gcs_server.client.aio import Gcs, Gimbal, Offboard, Vehicle
+from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
+from gcs_server.client.errors import ApiError, Invalid, NoReply, Refused, Timeout, Unknown, Unreachable
+
+__all__ = [
+    "ApiError",
+    "Gcs",
+    "Gimbal",
+    "Invalid",
+    "NoReply",
+    "Offboard",
+    "Refused",
+    "SyncGcs",
+    "SyncGimbal",
+    "SyncOffboard",
+    "SyncVehicle",
+    "Timeout",
+    "Unknown",
+    "Unreachable",
+    "Vehicle",
+]

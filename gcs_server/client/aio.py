@@ -1,0 +1,344 @@
+"""The asynchronous client: `async with Gcs() as gcs`.
+
+Units and frames are in the names: NED from the vehicle's local origin, metres, radians.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, TypeVar
+
+import httpx
+from websockets.asyncio.client import connect
+
+from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
+from gcs_server.client.setpoints import Body, Expiry, lifetime, setpoint
+
+T = TypeVar("T")
+
+POLL_S = 0.1
+"""How often `until` looks."""
+
+
+class Gcs:
+    """A connection to the server.
+
+    Args:
+        url: where the server is.
+        client: the name under which commands stand in the journal.
+        timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
+    """
+
+    def __init__(
+        self, url: str = "http://localhost:8080", *, client: str = "python", timeout_s: float = 60.0
+    ) -> None:
+        self.url = url.rstrip("/")
+        self._client_name = client
+        self._http = httpx.AsyncClient(
+            base_url=f"{self.url}/api/v1", headers={"X-Client": client}, timeout=timeout_s
+        )
+
+    async def __aenter__(self) -> Gcs:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._http.aclose()
+
+    async def request(self, method: str, path: str, body: Body | None = None) -> Any:
+        """One call below `/api/v1`.
+
+        Raises:
+            ApiError: the server or the vehicle said no.
+            Unreachable: the server did not answer.
+        """
+        try:
+            response = await self._http.request(method, path, json=body)
+        except httpx.TransportError as error:
+            raise Unreachable(f"No answer from {self.url}: {error or type(error).__name__}.") from error
+        raise_for(response)
+        return response.json() if response.content else None
+
+    async def vehicles(self) -> list[Vehicle]:
+        """All vehicles that the server has heard."""
+        return [Vehicle(self, entry["id"]) for entry in await self.request("GET", "/vehicles")]
+
+    def vehicle(self, vehicle_id: str) -> Vehicle:
+        """A vehicle by its id, without asking whether it is there."""
+        return Vehicle(self, vehicle_id)
+
+    async def wait_for_vehicle(
+        self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
+    ) -> Vehicle:
+        """The vehicle (any, without an id) once it is heard; with `ready`, once it says it can arm.
+
+        Raises:
+            Timeout: it did not come, or did not get ready.
+        """
+
+        async def look() -> Vehicle | None:
+            for vehicle in await self.vehicles():
+                if vehicle_id in (None, vehicle.id) and (not ready or await vehicle.is_ready()):
+                    return vehicle
+            return None
+
+        what = f"vehicle {vehicle_id}" if vehicle_id else "a vehicle"
+        return await _until(look, timeout_s, f"{what} to be {'ready to arm' if ready else 'heard'}")
+
+    async def telemetry(
+        self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0
+    ) -> AsyncIterator[dict[str, Any]]:
+        """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only."""
+        address = f"{self.url.replace('http', 'ws', 1)}/api/v1/telemetry"
+        headers = {"X-Client": self._client_name}
+        async with connect(address, additional_headers=headers, compression=None) as socket:
+            wanted = {"type": "subscribe", "vehicles": vehicles, "topics": topics, "rate_hz": rate_hz}
+            await socket.send(json.dumps(wanted))
+            async for frame in socket:
+                message = json.loads(frame)
+                for sample in message.get("samples", ()):
+                    yield {"type": "sample", **sample}
+                if message["type"] == "event":
+                    yield {"type": "event", **message["event"]}
+
+
+class Vehicle:
+    """One vehicle. Every command returns once the vehicle's own state shows it."""
+
+    def __init__(self, gcs: Gcs, vehicle_id: str) -> None:
+        self._gcs = gcs
+        self.id = vehicle_id
+        self.gimbal = Gimbal(self)
+
+    async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
+        """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
+        return await self._gcs.request(method, f"/vehicles/{self.id}{path}", body)
+
+    async def show(self) -> dict[str, Any]:
+        """Identity, status and the newest sample of every topic."""
+        return await self.request("GET")
+
+    async def status(self) -> dict[str, Any]:
+        """Armed, mode, landed state, link."""
+        return (await self.show())["status"]
+
+    async def topic(self, name: str) -> dict[str, Any] | None:
+        """The newest value of a topic, or None before the first."""
+        sample = (await self.show())["topics"].get(name)
+        return None if sample is None else sample["value"]
+
+    async def position_ned_m(self) -> tuple[float, float, float]:
+        """Where the vehicle believes to be [m].
+
+        Raises:
+            Timeout: it has not said so yet.
+        """
+        local = await self.topic("local_position")
+        if local is None:
+            raise Timeout(f"Vehicle {self.id} has not reported a local position yet.")
+        north, east, down = local["position_ned_m"]
+        return north, east, down
+
+    async def is_ready(self) -> bool:
+        """Whether the vehicle says that it can arm."""
+        health = await self.topic("health")
+        return bool(health and health["ready_to_arm"])
+
+    async def until(
+        self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
+    ) -> dict[str, Any]:
+        """Waits until `condition` holds for what `show` answers, and returns that.
+
+        Raises:
+            Timeout: it never did.
+        """
+
+        async def look() -> dict[str, Any] | None:
+            shown = await self.show()
+            return shown if condition(shown) else None
+
+        return await _until(look, timeout_s, what)
+
+    async def until_disarmed(self, *, timeout_s: float = 120.0) -> None:
+        """Waits for the motors to stop."""
+        await self.until(lambda v: not v["status"]["armed"], timeout_s=timeout_s, what="the motors to stop")
+
+    async def arm(self) -> None:
+        """Starts the motors."""
+        await self.request("POST", "/arm")
+
+    async def disarm(self) -> None:
+        """Stops the motors; refused in flight."""
+        await self.request("POST", "/disarm")
+
+    async def takeoff(self, alt_home_m: float) -> None:
+        """Arms where needed and takes off [m above home]."""
+        await self.request("POST", "/takeoff", {"alt_home_m": alt_home_m})
+
+    async def land(self) -> None:
+        """Lands where it is."""
+        await self.request("POST", "/land")
+
+    async def rtl(self) -> None:
+        """Returns and lands."""
+        await self.request("POST", "/rtl")
+
+    async def hold(self) -> None:
+        """Stops and stays."""
+        await self.request("POST", "/hold")
+
+    async def set_mode(self, mode: str) -> None:
+        """Changes the flight mode: hold, position, land, …"""
+        await self.request("POST", "/mode", {"mode": mode})
+
+    async def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
+        """Flies there; `alt_amsl_m` or `alt_home_m`, optionally `yaw_ned_deg`, `max_distance_m`."""
+        await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **altitude_and_more})
+
+    async def kill(self) -> None:
+        """Stops the motors in flight, too: the vehicle falls."""
+        await self.request("POST", "/kill", {"confirm": f"motors stop, vehicle {self.id} falls"})
+
+    async def param(self, name: str) -> float:
+        """One parameter's value."""
+        return (await self.request("GET", f"/params/{name}"))["value"]
+
+    async def set_param(self, name: str, value: float) -> None:
+        """Sets one parameter, verified."""
+        await self.request("PUT", f"/params/{name}", {"value": value})
+
+    @asynccontextmanager
+    async def offboard(
+        self,
+        *,
+        position_ned_m: Sequence[float] | None = None,
+        velocity_ned_m_s: Sequence[float] | None = None,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+        rate_hz: float | None = None,
+        valid_for_s: float | None = None,
+        on_expiry: Expiry | None = None,
+        hold_for_s: float | None = None,
+    ) -> AsyncGenerator[Offboard]:
+        """Flies setpoints for the length of a block; leaving it, by an exception too, ends in Hold.
+
+        If the vehicle was landed or taken over inside the block, nothing is sent at its end. If this program
+        hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`.
+
+        Yields:
+            The stream; `started` holds what the server said, the vehicle's failsafe among it.
+        """
+        first = setpoint(
+            position_ned_m=position_ned_m,
+            velocity_ned_m_s=velocity_ned_m_s,
+            yaw_ned_rad=yaw_ned_rad,
+            yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+        )
+        life = lifetime(valid_for_s, on_expiry, hold_for_s)
+        rate: Body = {} if rate_hz is None else {"rate_hz": rate_hz}
+        started = await self.request("POST", "/offboard/start", {"setpoint": first, **rate, **life})
+        stream = Offboard(self, started, life)
+        try:
+            yield stream
+        except BaseException:
+            with contextlib.suppress(ApiError, Unreachable):  # the block's own error is the one to see
+                await asyncio.shield(stream.stop())
+            raise
+        await stream.stop()
+
+
+class Offboard:
+    """A running stream; each call replaces the setpoint at once."""
+
+    def __init__(self, vehicle: Vehicle, started: dict[str, Any], life: Body) -> None:
+        self._vehicle = vehicle
+        self._life = life
+        self.started = started
+
+    async def position_ned(
+        self, north_m: float, east_m: float, down_m: float, *, yaw_ned_rad: float | None = None
+    ) -> None:
+        """Go there and stay."""
+        await self._set(setpoint(position_ned_m=(north_m, east_m, down_m), yaw_ned_rad=yaw_ned_rad))
+
+    async def velocity_ned(
+        self,
+        north_m_s: float,
+        east_m_s: float,
+        down_m_s: float,
+        *,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> None:
+        """Move so."""
+        velocity = (north_m_s, east_m_s, down_m_s)
+        await self._set(
+            setpoint(
+                velocity_ned_m_s=velocity, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
+            )
+        )
+
+    async def status(self) -> dict[str, Any]:
+        """Rate achieved, age of the setpoint, validity left."""
+        return await self._vehicle.request("GET", "/offboard")
+
+    async def stop(self) -> None:
+        """Ends in Hold; nothing happens where the stream has ended already."""
+        await self._vehicle.request("POST", "/offboard/stop")
+
+    async def _set(self, body: Body) -> None:
+        await self._vehicle.request("POST", "/offboard/setpoint", {**body, **self._life})
+
+
+class Gimbal:
+    """The vehicle's gimbal; angles in degrees, pitch up positive."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+
+    async def _post(self, path: str, body: Body | None = None) -> None:
+        await self._vehicle.request("POST", f"/gimbal/{path}", body)
+
+    async def take(self) -> None:
+        """Takes control."""
+        await self._post("take")
+
+    async def release(self) -> None:
+        """Gives control back."""
+        await self._post("release")
+
+    async def angles(
+        self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
+    ) -> None:
+        """Points it; yaw from the nose, from north with `yaw_lock`."""
+        roll: Body = {} if roll_deg is None else {"roll_deg": roll_deg}
+        await self._post("angles", {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock, **roll})
+
+    async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
+        """Turns it steadily until told otherwise; zeros stop both axes."""
+        body: Body = {"pitch_rate_deg_s": pitch_rate_deg_s, "yaw_rate_deg_s": yaw_rate_deg_s}
+        await self._post("rates", {**body, "yaw_lock": yaw_lock})
+
+    async def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Keeps looking at a place."""
+        await self._post("roi", {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m})
+
+    async def clear_roi(self) -> None:
+        """Stops looking at a place."""
+        await self._post("roi/clear")
+
+
+async def _until(look: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
+    """Looks again and again until there is something to see."""
+    loop = asyncio.get_running_loop()
+    end_s = loop.time() + timeout_s
+    while True:
+        found = await look()
+        if found is not None:
+            return found
+        if loop.time() > end_s:
+            raise Timeout(f"Waited {timeout_s:g} s for {what}.")
+        await asyncio.sleep(POLL_S)

@@ -1,0 +1,246 @@
+"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
+
+Each call runs its asynchronous twin (`aio.py`) on a loop of its own thread and waits for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
+
+from anyio.from_thread import BlockingPortal, start_blocking_portal
+
+from gcs_server.client import aio
+from gcs_server.client.setpoints import Expiry
+
+
+class SyncGcs:
+    """A connection to the server; arguments as `aio.Gcs`."""
+
+    def __init__(
+        self, url: str = "http://localhost:8080", *, client: str = "python", timeout_s: float = 60.0
+    ) -> None:
+        self._gcs = aio.Gcs(url, client=client, timeout_s=timeout_s)
+        self._starting: AbstractContextManager[BlockingPortal] = start_blocking_portal()
+        self._portal: BlockingPortal | None = None
+
+    def __enter__(self) -> SyncGcs:
+        self._portal = self._starting.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.portal.call(self._gcs.__aexit__)
+        self._starting.__exit__(None, None, None)
+
+    @property
+    def portal(self) -> BlockingPortal:
+        """The loop's thread.
+
+        Raises:
+            RuntimeError: used outside its `with` block.
+        """
+        if self._portal is None:
+            raise RuntimeError("Use the client in a block: with SyncGcs() as gcs: …")
+        return self._portal
+
+    def vehicles(self) -> list[SyncVehicle]:
+        """All vehicles that the server has heard."""
+        return [SyncVehicle(self, vehicle) for vehicle in self.portal.call(self._gcs.vehicles)]
+
+    def vehicle(self, vehicle_id: str) -> SyncVehicle:
+        """A vehicle by its id, without asking whether it is there."""
+        return SyncVehicle(self, self._gcs.vehicle(vehicle_id))
+
+    def wait_for_vehicle(
+        self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
+    ) -> SyncVehicle:
+        """As `aio.Gcs.wait_for_vehicle`."""
+        found = self.portal.call(
+            lambda: self._gcs.wait_for_vehicle(vehicle_id, ready=ready, timeout_s=timeout_s)
+        )
+        return SyncVehicle(self, found)
+
+
+class SyncVehicle:
+    """One vehicle; methods as `aio.Vehicle`."""
+
+    def __init__(self, gcs: SyncGcs, vehicle: aio.Vehicle) -> None:
+        self._gcs = gcs
+        self._vehicle = vehicle
+        self.id = vehicle.id
+        self.gimbal = SyncGimbal(gcs, vehicle.gimbal)
+
+    def show(self) -> dict[str, Any]:
+        """Identity, status and the newest sample of every topic."""
+        return self._gcs.portal.call(self._vehicle.show)
+
+    def status(self) -> dict[str, Any]:
+        """Armed, mode, landed state, link."""
+        return self._gcs.portal.call(self._vehicle.status)
+
+    def topic(self, name: str) -> dict[str, Any] | None:
+        """The newest value of a topic, or None before the first."""
+        return self._gcs.portal.call(self._vehicle.topic, name)
+
+    def position_ned_m(self) -> tuple[float, float, float]:
+        """Where the vehicle believes to be [m]."""
+        return self._gcs.portal.call(self._vehicle.position_ned_m)
+
+    def until(
+        self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
+    ) -> dict[str, Any]:
+        """Waits until `condition` holds for what `show` answers."""
+        return self._gcs.portal.call(lambda: self._vehicle.until(condition, timeout_s=timeout_s, what=what))
+
+    def until_disarmed(self, *, timeout_s: float = 120.0) -> None:
+        """Waits for the motors to stop."""
+        self._gcs.portal.call(lambda: self._vehicle.until_disarmed(timeout_s=timeout_s))
+
+    def arm(self) -> None:
+        """Starts the motors."""
+        self._gcs.portal.call(self._vehicle.arm)
+
+    def disarm(self) -> None:
+        """Stops the motors; refused in flight."""
+        self._gcs.portal.call(self._vehicle.disarm)
+
+    def takeoff(self, alt_home_m: float) -> None:
+        """Arms where needed and takes off [m above home]."""
+        self._gcs.portal.call(self._vehicle.takeoff, alt_home_m)
+
+    def land(self) -> None:
+        """Lands where it is."""
+        self._gcs.portal.call(self._vehicle.land)
+
+    def rtl(self) -> None:
+        """Returns and lands."""
+        self._gcs.portal.call(self._vehicle.rtl)
+
+    def hold(self) -> None:
+        """Stops and stays."""
+        self._gcs.portal.call(self._vehicle.hold)
+
+    def set_mode(self, mode: str) -> None:
+        """Changes the flight mode."""
+        self._gcs.portal.call(self._vehicle.set_mode, mode)
+
+    def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
+        """Flies there; `alt_amsl_m` or `alt_home_m`, optionally `yaw_ned_deg`, `max_distance_m`."""
+        self._gcs.portal.call(lambda: self._vehicle.goto(lat_deg, lon_deg, **altitude_and_more))
+
+    def kill(self) -> None:
+        """Stops the motors in flight, too: the vehicle falls."""
+        self._gcs.portal.call(self._vehicle.kill)
+
+    def param(self, name: str) -> float:
+        """One parameter's value."""
+        return self._gcs.portal.call(self._vehicle.param, name)
+
+    def set_param(self, name: str, value: float) -> None:
+        """Sets one parameter, verified."""
+        self._gcs.portal.call(self._vehicle.set_param, name, value)
+
+    @contextmanager
+    def offboard(
+        self,
+        *,
+        position_ned_m: Sequence[float] | None = None,
+        velocity_ned_m_s: Sequence[float] | None = None,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+        rate_hz: float | None = None,
+        valid_for_s: float | None = None,
+        on_expiry: Expiry | None = None,
+        hold_for_s: float | None = None,
+    ) -> Generator[SyncOffboard]:
+        """As `aio.Vehicle.offboard`."""
+        block = self._vehicle.offboard(
+            position_ned_m=position_ned_m,
+            velocity_ned_m_s=velocity_ned_m_s,
+            yaw_ned_rad=yaw_ned_rad,
+            yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+            rate_hz=rate_hz,
+            valid_for_s=valid_for_s,
+            on_expiry=on_expiry,
+            hold_for_s=hold_for_s,
+        )
+        with self._gcs.portal.wrap_async_context_manager(block) as stream:
+            yield SyncOffboard(self._gcs, stream)
+
+
+class SyncOffboard:
+    """A running stream; methods as `aio.Offboard`."""
+
+    def __init__(self, gcs: SyncGcs, stream: aio.Offboard) -> None:
+        self._gcs = gcs
+        self._stream = stream
+        self.started = stream.started
+
+    def position_ned(
+        self, north_m: float, east_m: float, down_m: float, *, yaw_ned_rad: float | None = None
+    ) -> None:
+        """Go there and stay."""
+        self._gcs.portal.call(
+            lambda: self._stream.position_ned(north_m, east_m, down_m, yaw_ned_rad=yaw_ned_rad)
+        )
+
+    def velocity_ned(
+        self,
+        north_m_s: float,
+        east_m_s: float,
+        down_m_s: float,
+        *,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> None:
+        """Move so."""
+        self._gcs.portal.call(
+            lambda: self._stream.velocity_ned(
+                north_m_s, east_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
+            )
+        )
+
+    def status(self) -> dict[str, Any]:
+        """Rate achieved, age of the setpoint, validity left."""
+        return self._gcs.portal.call(self._stream.status)
+
+    def stop(self) -> None:
+        """Ends in Hold."""
+        self._gcs.portal.call(self._stream.stop)
+
+
+class SyncGimbal:
+    """The vehicle's gimbal; methods as `aio.Gimbal`."""
+
+    def __init__(self, gcs: SyncGcs, gimbal: aio.Gimbal) -> None:
+        self._gcs = gcs
+        self._gimbal = gimbal
+
+    def take(self) -> None:
+        """Takes control."""
+        self._gcs.portal.call(self._gimbal.take)
+
+    def release(self) -> None:
+        """Gives control back."""
+        self._gcs.portal.call(self._gimbal.release)
+
+    def angles(
+        self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
+    ) -> None:
+        """Points it; yaw from the nose, from north with `yaw_lock`."""
+        self._gcs.portal.call(
+            lambda: self._gimbal.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
+        )
+
+    def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
+        """Turns it steadily until told otherwise; zeros stop both axes."""
+        self._gcs.portal.call(lambda: self._gimbal.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
+
+    def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Keeps looking at a place."""
+        self._gcs.portal.call(self._gimbal.roi, lat_deg, lon_deg, alt_amsl_m)
+
+    def clear_roi(self) -> None:
+        """Stops looking at a place."""
+        self._gcs.portal.call(self._gimbal.clear_roi)

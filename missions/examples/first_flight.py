@@ -1,0 +1,41 @@
+"""Take off by offboard setpoints, 5 m up facing east, and land.
+
+`python -m missions.examples.first_flight`. The position is sent ten times a second and counts for half a
+second: if this program dies, the server holds the vehicle where it is, then hands it to PX4's Hold mode.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+from gcs_server.client import Gcs, Offboard, Vehicle
+from missions.examples.arguments import parse
+
+UP_5_M = (0.0, 0.0, -5.0)
+EAST_RAD = math.pi / 2
+ARRIVED_M = 0.25
+
+
+async def fly(server: str, vehicle: str | None) -> None:
+    """The flight, from ready to disarmed."""
+    async with Gcs(server, client="first_flight") as gcs:
+        drone = await gcs.wait_for_vehicle(vehicle, ready=True)
+        async with drone.offboard(position_ned_m=UP_5_M, yaw_ned_rad=EAST_RAD, valid_for_s=0.5) as offboard:
+            print(offboard.started["if_stream_stops"])
+            await asyncio.gather(drone.arm(), climb(drone, offboard))
+            await drone.land()
+        await drone.until_disarmed()
+    print("Landed and disarmed.")
+
+
+async def climb(drone: Vehicle, offboard: Offboard) -> None:
+    """Keeps the setpoint alive until the vehicle is there."""
+    while (await drone.position_ned_m())[2] > UP_5_M[2] + ARRIVED_M:
+        await offboard.position_ned(*UP_5_M, yaw_ned_rad=EAST_RAD)
+        await asyncio.sleep(0.1)
+
+
+if __name__ == "__main__":
+    arguments = parse("Arm, climb to 5 m facing east, land.")
+    asyncio.run(fly(arguments.server, arguments.vehicle))

@@ -1,0 +1,34 @@
+"""Stream a second, arm, hold one metre up until second 21, land.
+
+`python -m missions.examples.hover_and_land`; written without an event loop.
+"""
+
+from __future__ import annotations
+
+import time
+
+from gcs_server.client import SyncGcs
+from missions.examples.arguments import parse
+
+ONE_METRE_UP = (0.0, 0.0, -1.0)
+LAND_AFTER_S = 21.0
+
+
+def fly(server: str, vehicle: str | None) -> None:
+    """The flight, from ready to disarmed."""
+    with SyncGcs(server, client="hover_and_land") as gcs:
+        drone = gcs.wait_for_vehicle(vehicle, ready=True)
+        start_s = time.monotonic()
+        with drone.offboard(position_ned_m=ONE_METRE_UP, valid_for_s=2) as offboard:
+            drone.arm()
+            while time.monotonic() - start_s < LAND_AFTER_S:
+                offboard.position_ned(*ONE_METRE_UP)
+                time.sleep(0.1)
+            drone.land()
+        drone.until_disarmed()
+    print("Landed and disarmed.")
+
+
+if __name__ == "__main__":
+    arguments = parse("Hold one metre up until second 21, then land.")
+    fly(arguments.server, arguments.vehicle)

@@ -1,0 +1,32 @@
+"""Prints the table of measurements: `make bench`, or `python -m tests.bench NAME …` for some of it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+
+from . import consumers, latency, simulator, stream
+
+SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
+    "latency": ("Round trips and latency", latency.table),
+    "stream": ("Offboard stream, lateness", stream.table),
+    "simulator": ("Simulated PX4", simulator.table),
+    "consumers": ("Server CPU beside its peers, same feed", consumers.table),
+}
+
+
+def main(wanted: list[str]) -> int:
+    unknown = [name for name in wanted if name not in SECTIONS]
+    if unknown:
+        print(f"no such section: {', '.join(unknown)}; there are {', '.join(SECTIONS)}", file=sys.stderr)
+        return 2
+    for name, (title, table) in SECTIONS.items():
+        if not wanted or name in wanted:
+            print(f"\n## {title}\n", flush=True)
+            for row in table():
+                print(row, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,103 @@
+"""What the server adds: REST round trip over the vehicle's own, and UDP datagram → WebSocket sample."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Iterator
+
+import httpx
+from pymavlink.dialects.v20 import common as mavlink
+from websockets.sync.client import connect
+
+from .process import free_port, quantiles_ms
+from .station import server, vehicle
+
+ROUNDS = 300
+PARAMETER = "MPC_XY_CRUISE"
+
+
+def vehicle_round_trips_s(tcp_port: int, system_id: int) -> list[float]:
+    """PARAM_REQUEST_READ → PARAM_VALUE on a link of our own, without the server."""
+    mav = mavlink.MAVLink(None, srcSystem=250, srcComponent=190)
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    taken: list[float] = []
+    with socket.create_connection(("127.0.0.1", tcp_port), timeout=5) as link:
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for _ in range(ROUNDS):
+            request = mav.param_request_read_encode(system_id, 1, PARAMETER.encode(), -1)
+            began = time.monotonic()
+            link.sendall(request.pack(mav))
+            while not _has_parameter(parser.parse_buffer(link.recv(65536))):
+                pass
+            taken.append(time.monotonic() - began)
+    return taken
+
+
+def _has_parameter(messages: list[mavlink.MAVLink_message] | None) -> bool:
+    return any(m.get_msgId() == mavlink.MAVLINK_MSG_ID_PARAM_VALUE for m in messages or [])
+
+
+def rest_round_trips_s(url: str, path: str) -> list[float]:
+    """The same question asked through the server."""
+    taken: list[float] = []
+    with httpx.Client(base_url=url, timeout=10) as client:
+        client.get(path).raise_for_status()
+        for _ in range(ROUNDS):
+            began = time.monotonic()
+            client.get(path).raise_for_status()
+            taken.append(time.monotonic() - began)
+    return taken
+
+
+def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
+    """From the datagram's sending to the sample's arrival at a WebSocket client, at 50 messages a second."""
+    mav = mavlink.MAVLink(None, srcSystem=77, srcComponent=1)
+    target = ("127.0.0.1", udp_port)
+    sent_at: dict[int, float] = {}
+    taken: list[float] = []
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+        connect(url.replace("http", "ws") + "/api/v1/telemetry") as listener,
+    ):
+        request = {"type": "subscribe", "vehicles": ["77"], "topics": ["attitude"], "rate_hz": 100}
+        listener.send(json.dumps(request))
+        for index in range(ROUNDS):
+            if index % 50 == 0:
+                beat = mav.heartbeat_encode(2, mavlink.MAV_AUTOPILOT_PX4, 157, 50593792, 4)
+                own.sendto(beat.pack(mav), target)
+            boot_ms = 1000 + index * 20
+            attitude = mav.attitude_quaternion_encode(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            sent_at[boot_ms] = time.monotonic()
+            own.sendto(attitude.pack(mav), target)
+            deadline = sent_at[boot_ms] + 0.02
+            while (left := deadline - time.monotonic()) > 0:
+                try:
+                    frame = json.loads(listener.recv(timeout=left))
+                except TimeoutError:
+                    break
+                now = time.monotonic()
+                for sample in frame.get("samples", ()):
+                    boot = round(sample["vehicle_time_boot_s"] * 1000)
+                    if boot in sent_at:
+                        taken.append(now - sent_at.pop(boot))
+    return taken
+
+
+def table() -> Iterator[str]:
+    """Rows of Markdown."""
+    yield "| what | samples | ms: p50 / p99 / max |"
+    yield "|---|---|---|"
+    link_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
+    with server([f"udpin://127.0.0.1:{link_port}"]) as url:
+        with vehicle(link_port, system_id=101, tcp_port=tcp_port):
+            own = vehicle_round_trips_s(tcp_port, 101)
+            yield f"| parameter read, vehicle's own round trip (TCP) | {len(own)} | {quantiles_ms(own)} |"
+            through = rest_round_trips_s(url, f"/api/v1/vehicles/101/params/{PARAMETER}")
+            yield f"| parameter read through REST | {len(through)} | {quantiles_ms(through)} |"
+        health = rest_round_trips_s(url, "/api/v1/health")
+        yield f"| REST alone (health) | {len(health)} | {quantiles_ms(health)} |"
+        samples = udp_to_websocket_s(url, link_port)
+        yield f"| UDP datagram → WebSocket sample | {len(samples)} of {ROUNDS} | {quantiles_ms(samples)} |"

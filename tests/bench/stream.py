@@ -1,0 +1,54 @@
+"""How late the offboard stream's setpoints leave, seen on the wire between server and vehicle."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Iterator
+
+from gcs_server.client import SyncGcs
+
+from .process import free_port, quantiles_ms, running
+from .relay import Relay
+from .station import server, vehicle
+
+RATE_HZ = 50.0
+WINDOW_S = 12.0
+
+
+def lateness_s(arrivals_s: list[float], rate_hz: float) -> list[float]:
+    """Distance of each arrival from the absolute schedule, the earliest being on time."""
+    period_s = 1.0 / rate_hz
+    offsets = [arrival - index * period_s for index, arrival in enumerate(arrivals_s)]
+    return [offset - min(offsets) for offset in offsets]
+
+
+def measure(other_vehicles: int) -> list[float]:
+    """Lateness [s] over the window while `other_vehicles` × 100 msg/s arrive on a second link."""
+    feed_port, link_port = free_port(), free_port()
+    links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
+    with contextlib.ExitStack() as running_now:
+        relay = running_now.enter_context(Relay(link_port))
+        url = running_now.enter_context(server(links))
+        running_now.enter_context(vehicle(relay.vehicle_port, system_id=101))
+        if other_vehicles:
+            command = [sys.executable, "-m", "tests.bench.feed", str(feed_port), str(other_vehicles), "60"]
+            running_now.enter_context(running(command))
+        gcs = running_now.enter_context(SyncGcs(url, client="bench"))
+        drone = gcs.wait_for_vehicle("101", ready=True)
+        with drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=60):
+            time.sleep(1)
+            relay.setpoints.clear()
+            time.sleep(WINDOW_S)
+            arrivals = [arrival for arrival, _ in relay.setpoints]
+    return lateness_s(arrivals, RATE_HZ)
+
+
+def table() -> Iterator[str]:
+    """Rows of Markdown."""
+    yield "| load | setpoints | lateness ms: p50 / p99 / max |"
+    yield "|---|---|---|"
+    for other_vehicles, words in ((0, "idle"), (50, "5,000 msg/s from 50 other vehicles")):
+        late = measure(other_vehicles)
+        yield f"| {words} | {len(late)} | {quantiles_ms(late)} |"
