@@ -1,0 +1,48 @@
+/** Calls to the ground station: every outcome is a value, nothing throws. */
+
+import { parseProblem, unreachable, type Problem } from './problems';
+
+export type Outcome<T> = { ok: true; value: T } | { ok: false; problem: Problem };
+
+export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
+
+/** Longer than any command's own deadline, so that the server's answer comes first [ms]. */
+const TIMEOUT_MS = 45_000;
+
+export class ApiClient {
+  /** @param name how this page calls itself in the journal. */
+  constructor(
+    readonly name: string,
+    private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
+    private readonly base = '/api/v1',
+  ) {}
+
+  get<T>(path: string): Promise<Outcome<T>> {
+    return this.call<T>('GET', path);
+  }
+
+  post<T>(path: string, body?: object): Promise<Outcome<T>> {
+    return this.call<T>('POST', path, body);
+  }
+
+  private async call<T>(method: string, path: string, body?: object): Promise<Outcome<T>> {
+    const headers: Record<string, string> = { 'X-Client': this.name, Accept: 'application/json' };
+    if (body !== undefined) headers['Content-Type'] = 'application/json';
+    const init: RequestInit = { method, headers, signal: AbortSignal.timeout(TIMEOUT_MS) };
+    if (body !== undefined) init.body = JSON.stringify(body);
+    let response: Response;
+    let answer: unknown = null;
+    try {
+      response = await this.fetch(this.base + path, init);
+      answer = await response.json().catch(() => null);
+    } catch {
+      return { ok: false, problem: unreachable() };
+    }
+    return response.ok ? { ok: true, value: answer as T } : { ok: false, problem: parseProblem(response.status, answer) };
+  }
+}
+
+/** A name for this page that tells two of them apart in the journal. */
+export function pageName(random: () => number = Math.random): string {
+  return `page-${Math.floor(random() * 0xffff).toString(16).padStart(4, '0')}`;
+}

@@ -1,0 +1,73 @@
+/** Errors of the API (problem+json) as something a person can read: what happened, why, and what to do. */
+
+export interface Problem {
+  title: string;
+  detail: string;
+  /** The vehicle's own words. */
+  reasons: string[];
+  /** What the operator can do. */
+  remedy: string | null;
+  code: string;
+  status: number;
+  /** The request's field at fault. */
+  field: string | null;
+}
+
+const TITLES: Readonly<Record<string, string>> = {
+  refused: 'Not sent', not_verified: 'Not sent', rejected: 'The vehicle refused', no_reply: 'No answer',
+  disconnected: 'Link lost', unknown_vehicle: 'Unknown vehicle', invalid_request: 'Not possible as asked',
+};
+
+function text(value: unknown): string | null {
+  return typeof value === 'string' && value.trim() !== '' ? value : null;
+}
+
+/** FastAPI's own validation errors: `[{loc: ["body", "alt_home_m"], msg}]`. */
+function validation(value: unknown): { detail: string; field: string | null } | null {
+  if (!Array.isArray(value) || value.length === 0) return null;
+  const lines: string[] = [];
+  let field: string | null = null;
+  for (const item of value as unknown[]) {
+    if (typeof item !== 'object' || item === null) continue;
+    const { loc, msg, field: named, message } = item as Record<string, unknown>;
+    const name = text(named) ?? (Array.isArray(loc) ? loc.slice(1).join('.') : '');
+    field ??= name || null;
+    lines.push([name, text(msg) ?? text(message)].filter(Boolean).join(': '));
+  }
+  return lines.length === 0 ? null : { detail: lines.join('; '), field };
+}
+
+/** The problem in a response's body; one is made up from the status where the body says nothing. */
+export function parseProblem(status: number, body: unknown): Problem {
+  const raw = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
+  const invalid = validation(raw['errors']) ?? validation(raw['detail']);
+  const code = text(raw['code']) ?? (status === 422 ? 'invalid_request' : `http_${status}`);
+  const reasons = Array.isArray(raw['reasons']) ? raw['reasons'].filter((r): r is string => text(r) !== null) : [];
+  return {
+    title: text(raw['title']) ?? TITLES[code] ?? `The server answered ${status}`,
+    detail: text(raw['detail']) ?? invalid?.detail ?? (reasons.length > 0 ? '' : 'The server gave no reason.'),
+    reasons,
+    remedy: text(raw['remedy']),
+    code,
+    status,
+    field: text(raw['field']) ?? invalid?.field ?? null,
+  };
+}
+
+/** Nothing came back at all. */
+export function unreachable(): Problem {
+  return {
+    title: 'The server did not answer',
+    detail: 'The command may or may not have reached the vehicle: look at what it does.',
+    reasons: [],
+    remedy: 'Is the ground station still running? The page reconnects by itself.',
+    code: 'unreachable',
+    status: 0,
+    field: null,
+  };
+}
+
+/** Reasons the detail does not already say. */
+export function furtherReasons(problem: Problem): string[] {
+  return problem.reasons.filter((reason) => !problem.detail.includes(reason));
+}

@@ -1,0 +1,65 @@
+/** What the socket does not bring: the fleet as it stands, and the last minutes, after each (re)connection. */
+
+import type { ApiClient } from '../api/client';
+import type { TelemetryStore } from '../live/store';
+import type { WireEvent, WireSample } from '../live/wire';
+
+const PAST_S = 300;
+
+type Raw = Record<string, unknown>;
+
+function list(answer: unknown, name: string): Raw[] {
+  const raw = Array.isArray(answer) ? answer : (answer as Raw | null)?.[name];
+  return Array.isArray(raw) ? raw.filter((v): v is Raw => typeof v === 'object' && v !== null) : [];
+}
+
+/** Reads the fleet into the store; returns the ids it has. */
+export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<string[]> {
+  const answer = await api.get<unknown>('/vehicles');
+  if (!answer.ok) return store.ids();
+  const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
+  const ids = vehicles.map((v) => v['id'] as string);
+  store.keepOnly(ids);
+  const samples = vehicles.flatMap((vehicle) => vehicleSamples(vehicle, store.nowUnixS()));
+  store.apply({ type: 'samples', samples });
+  return ids;
+}
+
+function vehicleSamples(vehicle: Raw, now_unix_s: number): WireSample[] {
+  const id = vehicle['id'] as string;
+  const samples: WireSample[] = [];
+  const add = (topic: string, value: unknown, received_unix_s: unknown): void => {
+    if (typeof value !== 'object' || value === null) return;
+    const at = typeof received_unix_s === 'number' ? received_unix_s : now_unix_s;
+    samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: at, value });
+  };
+  add('identity', vehicle['identity'], null);
+  const topics = vehicle['topics'];
+  if (typeof topics === 'object' && topics !== null) {
+    for (const [topic, held] of Object.entries(topics as Record<string, Raw | null>)) {
+      if (held !== null && 'value' in held) add(topic, held['value'], held['received_unix_s']);
+    }
+  }
+  return samples;
+}
+
+/** Reads a vehicle's last minutes (trail, flight time) and messages. */
+export async function loadPast(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
+  const base = `/vehicles/${encodeURIComponent(id)}`;
+  const since = (store.nowUnixS() - PAST_S).toFixed(0);
+  const [history, messages] = await Promise.all([
+    api.get<unknown>(`${base}/history?topics=status,global_position&since_unix_s=${since}`),
+    api.get<unknown>(`${base}/messages`),
+  ]);
+  const vehicle = store.vehicles.get(id);
+  if (vehicle === undefined) return;
+  if (history.ok) vehicle.applyHistory(list(history.value, 'samples') as unknown as WireSample[]);
+  if (messages.ok) {
+    for (const raw of list(messages.value, 'messages')) {
+      const { kind, unix_s, text, severity } = raw;
+      if (typeof kind !== 'string' || typeof unix_s !== 'number' || typeof text !== 'string') continue;
+      vehicle.say({ kind, unix_s, text, vehicle: id, severity: severity as WireEvent['severity'] });
+    }
+  }
+  store.revision += 1;
+}

@@ -1,0 +1,73 @@
+/** One vehicle read once for one frame: what several features need, with unknown as null. */
+
+import { readOffboard, type OffboardStatus } from '../features/offboard/view';
+import type { ActionFacts } from '../features/actions/actions';
+import { groundDistance_m } from '../features/stage/geo';
+import type { Attitude, Battery, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
+import type { Reading, VehicleState } from '../live/vehicle-state';
+import { vehicleName } from './names';
+
+export interface VehicleFacts {
+  id: string;
+  name: string;
+  now_unix_s: number;
+  lost: boolean;
+  simulated: boolean;
+  replayed: boolean;
+  inAir: boolean;
+  status: Reading<Status> | null;
+  attitude: Reading<Attitude> | null;
+  local: Reading<LocalPosition> | null;
+  global: Reading<GlobalPosition> | null;
+  hud: Reading<Hud> | null;
+  gps: Reading<Gps> | null;
+  battery: Reading<Battery> | null;
+  home: Reading<Home> | null;
+  health: Reading<Health> | null;
+  gimbal: Reading<Gimbal> | null;
+  offboard: (OffboardStatus & { age_s: number }) | null;
+  fromHome_m: number | null;
+}
+
+export function vehicleFacts(vehicle: VehicleState, now_unix_s: number): VehicleFacts {
+  const status = vehicle.read('status', now_unix_s);
+  const global = vehicle.read('global_position', now_unix_s);
+  const home = vehicle.read('home', now_unix_s);
+  const stream = vehicle.readAs<unknown>('offboard', now_unix_s);
+  const offboard = stream === null ? null : readOffboard(stream.value);
+  const landed = status?.value.landed_state;
+  return {
+    id: vehicle.id,
+    name: vehicleName(vehicle.id, vehicle.identity),
+    now_unix_s,
+    lost: vehicle.lost(now_unix_s),
+    simulated: vehicle.identity.simulated,
+    replayed: vehicle.identity.replayed,
+    inAir: landed === 'in_air' || landed === 'landing',
+    status, global, home,
+    attitude: vehicle.read('attitude', now_unix_s),
+    local: vehicle.read('local_position', now_unix_s),
+    hud: vehicle.read('hud', now_unix_s),
+    gps: vehicle.read('gps', now_unix_s),
+    battery: vehicle.read('battery', now_unix_s),
+    health: vehicle.read('health', now_unix_s),
+    gimbal: vehicle.read('gimbal', now_unix_s),
+    offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
+    fromHome_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
+  };
+}
+
+export function actionFacts(facts: VehicleFacts, takeoffAlt_home_m: number): ActionFacts {
+  return {
+    vehicleId: facts.id,
+    vehicleName: facts.name,
+    armed: facts.status?.value.armed ?? false,
+    inAir: facts.inAir,
+    alt_home_m: facts.global?.value.alt_home_m ?? null,
+    fromHome_m: facts.fromHome_m,
+    mode: facts.status?.value.mode ?? '',
+    streaming: facts.offboard?.streaming ?? false,
+    takeoffAlt_home_m,
+    battery_percent: facts.battery?.value.remaining_percent ?? null,
+  };
+}

@@ -1,0 +1,109 @@
+/** The keyboard: one table, shown by the `?` sheet and obeyed here; also for keys pressed inside the 3D view. */
+
+import { sheet } from '../features/help/sheet.svelte';
+import { stage } from '../features/stage/stage.svelte';
+import { page } from './page.svelte';
+import { actions } from './session.svelte';
+import { theme } from './theme.svelte';
+
+export interface KeyLine {
+  keys: string;
+  what: string;
+  /** Also obeyed while the 3D view has the keyboard (it moves its camera by W A S D Q E). */
+  inScene: boolean;
+}
+
+export const KEYS: readonly KeyLine[] = [
+  { keys: 'H', what: 'Hold: at once, no confirmation', inScene: true },
+  { keys: 'T', what: 'Take off', inScene: true },
+  { keys: 'L', what: 'Land', inScene: true },
+  { keys: 'R', what: 'Return', inScene: true },
+  { keys: 'Shift A', what: 'Arm or disarm', inScene: false },
+  { keys: 'Shift K', what: 'Stop motors: the vehicle falls', inScene: false },
+  { keys: 'Space held', what: 'Confirm what is asked', inScene: true },
+  { keys: 'Esc', what: 'Cancel, close', inScene: true },
+  { keys: 'O', what: 'Start offboard where it is', inScene: true },
+  { keys: 'M', what: 'Swap map and 3D', inScene: true },
+  { keys: '1 … 9', what: 'Choose a vehicle', inScene: true },
+  { keys: 'Shift D', what: 'Light or dark', inScene: false },
+  { keys: '?', what: 'This sheet', inScene: true },
+];
+
+function typing(event: KeyboardEvent): boolean {
+  const target = event.target as { tagName?: string; isContentEditable?: boolean } | null;
+  return target?.isContentEditable === true || ['INPUT', 'TEXTAREA', 'SELECT'].includes(target?.tagName ?? '');
+}
+
+function plain(key: string): boolean {
+  const facts = page.facts;
+  switch (key) {
+    case 'h': actions.request('hold', facts); return true;
+    case 't': actions.request('takeoff', facts); return true;
+    case 'l': actions.request('land', facts); return true;
+    case 'r': actions.request('rtl', facts); return true;
+    case 'o': actions.request('offboard_start', facts, 'offboard'); return true;
+    case 'm': stage.swap(); return true;
+    default: return false;
+  }
+}
+
+function shifted(key: string): boolean {
+  const facts = page.facts;
+  switch (key) {
+    case 'A': actions.request(facts?.status?.value.armed === true ? 'disarm' : 'arm', facts); return true;
+    case 'K': actions.request('kill', facts); return true;
+    case 'D': theme.toggle(); return true;
+    default: return false;
+  }
+}
+
+function escape(): boolean {
+  if (sheet.open) sheet.open = false;
+  else if (actions.asked !== null) actions.cancel();
+  else actions.dismiss('bar');
+  return true;
+}
+
+function choose(digit: string): boolean {
+  const id = page.ids[Number(digit) - 1];
+  if (id !== undefined) page.select(id);
+  return id !== undefined;
+}
+
+function obey(event: KeyboardEvent): boolean {
+  if (event.ctrlKey || event.metaKey || event.altKey) return false;
+  const asked = actions.asked;
+  if (event.key === 'Escape') return escape();
+  if (event.code === 'Space' && asked !== null) {
+    asked.confirmation.press(performance.now() / 1000);
+    return true;
+  }
+  if (typing(event) || event.repeat) return false;
+  if (event.key === '?') {
+    sheet.open = !sheet.open;
+    return true;
+  }
+  if (/^[1-9]$/.test(event.key)) return choose(event.key);
+  return event.shiftKey ? shifted(event.key) : plain(event.key.toLowerCase());
+}
+
+/** Obeys the keys of a window (the page's, or the 3D view's) until the returned function is called. */
+export function listenToKeys(on: Window): () => void {
+  const inScene = on !== window;
+  const down = (event: KeyboardEvent): void => {
+    if (inScene && /^[wasdqe]$/i.test(event.key)) return; // the 3D view's own
+    if (obey(event)) event.preventDefault();
+  };
+  const up = (event: KeyboardEvent): void => {
+    if (event.code === 'Space') actions.asked?.confirmation.release(performance.now() / 1000);
+  };
+  const blur = (): void => actions.asked?.confirmation.drop(performance.now() / 1000);
+  on.addEventListener('keydown', down);
+  on.addEventListener('keyup', up);
+  on.addEventListener('blur', blur);
+  return () => {
+    on.removeEventListener('keydown', down);
+    on.removeEventListener('keyup', up);
+    on.removeEventListener('blur', blur);
+  };
+}

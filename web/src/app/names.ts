@@ -1,0 +1,21 @@
+/** What a vehicle is called on the page, and how its kind is said. */
+
+import type { Identity } from '../live/vehicle-state';
+
+const TYPES: Readonly<Record<number, string>> = {
+  1: 'Fixed wing', 2: 'Quad', 3: 'Coaxial', 4: 'Helicopter', 10: 'Rover', 11: 'Boat', 12: 'Submarine', 13: 'Hexa', 14: 'Octo',
+  15: 'Tri', 19: 'VTOL', 20: 'VTOL', 21: 'VTOL', 22: 'VTOL',
+};
+
+export function vehicleName(id: string, identity: Identity): string {
+  const type = identity.vehicle_type === null ? undefined : TYPES[identity.vehicle_type];
+  const kind = identity.autopilot === 3 ? `ArduPilot ${type ?? ''}`.trim() : type;
+  return kind === undefined ? `Vehicle ${id}` : `${id} ${kind}`;
+}
+
+/** Identity colours: the first vehicle cyan, then the three others, then from the start. */
+export const IDENTITY_COLOURS = ['--actual', '--id-2', '--id-3', '--id-4'] as const;
+
+export function identityColour(index: number): string {
+  return IDENTITY_COLOURS[((index % 4) + 4) % 4] ?? '--actual';
+}

@@ -1,0 +1,106 @@
+/**
+ * The page's own state: which vehicle, which theme, what is painted. Telemetry itself stays outside (`live/`): `tick`
+ * changes at most once per animation frame and whoever reads `facts` is painted again then.
+ */
+
+import { ApiClient, pageName } from '../api/client';
+import { TelemetryStore } from '../live/store';
+import { TelemetrySocket, type SocketState } from '../live/socket';
+import { PAGE_TOPICS } from '../live/topics';
+import type { VehicleState } from '../live/vehicle-state';
+import { readOffboard } from '../features/offboard/view';
+import { vehicleFacts, type VehicleFacts } from './facts';
+import { loadFleet, loadPast } from './backfill';
+
+/** Ages and expiries are repainted this often even when nothing arrives [ms]. */
+const QUIET_REPAINT_MS = 200;
+const RATE_HZ = 25;
+
+class Page {
+  readonly store = new TelemetryStore();
+  readonly api = new ApiClient(pageName());
+  readonly socket: TelemetrySocket;
+  tick = $state(0);
+  connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
+  /** Vehicle the person chose; the first one where none was. */
+  private chosen = $state<string | null>(null);
+  /** Called for each frame of telemetry, also in a hidden tab. */
+  readonly onTelemetry: (() => void)[] = [];
+  /** Called once per painted animation frame. */
+  readonly onPaint: (() => void)[] = [];
+
+  constructor() {
+    const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
+    this.socket = new TelemetrySocket(
+      `${scheme}//${location.host}/api/v1/telemetry`,
+      { vehicles: '*', topics: PAGE_TOPICS, rate_hz: RATE_HZ },
+      (frame) => {
+        this.store.apply(frame);
+        if (frame.type === 'hello') void this.backfill();
+        if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill();
+        for (const callback of this.onTelemetry) callback();
+      },
+      (state) => (this.connection = state),
+    );
+  }
+
+  start(): void {
+    this.socket.start();
+    window.addEventListener('online', () => this.socket.retryNow());
+    document.addEventListener('visibilitychange', () => this.socket.retryNow());
+    let painted = -1;
+    let paintedAt_ms = 0;
+    const frame = (now_ms: number): void => {
+      if (this.store.revision !== painted || now_ms - paintedAt_ms > QUIET_REPAINT_MS) {
+        painted = this.store.revision;
+        paintedAt_ms = now_ms;
+        this.tick += 1;
+      }
+      for (const callback of this.onPaint) callback();
+      requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+  }
+
+  /** Ids of all vehicles, in order. */
+  readonly ids = $derived.by(() => {
+    void this.tick;
+    return this.store.ids();
+  });
+
+  readonly selectedId = $derived(this.chosen !== null && this.ids.includes(this.chosen) ? this.chosen : (this.ids[0] ?? null));
+
+  select(id: string): void {
+    this.chosen = id;
+  }
+
+  /** The selected vehicle itself, for lists too long to copy each frame. */
+  get vehicle(): VehicleState | null {
+    return this.selectedId === null ? null : (this.store.vehicles.get(this.selectedId) ?? null);
+  }
+
+  /** The selected vehicle as of this frame. */
+  readonly facts: VehicleFacts | null = $derived.by(() => {
+    void this.tick;
+    return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS());
+  });
+
+  /** Any vehicle as of this frame. */
+  factsOf(id: string): VehicleFacts | null {
+    void this.tick;
+    const vehicle = this.store.vehicles.get(id);
+    return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS());
+  }
+
+  /** Whether the server streams setpoints to a vehicle now. */
+  streaming(id: string): boolean {
+    return readOffboard(this.store.vehicles.get(id)?.raw('offboard')?.value)?.streaming ?? false;
+  }
+
+  private async backfill(): Promise<void> {
+    const ids = await loadFleet(this.api, this.store);
+    await Promise.all(ids.map((id) => loadPast(this.api, this.store, id)));
+  }
+}
+
+export const page = new Page();

@@ -1,0 +1,47 @@
+/** Light or dark: follows the system until it is set; what was set is remembered on this machine. */
+
+export type ThemeChoice = 'system' | 'light' | 'dark';
+
+const KEY = 'gcs-theme';
+const CHOICES: readonly ThemeChoice[] = ['system', 'light', 'dark'];
+
+function remembered(): ThemeChoice {
+  try {
+    const value = localStorage.getItem(KEY);
+    return CHOICES.find((c) => c === value) ?? 'system';
+  } catch {
+    return 'system'; // storage forbidden
+  }
+}
+
+class Theme {
+  choice = $state<ThemeChoice>(remembered());
+  private systemDark = $state(matchMedia('(prefers-color-scheme: dark)').matches);
+  readonly shown: 'light' | 'dark' = $derived(this.choice === 'system' ? (this.systemDark ? 'dark' : 'light') : this.choice);
+
+  constructor() {
+    matchMedia('(prefers-color-scheme: dark)').addEventListener('change', (event) => {
+      this.systemDark = event.matches;
+      this.write();
+    });
+    this.write();
+  }
+
+  /** The other one of light and dark; back on what the system says it follows the system again. */
+  toggle(): void {
+    const wanted = this.shown === 'dark' ? 'light' : 'dark';
+    this.choice = wanted === (this.systemDark ? 'dark' : 'light') ? 'system' : wanted;
+    try {
+      localStorage.setItem(KEY, this.choice);
+    } catch {
+      // not remembered then
+    }
+    this.write();
+  }
+
+  private write(): void {
+    document.documentElement.dataset['theme'] = this.shown;
+  }
+}
+
+export const theme = new Theme();

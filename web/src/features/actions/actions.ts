@@ -1,0 +1,100 @@
+/** What can be asked of a vehicle from the bar: name, effect in one sentence with numbers, and the call it makes. */
+
+import { fixed, metres, UNKNOWN } from '../../ui/format';
+
+export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'kill' | 'offboard_start';
+
+/** What the sentences need to know; null is unknown. */
+export interface ActionFacts {
+  vehicleId: string;
+  vehicleName: string;
+  armed: boolean;
+  inAir: boolean;
+  alt_home_m: number | null;
+  fromHome_m: number | null;
+  mode: string;
+  streaming: boolean;
+  takeoffAlt_home_m: number;
+  battery_percent: number | null;
+}
+
+export interface Question {
+  title: string;
+  effect: string;
+  /** Word on the slider. */
+  verb: string;
+  danger: boolean;
+}
+
+const OFFBOARD_ENDS = ' Offboard ends.';
+
+function m(value: number | null): string {
+  const { text, unit } = metres(value);
+  return text === UNKNOWN ? 'an unknown distance' : `${text} ${unit}`;
+}
+
+function heightNow(facts: ActionFacts): string {
+  return facts.alt_home_m === null ? 'an unknown height' : `${fixed(facts.alt_home_m, 1)} m above home`;
+}
+
+/** The confirmation's words; null where the action needs none: Hold is always one press. */
+export function question(action: ActionName, facts: ActionFacts): Question | null {
+  const end = facts.streaming ? OFFBOARD_ENDS : '';
+  const name = facts.vehicleName;
+  switch (action) {
+    case 'hold':
+      return null;
+    case 'arm':
+      return { title: `Arm ${name}`, effect: 'The motors start to turn on the ground. It disarms by itself if it does not take off.', verb: 'Arm', danger: false };
+    case 'disarm':
+      return { title: `Disarm ${name}`, effect: facts.inAir ? 'The vehicle reports to be in the air and will refuse.' : 'The motors stop on the ground.', verb: 'Disarm', danger: false };
+    case 'takeoff':
+      return {
+        title: `Take off ${name}`,
+        effect: `${facts.armed ? 'Climbs' : 'Arms, climbs'} to ${fixed(facts.takeoffAlt_home_m, 1)} m above home and holds there.${facts.battery_percent === null ? '' : ` Battery ${facts.battery_percent} %.`}`,
+        verb: 'Take off', danger: false,
+      };
+    case 'land':
+      return { title: `Land ${name}`, effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`, verb: 'Land', danger: false };
+    case 'rtl':
+      return { title: `Return ${name}`, effect: `Climbs to its return height, flies ${m(facts.fromHome_m)} back and lands at home.${end}`, verb: 'Return', danger: false };
+    case 'offboard_start':
+      return { title: `Offboard ${name}`, effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.', verb: 'Start', danger: false };
+    case 'kill':
+      return {
+        title: `Stop motors of ${name}`,
+        effect: facts.inAir
+          ? `The vehicle will fall from ${heightNow(facts)}. Nothing slows it down.`
+          : 'Motors stop at once. If the vehicle is in the air it will fall.',
+        verb: 'Stop', danger: true,
+      };
+  }
+}
+
+export interface Call {
+  path: string;
+  body?: object;
+}
+
+/** The request an action makes, under /vehicles/{id}. */
+export function call(action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts): Call {
+  const base = `/vehicles/${encodeURIComponent(facts.vehicleId)}`;
+  if (action === 'takeoff') return { path: `${base}/takeoff`, body: { alt_home_m: facts.takeoffAlt_home_m } };
+  if (action === 'kill') return { path: `${base}/kill`, body: { confirm: `motors stop, vehicle ${facts.vehicleId} falls` } };
+  return { path: `${base}/${action}` };
+}
+
+/** Why an action makes no sense now, as a tooltip; null where it does. Never for Hold or Stop motors. */
+export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
+  if (action === 'hold' || action === 'kill') return null;
+  if (facts.replayed) return 'A recording takes no commands.';
+  if (facts.lost) return 'The vehicle is not heard.';
+  if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
+  if ((action === 'land' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';
+  return null;
+}
+
+/** Progress in words while the vehicle has not shown it yet. */
+export const ASKED: Readonly<Record<ActionName, string>> = {
+  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', kill: 'Stopping the motors', offboard_start: 'Offboard',
+};

@@ -1,0 +1,92 @@
+/** Steers the gimbal: angles while the pad is dragged, rates while an arrow is held; both axes stop when let go. */
+
+import type { VehicleFacts } from '../../app/facts';
+import type { ApiClient } from '../../api/client';
+import type { ActionController } from '../actions/controller.svelte';
+import { LatestSender } from './latest';
+import { clamp, limits, type Angles } from './pad';
+
+/** How fast an arrow turns the camera [deg/s]. */
+export const RATE_DEG_S = 20;
+
+interface Order {
+  facts: VehicleFacts;
+  path: 'angles' | 'rates';
+  body: object;
+}
+
+export class GimbalControl {
+  /** The angles last asked for: the ring on the pad. */
+  asked = $state.raw<Angles | null>(null);
+  /** Yaw stays where it points while the vehicle turns. Null: as the gimbal reports it. */
+  private lockChosen = $state<boolean | null>(null);
+  busy = $state(false);
+  private readonly sender: LatestSender<Order>;
+  private turning = false;
+
+  constructor(
+    private readonly api: ApiClient,
+    private readonly actions: ActionController,
+  ) {
+    this.sender = new LatestSender((order) =>
+      this.actions.attempt('Gimbal', order.facts, 'gimbal', () => this.api.post(`${base(order.facts)}/${order.path}`, order.body)),
+    );
+  }
+
+  lock(facts: VehicleFacts): boolean {
+    return this.lockChosen ?? facts.gimbal?.value.yaw_lock ?? false;
+  }
+
+  async control(facts: VehicleFacts, take: boolean): Promise<void> {
+    this.busy = true;
+    this.asked = null;
+    await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () => this.api.post(`${base(facts)}/${take ? 'take' : 'release'}`));
+    this.busy = false;
+  }
+
+  /** Points the camera; yaw is from the nose, as the pad shows it. */
+  point(facts: VehicleFacts, angles: Angles): void {
+    const held = clamp(angles, limits(facts.gimbal?.value ?? null));
+    this.asked = held;
+    const lock = this.lock(facts);
+    const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
+    // With lock the API counts yaw from north.
+    const yaw_deg = lock && vehicleYaw !== null ? wrap(held.yaw_deg + (vehicleYaw * 180) / Math.PI) : held.yaw_deg;
+    this.sender.push({ facts, path: 'angles', body: { pitch_deg: round(held.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock } });
+  }
+
+  /** Turns while held: signs of pitch (up) and yaw (right). */
+  turn(facts: VehicleFacts, pitch: number, yaw: number): void {
+    this.asked = null;
+    this.turning = true;
+    this.rates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
+  }
+
+  /** Let go: both axes stop. */
+  stop(facts: VehicleFacts): void {
+    if (!this.turning) return;
+    this.turning = false;
+    this.rates(facts, 0, 0);
+  }
+
+  setLock(facts: VehicleFacts, lock: boolean): void {
+    this.lockChosen = lock;
+    this.rates(facts, 0, 0);
+  }
+
+  private rates(facts: VehicleFacts, pitch: number, yaw: number): void {
+    this.sender.push({ facts, path: 'rates', body: { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) } });
+  }
+}
+
+function base(facts: VehicleFacts): string {
+  return `/vehicles/${encodeURIComponent(facts.id)}/gimbal`;
+}
+
+function round(value: number): number {
+  return Math.round(value * 10) / 10;
+}
+
+function wrap(value_deg: number): number {
+  return ((((value_deg + 180) % 360) + 360) % 360) - 180;
+}

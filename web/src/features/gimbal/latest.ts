@@ -1,0 +1,26 @@
+/** Sends the newest of a fast series of requests: one under way at a time, those in between are skipped, the last one never. */
+
+export class LatestSender<T> {
+  private waiting: { value: T } | null = null;
+  private busy = false;
+
+  constructor(private readonly send: (value: T) => Promise<unknown>) {}
+
+  push(value: T): void {
+    this.waiting = { value };
+    if (!this.busy) void this.drain();
+  }
+
+  private async drain(): Promise<void> {
+    this.busy = true;
+    try {
+      while (this.waiting !== null) {
+        const { value } = this.waiting;
+        this.waiting = null;
+        await this.send(value);
+      }
+    } finally {
+      this.busy = false;
+    }
+  }
+}

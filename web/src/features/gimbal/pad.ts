@@ -1,0 +1,84 @@
+/** The gimbal pad's geometry: angles to points and back, with the limits the gimbal itself reports. */
+
+import { toDeg } from '../../ui/format';
+import type { Gimbal } from '../../live/topics';
+
+export interface Limits {
+  pitchMin_deg: number;
+  pitchMax_deg: number;
+  yawMin_deg: number;
+  yawMax_deg: number;
+  /** False: the gimbal told none, the pad shows its own range. */
+  told: boolean;
+}
+
+export interface Point {
+  x: number;
+  y: number;
+}
+
+export interface Angles {
+  pitch_deg: number;
+  yaw_deg: number;
+}
+
+export const PAD = { width: 152, height: 116, margin: 8 } as const;
+
+/** Shown range where the gimbal reports none, and never less than this [deg]. */
+const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
+
+export function limits(gimbal: Gimbal | null): Limits {
+  const pitchMin = toDeg(gimbal?.pitch_min_rad ?? null);
+  const pitchMax = toDeg(gimbal?.pitch_max_rad ?? null);
+  const yawMin = toDeg(gimbal?.yaw_min_rad ?? null);
+  const yawMax = toDeg(gimbal?.yaw_max_rad ?? null);
+  const told = pitchMin !== null && pitchMax !== null && pitchMax > pitchMin;
+  return {
+    pitchMin_deg: told ? Math.max(-180, pitchMin) : -90,
+    pitchMax_deg: told ? Math.min(180, pitchMax) : 30,
+    yawMin_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.max(-180, yawMin) : -180,
+    yawMax_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.min(180, yawMax) : 180,
+    told,
+  };
+}
+
+function range(l: Limits): { top: number; bottom: number; left: number; right: number } {
+  return {
+    top: Math.max(RANGE.pitchMax, l.pitchMax_deg + 10), bottom: Math.min(RANGE.pitchMin, l.pitchMin_deg - 10),
+    left: RANGE.yawMin - 12, right: RANGE.yawMax + 12,
+  };
+}
+
+export function toPoint(angles: Angles, l: Limits): Point {
+  const r = range(l);
+  return {
+    x: ((angles.yaw_deg - r.left) / (r.right - r.left)) * PAD.width,
+    y: ((r.top - angles.pitch_deg) / (r.top - r.bottom)) * PAD.height,
+  };
+}
+
+/** The angles at a point of the pad, held inside the limits. */
+export function toAngles(point: Point, l: Limits): Angles {
+  const r = range(l);
+  const yaw = r.left + (point.x / PAD.width) * (r.right - r.left);
+  const pitch = r.top - (point.y / PAD.height) * (r.top - r.bottom);
+  return clamp({ pitch_deg: pitch, yaw_deg: yaw }, l);
+}
+
+export function clamp(angles: Angles, l: Limits): Angles {
+  return {
+    pitch_deg: Math.min(l.pitchMax_deg, Math.max(l.pitchMin_deg, angles.pitch_deg)),
+    yaw_deg: Math.min(l.yawMax_deg, Math.max(l.yawMin_deg, angles.yaw_deg)),
+  };
+}
+
+/** Where the camera looks from the nose [deg]; null where the gimbal does not say. */
+export function pointing(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
+  let yaw = toDeg(gimbal.yaw_frd_rad);
+  if (yaw === null && gimbal.yaw_ned_rad !== null && yaw_ned_rad !== null) {
+    yaw = toDeg(gimbal.yaw_ned_rad - yaw_ned_rad);
+  }
+  const pitch = toDeg(gimbal.pitch_rad);
+  if (pitch === null) return null;
+  return { pitch_deg: pitch, yaw_deg: yaw === null ? 0 : ((((yaw + 180) % 360) + 360) % 360) - 180 };
+}

@@ -1,0 +1,2 @@
+/** Whether the keyboard sheet is open. */
+export const sheet = $state({ open: false });

@@ -1,0 +1,38 @@
+/** The artificial horizon's geometry. */
+
+import { toDeg } from '../../ui/format';
+import type { VehicleFacts } from '../../app/facts';
+
+/** Pixels of the instrument per degree of pitch. */
+export const PX_PER_DEG = 1.7;
+
+/** How the earth's disc lies behind the wings: turned against roll, moved down by pitch. */
+export function horizonTransform(roll_rad: number, pitch_rad: number, cx: number, cy: number): string {
+  const roll = toDeg(roll_rad) ?? 0;
+  const pitch = Math.min(90, Math.max(-90, toDeg(pitch_rad) ?? 0));
+  return `rotate(${(-roll).toFixed(2)} ${cx} ${cy}) translate(0 ${(pitch * PX_PER_DEG).toFixed(2)})`;
+}
+
+/** Heading [deg], from the attitude and else from the position message. */
+export function headingDeg(facts: Pick<VehicleFacts, 'attitude' | 'global'>): number | null {
+  return toDeg(facts.attitude?.value.yaw_ned_rad ?? null) ?? facts.global?.value.heading_deg ?? null;
+}
+
+export interface Tick {
+  x: number;
+  label: string;
+  major: boolean;
+}
+
+const NAMES: Readonly<Record<number, string>> = { 0: 'N', 45: 'NE', 90: 'E', 135: 'SE', 180: 'S', 225: 'SW', 270: 'W', 315: 'NW' };
+
+/** Marks of the heading tape that are in sight: every 15°, named every 45°. */
+export function tapeTicks(heading_deg: number, width: number, px_per_deg: number): Tick[] {
+  const half = width / 2 / px_per_deg;
+  const ticks: Tick[] = [];
+  for (let mark = Math.ceil((heading_deg - half) / 15) * 15; mark <= heading_deg + half; mark += 15) {
+    const named = ((mark % 360) + 360) % 360;
+    ticks.push({ x: width / 2 + (mark - heading_deg) * px_per_deg, label: NAMES[named] ?? '', major: named % 45 === 0 });
+  }
+  return ticks;
+}

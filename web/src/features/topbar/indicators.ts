@@ -1,0 +1,73 @@
+/** GPS, battery and link as one short line each, with the severity that a word beside it explains. */
+
+import { fixed, join, UNKNOWN } from '../../ui/format';
+import type { Battery, Gps } from '../../live/topics';
+import type { Reading } from '../../live/vehicle-state';
+
+export type Severity = 'none' | 'caution' | 'danger';
+
+export interface Indicator {
+  label: string;
+  text: string;
+  /** A word that says what is wrong; empty where nothing is. */
+  word: string;
+  severity: Severity;
+  stale: boolean;
+  age_s: number | null;
+  details: [string, string][];
+}
+
+const FIX = ['no GPS', 'no fix', '2-D fix', '3-D fix', 'DGPS', 'RTK float', 'RTK fixed'];
+
+function empty(label: string): Indicator {
+  return { label, text: UNKNOWN, word: '', severity: 'none', stale: false, age_s: null, details: [['', 'Nothing received yet.']] };
+}
+
+export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
+  if (reading === null) return empty('GPS');
+  const { value: gps, stale, age_s } = reading;
+  const fix = FIX[gps.fix_type] ?? `fix ${gps.fix_type}`;
+  const satellites = gps.satellites === null ? null : String(gps.satellites);
+  const accuracy = gps.horizontal_accuracy_m === null ? null : `${fixed(gps.horizontal_accuracy_m, 1)} m`;
+  const poor = gps.fix_type < 3;
+  return {
+    label: 'GPS', stale, age_s,
+    text: poor ? join([satellites, fix]) : join([satellites, accuracy ?? fix]),
+    word: poor ? fix : '', severity: poor ? 'danger' : 'none',
+    details: [
+      ['Fix', fix], ['Satellites', satellites ?? UNKNOWN], ['HDOP', fixed(gps.hdop, 2)],
+      ['Accuracy', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`],
+    ],
+  };
+}
+
+export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
+  if (reading === null) return empty('Battery');
+  const { value: battery, stale, age_s } = reading;
+  const percent = battery.remaining_percent;
+  const severity: Severity = percent === null ? 'none' : percent <= 10 ? 'danger' : percent <= 25 ? 'caution' : 'none';
+  const volts = battery.voltage_v === null ? null : `${fixed(battery.voltage_v, 1)} V`;
+  const left = battery.time_remaining_s;
+  return {
+    label: 'Battery', stale, age_s, severity,
+    text: join([percent === null ? null : `${percent} %`, volts]),
+    word: severity === 'danger' ? 'empty' : severity === 'caution' ? 'low' : '',
+    details: [
+      ['Remaining', percent === null ? UNKNOWN : `${percent} %`], ['Voltage', battery.voltage_v === null ? UNKNOWN : `${fixed(battery.voltage_v, 2)} V`],
+      ['Current', battery.current_a === null ? UNKNOWN : `${fixed(battery.current_a, 1)} A`],
+      ['Consumed', battery.consumed_mah === null ? UNKNOWN : `${battery.consumed_mah} mAh`],
+      ['Time left', left === null || left <= 0 ? UNKNOWN : `${Math.round(left / 60)} min`],
+    ],
+  };
+}
+
+/** The vehicle's link as far as its heartbeat tells; `links` adds what the server counts. */
+export function linkIndicator(heartbeatAge_s: number | null, lost: boolean, details: [string, string][], text: string | null): Indicator {
+  if (heartbeatAge_s === null) return { ...empty('Link'), details };
+  return {
+    label: 'Link', stale: false, age_s: heartbeatAge_s,
+    text: lost ? `silent ${Math.round(heartbeatAge_s)} s` : (text ?? 'heard'),
+    word: lost ? 'lost' : '', severity: lost ? 'danger' : 'none',
+    details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],
+  };
+}

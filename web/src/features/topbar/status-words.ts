@@ -1,0 +1,86 @@
+/** What the vehicle does and who makes it do so, in words: the pill in the middle of the top bar. */
+
+import type { Status } from '../../live/topics';
+
+export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'neutral';
+
+export interface StatusWords {
+  title: string;
+  who: string;
+  tone: Tone;
+}
+
+export interface StatusFacts {
+  status: Status | null;
+  /** Age of the status [s]. */
+  age_s: number;
+  lost: boolean;
+  replayed: boolean;
+  ready: boolean | null;
+  /** The stream this server sends, where one is active. */
+  stream: { type: string; rate_hz: number | null; client: string | null } | null;
+}
+
+interface Flown {
+  title: string;
+  who: string;
+}
+
+const FLOWN: Readonly<Record<string, Flown>> = {
+  hold: { title: 'Holding', who: 'the vehicle holds its position' },
+  takeoff: { title: 'Taking off', who: 'the vehicle climbs by itself' },
+  land: { title: 'Landing', who: 'the vehicle lands by itself' },
+  precland: { title: 'Landing', who: 'the vehicle lands on a marker' },
+  rtl: { title: 'Returning', who: 'the vehicle flies home by itself' },
+  mission: { title: 'Mission', who: 'the vehicle flies its mission' },
+  orbit: { title: 'Orbit', who: 'the vehicle circles by itself' },
+  follow: { title: 'Follow', who: 'the vehicle follows a target' },
+  position: { title: 'Position', who: 'a pilot flies, position assisted' },
+  altitude: { title: 'Altitude', who: 'a pilot flies, height assisted' },
+  stabilized: { title: 'Stabilized', who: 'a pilot flies' },
+  manual: { title: 'Manual', who: 'a pilot flies' },
+  acro: { title: 'Acro', who: 'a pilot flies' },
+};
+
+/** Mode and owner, with no word about arming. */
+function flown(status: Status, stream: StatusFacts['stream']): Flown {
+  if (status.mode === 'offboard') {
+    if (stream === null) return { title: 'Offboard', who: 'another computer streams, not this server' };
+    const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
+    return { title: 'Offboard', who: `server streams ${stream.type}${rate}` };
+  }
+  return FLOWN[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
+}
+
+function seconds(age_s: number): string {
+  return `${Math.max(0, Math.round(age_s))} s`;
+}
+
+/** True where the vehicle flies something else than it was asked for. */
+export function isFailsafe(status: Status): boolean {
+  return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 &&
+    status.intended_custom_mode !== status.custom_mode;
+}
+
+export function statusWords(facts: StatusFacts): StatusWords {
+  const { status } = facts;
+  if (status === null) return { title: 'No vehicle state', who: 'nothing heard yet', tone: 'neutral' };
+  if (facts.lost) {
+    const last = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
+    const silent = Math.max(facts.age_s, status.last_heartbeat_age_s);
+    return { title: 'Lost', who: `silent for ${seconds(silent)} · ${last}`, tone: 'danger' };
+  }
+  if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recording, takes no commands`, tone: 'neutral' };
+  if (!status.armed) {
+    const who = `${status.mode_label} · disarmed`;
+    if (facts.ready === true) return { title: 'Ready', who, tone: 'ok' };
+    if (facts.ready === false) return { title: 'Not ready', who: `${who} · see messages`, tone: 'caution' };
+    return { title: 'Disarmed', who, tone: 'neutral' };
+  }
+  const now = flown(status, facts.stream);
+  if (isFailsafe(status)) return { title: `Failsafe: ${now.title}`, who: 'the vehicle decided, not what was asked', tone: 'danger' };
+  if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
+    return { title: 'Armed', who: `on the ground, motors turn · ${status.mode_label}`, tone: 'caution' };
+  }
+  return { ...now, tone: status.mode === 'offboard' ? 'target' : 'ok' };
+}

@@ -1,0 +1,32 @@
+/** How old a value may get before it no longer looks live: three of its own periods. */
+
+import { NOMINAL_PERIOD_S } from './topics';
+
+const PERIODS = 3;
+/** Below this [s] nobody can tell, and one late packet should not flicker. */
+const FLOOR_S = 1;
+/** A topic silent for this long [s] has stopped; the gap says nothing about its period. */
+const LONGEST_PERIOD_S = 5;
+const SMOOTHING = 0.2;
+
+/** Learns a topic's period from its arrivals. */
+export function learnPeriod(period_s: number | null, gap_s: number): number | null {
+  if (!(gap_s > 0) || gap_s > LONGEST_PERIOD_S) return period_s;
+  return period_s === null ? gap_s : period_s + SMOOTHING * (gap_s - period_s);
+}
+
+/** The age [s] from which a topic's value is stale. */
+export function staleAfterS(topic: string, period_s: number | null): number {
+  const nominal = NOMINAL_PERIOD_S[topic] ?? 1;
+  return Math.max(FLOOR_S, PERIODS * Math.max(period_s ?? nominal, 0));
+}
+
+/** "4 s", "2 min", "3 h": an age as a person says it. */
+export function ageText(age_s: number): string {
+  if (!Number.isFinite(age_s)) return '–';
+  const s = Math.max(0, age_s);
+  if (s < 9.95) return `${s.toFixed(1)} s`;
+  if (s < 120) return `${Math.round(s)} s`;
+  if (s < 7200) return `${Math.round(s / 60)} min`;
+  return `${Math.round(s / 3600)} h`;
+}

@@ -1,0 +1,130 @@
+/**
+ * The one telemetry socket: subscribes, feeds the store, comes back by itself and says what it is doing.
+ */
+
+import { parseFrame, SCHEMA_VERSION, type Frame } from './wire';
+
+export type SocketState =
+  | { phase: 'connecting'; attempt: number }
+  | { phase: 'open' }
+  | { phase: 'waiting'; attempt: number; retryAt_ms: number }
+  | { phase: 'incompatible'; schemaVersion: number };
+
+export interface SocketLike {
+  send(data: string): void;
+  close(): void;
+  onopen: (() => void) | null;
+  onmessage: ((event: { data: unknown }) => void) | null;
+  onclose: (() => void) | null;
+}
+
+export interface SocketDeps {
+  open: (url: string) => SocketLike;
+  nowMs: () => number;
+  setTimer: (callback: () => void, ms: number) => unknown;
+  clearTimer: (timer: unknown) => void;
+}
+
+const FIRST_RETRY_MS = 500;
+const LONGEST_RETRY_MS = 8000;
+const OPEN_DEADLINE_MS = 8000;
+
+/** Waiting time before the given attempt [ms]: doubles up to 8 s. */
+export function retryDelayMs(attempt: number): number {
+  return Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** Math.max(0, attempt - 1));
+}
+
+export class TelemetrySocket {
+  state: SocketState = { phase: 'connecting', attempt: 1 };
+  private socket: SocketLike | null = null;
+  private timer: unknown = null;
+  private attempt = 1;
+  private stopped = false;
+
+  constructor(
+    private readonly url: string,
+    private readonly subscription: object,
+    private readonly onFrame: (frame: Frame) => void,
+    private readonly onState: (state: SocketState) => void,
+    private readonly deps: SocketDeps = browserDeps,
+  ) {}
+
+  start(): void {
+    this.stopped = false;
+    this.connect();
+  }
+
+  stop(): void {
+    this.stopped = true;
+    this.deps.clearTimer(this.timer);
+    this.drop();
+  }
+
+  /** Tries at once instead of waiting: a person asked, or the machine is back online. */
+  retryNow(): void {
+    if (this.state.phase !== 'waiting') return;
+    this.deps.clearTimer(this.timer);
+    this.connect();
+  }
+
+  private connect(): void {
+    this.set({ phase: 'connecting', attempt: this.attempt });
+    const socket = this.deps.open(this.url);
+    this.socket = socket;
+    this.timer = this.deps.setTimer(() => this.lost(socket), OPEN_DEADLINE_MS);
+    socket.onopen = () => socket.send(JSON.stringify({ type: 'subscribe', ...this.subscription }));
+    socket.onmessage = (event) => this.received(socket, event.data);
+    socket.onclose = () => this.lost(socket);
+  }
+
+  private received(socket: SocketLike, data: unknown): void {
+    if (socket !== this.socket || typeof data !== 'string') return;
+    const frame = parseFrame(data);
+    if (frame === null) return;
+    if (frame.type === 'hello') {
+      if (frame.schema_version !== SCHEMA_VERSION) {
+        this.set({ phase: 'incompatible', schemaVersion: frame.schema_version });
+        this.deps.clearTimer(this.timer);
+        this.drop();
+        return;
+      }
+      this.deps.clearTimer(this.timer);
+      this.attempt = 1;
+      this.onFrame(frame);
+      this.set({ phase: 'open' });
+      return;
+    }
+    this.onFrame(frame);
+  }
+
+  private lost(socket: SocketLike): void {
+    if (socket !== this.socket || this.stopped) return;
+    this.deps.clearTimer(this.timer);
+    this.drop();
+    const delay = retryDelayMs(this.attempt);
+    this.attempt += 1;
+    this.set({ phase: 'waiting', attempt: this.attempt, retryAt_ms: this.deps.nowMs() + delay });
+    this.timer = this.deps.setTimer(() => this.connect(), delay);
+  }
+
+  private drop(): void {
+    const socket = this.socket;
+    this.socket = null;
+    if (socket === null) return;
+    socket.onopen = socket.onmessage = socket.onclose = null;
+    socket.close();
+  }
+
+  private set(state: SocketState): void {
+    this.state = state;
+    this.onState(state);
+  }
+}
+
+/* v8 ignore next 6 */
+const browserDeps: SocketDeps = {
+  open: (url) => new WebSocket(url) as unknown as SocketLike,
+  nowMs: () => performance.now(),
+  setTimer: (callback, ms) => setTimeout(callback, ms),
+  clearTimer: (timer) => clearTimeout(timer as number),
+};

@@ -1,0 +1,70 @@
+/**
+ * All telemetry, outside the UI framework: frames go in as they come, the page reads once per animation frame.
+ * Knows the server's clock, so that ages are right on a machine whose own clock is not.
+ */
+
+import { VehicleState } from './vehicle-state';
+import type { Frame, WireEvent, WireSample } from './wire';
+
+export class TelemetryStore {
+  readonly vehicles = new Map<string, VehicleState>();
+  /** Changes whenever something arrived: the painter compares it. */
+  revision = 0;
+  /** What concerns no single vehicle: links, warnings; newest first. */
+  stationEvents: WireEvent[] = [];
+  private readonly localUnixS: () => number;
+  private offset_s: number | null = null;
+
+  /** @param localUnixS this machine's clock [s], injected for the tests. */
+  constructor(localUnixS: () => number = () => Date.now() / 1000) {
+    this.localUnixS = localUnixS;
+  }
+
+  /** The server's time now [unix s]. */
+  nowUnixS(): number {
+    return this.localUnixS() + (this.offset_s ?? 0);
+  }
+
+  ids(): string[] {
+    return [...this.vehicles.keys()].sort((a, b) => a.localeCompare(b, undefined, { numeric: true }));
+  }
+
+  vehicle(id: string): VehicleState {
+    let state = this.vehicles.get(id);
+    if (state === undefined) {
+      state = new VehicleState(id);
+      this.vehicles.set(id, state);
+    }
+    return state;
+  }
+
+  apply(frame: Frame): void {
+    if (frame.type === 'hello') this.offset_s = frame.server_time_unix_s - this.localUnixS();
+    else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
+    else if (frame.type === 'event') this.applyEvent(frame.event);
+    this.revision += 1;
+  }
+
+  /** Forgets vehicles the server no longer lists: a restarted server starts from nothing. */
+  keepOnly(ids: readonly string[]): void {
+    for (const id of this.vehicles.keys()) if (!ids.includes(id)) this.vehicles.delete(id);
+    for (const id of ids) this.vehicle(id);
+    this.revision += 1;
+  }
+
+  private applySample(sample: WireSample): void {
+    // A sample cannot have been received in the server's future: such a one corrects our idea of its clock.
+    const ahead_s = sample.received_unix_s - this.nowUnixS();
+    if (ahead_s > 0) this.offset_s = (this.offset_s ?? 0) + ahead_s;
+    this.vehicle(sample.vehicle).apply(sample);
+  }
+
+  private applyEvent(event: WireEvent): void {
+    if (event.kind === 'vehicle_removed' && event.vehicle !== null) {
+      this.vehicles.delete(event.vehicle);
+      return;
+    }
+    if (event.vehicle !== null) this.vehicle(event.vehicle).say(event);
+    else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);
+  }
+}

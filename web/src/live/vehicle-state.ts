@@ -1,0 +1,145 @@
+/** Everything the page knows of one vehicle: newest values, when they came, where it has been, what it said. */
+
+import { learnPeriod, staleAfterS } from './age';
+import { advance, NO_FLIGHT, type FlightClock } from './flight-time';
+import { Trail } from './trail';
+import type { GlobalPosition, Status, TopicName, Topics } from './topics';
+import type { WireEvent, WireSample } from './wire';
+
+export interface Identity {
+  system_id: number | null;
+  autopilot: number | null;
+  vehicle_type: number | null;
+  simulated: boolean;
+  replayed: boolean;
+  firmware: string | null;
+  warnings: string[];
+}
+
+export const UNKNOWN_IDENTITY: Identity = {
+  system_id: null, autopilot: null, vehicle_type: null, simulated: false, replayed: false, firmware: null, warnings: [],
+};
+
+export interface Held {
+  value: unknown;
+  received_unix_s: number;
+  period_s: number | null;
+}
+
+/** A value and whether it still counts as live. */
+export interface Reading<T> {
+  value: T;
+  age_s: number;
+  stale: boolean;
+}
+
+export interface Message {
+  key: string;
+  unix_s: number;
+  severity: number;
+  kind: string;
+  text: string;
+}
+
+const MESSAGES_KEPT = 200;
+
+export class VehicleState {
+  readonly id: string;
+  identity: Identity = UNKNOWN_IDENTITY;
+  readonly trail = new Trail();
+  flight: FlightClock = NO_FLIGHT;
+  /** Newest first. */
+  messages: Message[] = [];
+  private readonly held = new Map<string, Held>();
+
+  constructor(id: string) {
+    this.id = id;
+  }
+
+  /** Takes a sample if it is newer than what is held. */
+  apply(sample: WireSample): boolean {
+    const before = this.held.get(sample.topic);
+    if (before !== undefined && sample.received_unix_s < before.received_unix_s) return false;
+    const gap = before === undefined ? 0 : sample.received_unix_s - before.received_unix_s;
+    this.held.set(sample.topic, {
+      value: sample.value,
+      received_unix_s: sample.received_unix_s,
+      period_s: learnPeriod(before?.period_s ?? null, gap),
+    });
+    if (sample.topic === 'identity') this.identity = toIdentity(sample.value);
+    if (sample.topic === 'status') this.flight = advance(this.flight, sample.value as Status, sample.received_unix_s);
+    if (sample.topic === 'global_position') this.trail.add(sample.value as GlobalPosition);
+    return true;
+  }
+
+  /** Older samples of the vehicle, oldest first: fills trail and flight time, leaves the newest values alone. */
+  applyHistory(samples: readonly WireSample[]): void {
+    let clock = NO_FLIGHT;
+    const places: GlobalPosition[] = [];
+    for (const sample of samples) {
+      if (sample.topic === 'status') clock = advance(clock, sample.value as Status, sample.received_unix_s);
+      if (sample.topic === 'global_position') places.push(sample.value as GlobalPosition);
+    }
+    this.trail.prepend(places);
+    const status = this.held.get('status');
+    if (status !== undefined) clock = advance(clock, status.value as Status, status.received_unix_s);
+    if (clock.updated_unix_s > 0) this.flight = clock;
+  }
+
+  /** Adds what the vehicle said; the same event told twice stays one line. */
+  say(event: WireEvent): void {
+    const key = `${event.unix_s}|${event.kind}|${event.text}`;
+    if (event.text === '' || this.messages.some((m) => m.key === key)) return;
+    const message = { key, unix_s: event.unix_s, severity: severityNumber(event.severity), kind: event.kind, text: event.text };
+    const at = this.messages.findIndex((m) => m.unix_s <= message.unix_s);
+    this.messages.splice(at === -1 ? this.messages.length : at, 0, message);
+    this.messages.length = Math.min(this.messages.length, MESSAGES_KEPT);
+  }
+
+  raw(topic: string): Held | null {
+    return this.held.get(topic) ?? null;
+  }
+
+  /** The newest value of a topic with its age at `now_unix_s`; null before the first. */
+  read<K extends TopicName>(topic: K, now_unix_s: number): Reading<Topics[K]> | null {
+    return this.readAs<Topics[K]>(topic, now_unix_s);
+  }
+
+  readAs<T>(topic: string, now_unix_s: number): Reading<T> | null {
+    const held = this.held.get(topic);
+    if (held === undefined || held.value === null) return null;
+    const age_s = Math.max(0, now_unix_s - held.received_unix_s);
+    return { value: held.value as T, age_s, stale: age_s > staleAfterS(topic, held.period_s) };
+  }
+
+  /** Whether the vehicle is to be drawn hollow: it says so itself no more, or the server says so for it. */
+  lost(now_unix_s: number): boolean {
+    const status = this.read('status', now_unix_s);
+    return status === null || status.value.link_lost || status.age_s > 6;
+  }
+}
+
+const SEVERITIES = ['emergency', 'alert', 'critical', 'error', 'warning', 'notice', 'info', 'debug'];
+
+/** MAV_SEVERITY of what the server sends, a number or its word; what is unknown counts as info. */
+export function severityNumber(severity: string | number | null): number {
+  if (typeof severity === 'number') return Math.min(7, Math.max(0, Math.round(severity)));
+  const index = severity === null ? -1 : SEVERITIES.indexOf(severity.toLowerCase());
+  return index === -1 ? 6 : index;
+}
+
+/** Reads identity as far as it is there: an older or newer server may say less or more. */
+export function toIdentity(value: unknown): Identity {
+  if (typeof value !== 'object' || value === null) return UNKNOWN_IDENTITY;
+  const raw = value as Record<string, unknown>;
+  const number = (name: string): number | null => (typeof raw[name] === 'number' ? raw[name] : null);
+  return {
+    system_id: number('system_id'),
+    autopilot: number('autopilot'),
+    vehicle_type: number('vehicle_type'),
+    simulated: raw['simulated'] === true,
+    replayed: raw['replayed'] === true,
+    firmware: typeof raw['firmware'] === 'string' ? raw['firmware'] : null,
+    warnings: Array.isArray(raw['warnings']) ? raw['warnings'].filter((w): w is string => typeof w === 'string') : [],
+  };
+}

@@ -1,0 +1,63 @@
+/** Numbers as the page shows them. Unknown is "–", never 0; a minus is a minus; −0.0 does not exist. */
+
+export const UNKNOWN = '–';
+
+export const DEG_PER_RAD = 180 / Math.PI;
+
+function known(value: number | null | undefined): value is number {
+  return value !== null && value !== undefined && Number.isFinite(value);
+}
+
+/** A number with fixed decimals; `signed` puts a + before what is above zero. */
+export function fixed(value: number | null | undefined, decimals: number, signed = false): string {
+  if (!known(value)) return UNKNOWN;
+  const text = Math.abs(value).toFixed(decimals);
+  const zero = Number(text) === 0;
+  if (value < 0 && !zero) return `−${text}`;
+  return signed && !zero ? `+${text}` : text;
+}
+
+/** A length: one decimal below 100 m, none above; kilometres from 10 000 m. */
+export function metres(value: number | null | undefined): { text: string; unit: string } {
+  if (!known(value)) return { text: UNKNOWN, unit: 'm' };
+  const size = Math.abs(value);
+  if (size >= 9999.5) return { text: fixed(value / 1000, 1), unit: 'km' };
+  return { text: fixed(value, size < 99.95 ? 1 : 0), unit: 'm' };
+}
+
+/** Heading 000–359 from any angle [deg]. */
+export function heading(value_deg: number | null | undefined): string {
+  if (!known(value_deg)) return UNKNOWN;
+  const rounded = ((Math.round(value_deg) % 360) + 360) % 360;
+  return String(rounded).padStart(3, '0');
+}
+
+/** mm:ss, or h:mm:ss from an hour on. */
+export function duration(value_s: number | null | undefined): string {
+  if (!known(value_s) || value_s < 0) return UNKNOWN;
+  const s = Math.floor(value_s);
+  const two = (n: number): string => String(n).padStart(2, '0');
+  const tail = `${two(Math.floor(s / 60) % 60)}:${two(s % 60)}`;
+  return s >= 3600 ? `${Math.floor(s / 3600)}:${tail}` : tail;
+}
+
+/** Wall-clock time of day, 14:02:31. */
+export function timeOfDay(unix_s: number): string {
+  const date = new Date(unix_s * 1000);
+  return [date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => String(n).padStart(2, '0')).join(':');
+}
+
+export function toDeg(value_rad: number | null | undefined): number | null {
+  return known(value_rad) ? value_rad * DEG_PER_RAD : null;
+}
+
+/** An angle into −180…180 [deg]. */
+export function wrap180(value_deg: number): number {
+  return ((((value_deg + 180) % 360) + 360) % 360) - 180;
+}
+
+/** Words joined for a person, unknown ones left out: "14 · 0.8 m". */
+export function join(parts: readonly (string | null | undefined)[], by = ' · '): string {
+  const said = parts.filter((p): p is string => p !== null && p !== undefined && p !== '' && p !== UNKNOWN);
+  return said.length === 0 ? UNKNOWN : said.join(by);
+}
