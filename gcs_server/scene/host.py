@@ -23,7 +23,7 @@ import threading
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import rich
@@ -31,7 +31,7 @@ import viser
 import websockets
 import websockets.asyncio.server
 from viser import _messages
-from viser.infra import _infra
+from viser.infra import _infra  # pyright: ignore[reportPrivateUsage]
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
@@ -121,12 +121,13 @@ class ViserHost:
     def _build(self, listener: socket.socket) -> viser.ViserServer:
         with _starting:
             rich.get_console().quiet = True  # only viser prints by rich here
-            own = _infra.websockets
+            theirs: Any = _infra
+            own = theirs.websockets
             try:
-                _infra.websockets = cast(Any, self._guarded(listener))
+                theirs.websockets = self._guarded(listener)
                 server = _PrivateViser(host="127.0.0.1", port=0, verbose=False)
             finally:
-                _infra.websockets = own
+                theirs.websockets = own
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # pyright: ignore[reportPrivateUsage]
         return server
@@ -139,7 +140,7 @@ class ViserHost:
 
             def process_request(connection: Any, request: Request) -> Response | None:
                 given = request.headers.get(SECRET_HEADER, "")
-                if not hmac.compare_digest(given.encode(), self.secret.encode()):
+                if not hmac.compare_digest(given.encode(errors="replace"), self.secret.encode()):
                     return Response(http.HTTPStatus.FORBIDDEN.value, "Forbidden", Headers(), b"")
                 return theirs(connection, request) if theirs is not None else None
 

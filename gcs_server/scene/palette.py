@@ -99,5 +99,6 @@ def lit(colour: str, palette: Palette) -> Rgb:
     red, green, blue = rgb(colour)
     if palette.theme == "light":
         return (red, green, blue)
-    grey = 0.75 * min(red, green, blue) if max(red, green, blue) - min(red, green, blue) > 60 else 0.0
+    colourful = max(red, green, blue) - min(red, green, blue) > 60
+    grey = min(40.0, 0.75 * min(red, green, blue)) if colourful else 0.0
     return (round(red - grey), round(green - grey), round(blue - grey))

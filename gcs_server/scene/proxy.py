@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import re
 from collections.abc import Callable
 from typing import Any, Literal
@@ -30,7 +31,6 @@ from gcs_server.scene.views import View
 
 log = logging.getLogger(__name__)
 
-ALLOWED_FROM_BROWSER = frozenset({"ViewerCameraMessage"})
 MAX_FROM_BROWSER = 4096
 """A camera message has some 300 bytes."""
 MAX_TO_BROWSER = 64 * 1024 * 1024
@@ -64,15 +64,42 @@ def is_same_origin(headers: Headers) -> bool:
     return asking.removesuffix(default_port) == host.removesuffix(default_port)
 
 
-def is_allowed_from_browser(data: bytes) -> bool:
-    """True for a message viser may get to see."""
+class _CameraMessage(
+    msgspec.Struct, tag_field="type", tag="ViewerCameraMessage", frozen=True, forbid_unknown_fields=True
+):
+    """Where a browser's camera is: viser's ViewerCameraMessage, and all that viser gets to hear."""
+
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    fov: float
+    near: float
+    far: float
+    image_height: int
+    image_width: int
+    look_at: tuple[float, float, float]
+    up_direction: tuple[float, float, float]
+
+
+_decoder = msgspec.msgpack.Decoder(_CameraMessage)
+
+
+def camera_message(data: bytes) -> bytes | None:
+    """What of a browser's message viser gets: a camera, written anew by us; None for anything else.
+
+    Not finite or without a direction, a camera would make viser raise whenever we set one later.
+    """
     if len(data) > MAX_FROM_BROWSER:
-        return False
+        return None
     try:
-        message = msgspec.msgpack.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        return False
-    return isinstance(message, dict) and message.get("type") in ALLOWED_FROM_BROWSER
+        message = _decoder.decode(data)
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return None
+    values = (*message.wxyz, *message.position, *message.look_at, *message.up_direction)
+    if not all(map(math.isfinite, (*values, message.fov, message.near, message.far))):
+        return None
+    if message.position == message.look_at or not any(message.up_direction) or not any(message.wxyz):
+        return None
+    return msgspec.msgpack.encode(message)
 
 
 def scene_router(host: ViserHost, set_view: Callable[[str, ViewRequest], View]) -> APIRouter:
@@ -165,7 +192,8 @@ async def _from_browser(websocket: WebSocket, upstream: websockets.asyncio.clien
     try:
         while True:
             data = await websocket.receive_bytes()
-            if is_allowed_from_browser(data):
-                await upstream.send(data)
+            camera = camera_message(data)
+            if camera is not None:
+                await upstream.send(camera)
     except (ConnectionClosed, WebSocketDisconnect, RuntimeError, KeyError, OSError):
         await upstream.close()

@@ -21,7 +21,7 @@ from gcs_server.scene.proxy import TOKEN, ViewRequest, scene_router
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.stage import Stage
 from gcs_server.scene.trail import Trail
-from gcs_server.scene.views import CAMERAS, View
+from gcs_server.scene.views import CAMERAS, Mode, View
 
 log = logging.getLogger(__name__)
 
@@ -141,9 +141,9 @@ class Scene:
     def _set_view(self, token: str, wanted: ViewRequest) -> View:
         if wanted.vehicle is not None:
             self._fleet.get(wanted.vehicle)
-        changed = wanted.model_dump(exclude_none=True)
         old = self._views.get(token, View())
-        return self._keep(token, View(**{**_as_dict(old), **changed}))
+        view = View(wanted.mode or old.mode, wanted.vehicle or old.vehicle, wanted.theme or old.theme)
+        return self._keep(token, view)
 
     def _token(self, client_id: int) -> str:
         """The name under which a page steers this view, and what its address asked for."""
@@ -166,10 +166,6 @@ class Scene:
 
 def _view_from_query(query: dict[str, str]) -> View:
     """What cannot be understood falls back to the default: a picture is better than an error here."""
-    mode = next((m for m in CAMERAS if m == query.get("mode")), "chase")
+    mode: Mode = next((m for m in CAMERAS if m == query.get("mode")), "chase")
     theme: Theme = "light" if query.get("theme") == "light" else "dark"
     return View(mode=mode, vehicle=query.get("vehicle") or None, theme=theme)
-
-
-def _as_dict(view: View) -> dict[str, object]:
-    return {"mode": view.mode, "vehicle": view.vehicle, "theme": view.theme}

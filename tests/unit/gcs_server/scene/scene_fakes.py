@@ -1,0 +1,109 @@
+"""A fleet whose topics are what a test sets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from gcs_server.errors import UnknownVehicle
+from gcs_server.vehicle.samples import (
+    Attitude,
+    Gimbal,
+    GlobalPosition,
+    Home,
+    LocalPosition,
+    Motors,
+    Quaternion,
+    Sample,
+    Status,
+)
+
+
+@dataclass
+class FakeIdentity:
+    simulated: bool = False
+    replayed: bool = False
+
+
+@dataclass
+class FakeVehicle:
+    id: str = "1"
+    identity: FakeIdentity = field(default_factory=FakeIdentity)
+    values: dict[str, object] = field(default_factory=dict)
+    received_monotonic_s: float = 0.0
+
+    def topic(self, name: str) -> Sample | None:
+        value = self.values.get(name)
+        return None if value is None else Sample(name, None, 0.0, self.received_monotonic_s, value)
+
+
+@dataclass
+class FakeFleet:
+    vehicles: list[FakeVehicle] = field(default_factory=list)
+
+    def all(self) -> list[FakeVehicle]:
+        return list(self.vehicles)
+
+    def get(self, vehicle_id: str) -> FakeVehicle:
+        for vehicle in self.vehicles:
+            if vehicle.id == vehicle_id:
+                return vehicle
+        raise UnknownVehicle(vehicle_id, [v.id for v in self.vehicles])
+
+
+def q_from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Aerospace order, independent of the code under test."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def status(*, armed: bool = True, lost: bool = False) -> Status:
+    return Status(armed, "hold", "Hold", 0, None, "in_air", 4, lost, 5.0 if lost else 0.1)
+
+
+def attitude(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Attitude:
+    return Attitude(roll, pitch, yaw, q_from_euler(roll, pitch, yaw), (0.0, 0.0, 0.0))
+
+
+def local(n: float, e: float, d: float) -> LocalPosition:
+    return LocalPosition((n, e, d), (0.0, 0.0, 0.0))
+
+
+def glob(lat: float, lon: float, alt_amsl_m: float) -> GlobalPosition:
+    return GlobalPosition(lat, lon, alt_amsl_m, 0.0, (0.0, 0.0, 0.0), None)
+
+
+def home(lat: float, lon: float, alt_amsl_m: float, ned: tuple[float, float, float] | None = None) -> Home:
+    return Home(lat, lon, alt_amsl_m, ned)
+
+
+def gimbal(q: Quaternion, *, earth: bool) -> Gimbal:
+    return Gimbal(1, 0, 0, None, None, q, earth, earth, None, None, 0, None, None, None, None)
+
+
+def motors(*pwm: int) -> Motors:
+    return Motors(pwm)
+
+
+def flying(vehicle_id: str = "1") -> FakeVehicle:
+    """Ten metres above its home, armed, with a gimbal."""
+    return FakeVehicle(
+        vehicle_id,
+        FakeIdentity(simulated=True),
+        {
+            "status": status(),
+            "attitude": attitude(),
+            "local_position": local(0.0, 0.0, -10.0),
+            "global_position": glob(47.397742, 8.545594, 498.0),
+            "home": home(47.397742, 8.545594, 488.0, (0.0, 0.0, 0.0)),
+            "gimbal": gimbal(q_from_euler(0.0, -0.5, 0.0), earth=False),
+            "motors": motors(1500, 1500, 1500, 1500),
+        },
+    )

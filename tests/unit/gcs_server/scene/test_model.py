@@ -1,0 +1,179 @@
+import math
+
+import numpy as np
+import pytest
+from scene_fakes import flying
+
+from gcs_server.scene import model, strokes
+from gcs_server.scene.frames import IDENTITY, rotate
+from gcs_server.scene.palette import PALETTES, lit
+from gcs_server.scene.placement import Placement
+from gcs_server.scene.pose import pose_of
+from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.trail import MAX_POINTS, Trail
+from gcs_server.scene.views import CAMERAS, WorldPose, in_world, world_pose
+
+SOLIDS = {
+    "shell": model.shell(),
+    "dark parts": model.dark_parts(),
+    "camera": model.camera_ball(),
+    "tube": model.tube((0, 0, 0), (0.3, 0.2, 1.0), 0.1, 0.05),
+    "box": model.rounded_box((0.2, 0.1, 0.05)),
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_solids_face_outwards(name):
+    mesh = SOLIDS[name]
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(float) for i in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert mesh.faces.max() < len(mesh.vertices)
+    assert volume > 0
+
+
+def test_rotors_stand_where_px4_numbers_them():
+    front_right, rear_left, front_left, rear_right = model.ROTORS_FLU_M
+    assert front_right[0] > 0 > front_right[1]
+    assert rear_left[0] < 0 < rear_left[1]
+    assert min(front_left[:2]) > 0 > max(rear_right[:2])
+    # Diagonal ones turn alike, neighbours do not; motor 1 anticlockwise.
+    assert model.ROTOR_SPINS == (1, 1, -1, -1)
+
+
+def test_rotors_do_not_touch():
+    assert math.dist(model.ROTORS_FLU_M[0], model.ROTORS_FLU_M[2]) > 2 * model.ROTOR_RADIUS_M
+
+
+@pytest.mark.parametrize(
+    "direction", [(2.0, 0, 0), (0, 3.0, 0), (0, 0, -1.0), (-1.0, 0, 0), (1.0, -2.0, 0.5)]
+)
+def test_a_line_is_turned_along_its_direction(direction):
+    along = rotate(model.q_along(direction), (1.0, 0.0, 0.0))
+    length = math.dist(direction, (0, 0, 0))
+    assert along == pytest.approx(tuple(c / length for c in direction), abs=1e-9)
+
+
+def test_no_direction_no_turn():
+    assert model.q_along((0.0, 0.0, 0.0)) == IDENTITY
+
+
+def test_writing_is_centred_and_as_high_as_said():
+    segments = strokes.text_segments("10 m", height_m=2.0, at_m=(5.0, 7.0, 0.0))
+    low, high = segments.reshape(-1, 3).min(axis=0), segments.reshape(-1, 3).max(axis=0)
+    assert (low + high)[0] / 2 == pytest.approx(5.0, abs=0.2)
+    assert high[1] - low[1] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("step_m", [10.0, 100.0, 1000.0])
+def test_every_scale_can_be_written(step_m):
+    assert np.isfinite(strokes.scale_marks(step_m)).all()
+
+
+def test_a_trail_is_bounded_and_keeps_its_ends():
+    trail = Trail()
+    for i in range(20_000):
+        trail.add((i * 0.3, 0.0, 5.0))
+    assert len(trail.sealed) <= MAX_POINTS + Trail.RECENT_POINTS
+    assert len(trail.recent) < Trail.RECENT_POINTS
+    assert trail.sealed[0] == (0.0, 0.0, 5.0)
+    assert trail.sealed[-1] == trail.recent[0] or not trail.recent
+    assert sorted(trail.sealed) == trail.sealed
+
+
+def test_hovering_adds_nothing():
+    trail = Trail()
+    added = [trail.add((math.sin(i) * 0.05, math.cos(i) * 0.05, 10.0)) for i in range(500)]
+    assert sum(added) == 1
+
+
+def test_a_jump_starts_a_new_trail_and_nan_is_not_drawn():
+    trail = Trail()
+    trail.add((0.0, 0.0, 0.0))
+    assert not trail.add((math.nan, 0.0, 0.0))
+    trail.add((1000.0, 0.0, 0.0))
+    assert trail.recent == [(1000.0, 0.0, 0.0)]
+
+
+def pose():
+    vehicle = flying()
+    return pose_of(vehicle, Placement().place(vehicle), None, 0.0)
+
+
+def test_what_is_drawn_comes_to_rest_where_the_vehicle_is():
+    from dataclasses import replace
+
+    smoother, measured = Smoother(), pose()
+    smoother.step(measured, 0.03)
+    moved = replace(measured, position_enu_m=(1.0, 0.0, 10.0))
+    first = smoother.step(moved, 0.03)
+    assert 0.0 < first.position_enu_m[0] < 1.0
+    for _ in range(60):
+        smoother.step(moved, 0.03)
+    assert smoother.pose.position_enu_m == moved.position_enu_m
+
+
+def test_a_jump_is_shown_as_one():
+    from dataclasses import replace
+
+    smoother, measured = Smoother(), pose()
+    smoother.step(measured, 0.03)
+    assert smoother.step(replace(measured, position_enu_m=(100.0, 0.0, 0.0)), 0.03).position_enu_m[0] == 100.0
+
+
+def test_rotors_turn_their_own_way_and_stand_when_disarmed():
+    from dataclasses import replace
+
+    smoother, measured = Smoother(), pose()
+    before = smoother.rotor_angles_rad
+    smoother.step(measured, 0.02)
+    turned = [
+        math.remainder(b - a, 2 * math.pi) for a, b in zip(before, smoother.rotor_angles_rad, strict=True)
+    ]
+    assert [math.copysign(1, t) for t in turned] == list(model.ROTOR_SPINS)
+    still = smoother.rotor_angles_rad
+    smoother.step(replace(measured, motors=(0.0, 0.0, 0.0, 0.0)), 0.02)
+    assert smoother.rotor_angles_rad == still
+
+
+@pytest.mark.parametrize("mode", ["chase", "top"])
+def test_chase_and_top_keep_the_vehicle_in_the_middle(mode):
+    measured = pose()
+    world = world_pose(mode, measured)
+    assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured.position_enu_m, abs=1e-9)
+
+
+def test_chase_looks_where_the_vehicle_goes():
+    measured = pose()  # heading north
+    ahead = in_world(world_pose("chase", measured), (5.0, 0.0, 0.0))
+    assert ahead == pytest.approx((0.0, 5.0, 10.0), abs=1e-6)
+    behind = in_world(world_pose("chase", measured), CAMERAS["chase"].position_m)
+    assert behind[1] < 0
+
+
+def test_the_gimbals_view_is_the_cameras_axis():
+    measured = pose()  # camera 0.5 rad down
+    world = world_pose("gimbal", measured)
+    eye, ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
+    assert ahead[2] - eye[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
+    assert ahead[1] - eye[1] == pytest.approx(math.cos(0.5), abs=1e-9)
+
+
+def test_free_leaves_the_world_alone():
+    assert world_pose("free", pose()) == WorldPose()
+    assert world_pose("chase", None) == WorldPose()
+
+
+def test_identity_colours_are_the_pages(shared):
+    tokens = (shared / "design" / "tokens.css").read_text()
+    dark, light = tokens.split('[data-theme="light"]')
+    for css, palette in ((dark, PALETTES["dark"]), (light, PALETTES["light"])):
+        for name, colour in zip(("actual", "id-2", "id-3", "id-4"), palette.identities, strict=True):
+            assert f"--{name}: {colour};" in css
+        assert f"--target: {palette.target};" in css
+        assert f"--map: {palette.ground};" in css
+    assert PALETTES["dark"].identity(4) == PALETTES["dark"].identity(0)
+
+
+def test_light_colours_are_shown_as_they_are():
+    assert lit("#00788a", PALETTES["light"]) == (0, 0x78, 0x8A)
+    assert max(lit("#35d6e6", PALETTES["dark"])) > 150

@@ -1,0 +1,78 @@
+import math
+
+import pytest
+from scene_fakes import FakeVehicle, flying, glob, home, local
+
+from gcs_server.scene.placement import Placement
+
+LAT, LON = 47.397742, 8.545594
+NORTH_100_M = LAT + 100.0 / 111177.0
+
+
+def test_the_first_home_is_the_origin():
+    place = Placement().place(flying())
+    assert place.position_enu_m == pytest.approx((0.0, 0.0, 10.0), abs=1e-6)
+    assert place.ground_z_m == 0.0
+    assert place.home_enu_m == (0.0, 0.0, 0.0)
+
+
+def test_two_vehicles_with_frames_of_their_own_stand_where_they_are():
+    placement = Placement()
+    placement.place(flying("1"))
+    second = flying("2")
+    second.values["global_position"] = glob(NORTH_100_M, LON, 493.0)
+    second.values["home"] = home(NORTH_100_M, LON, 483.0, (0.0, 0.0, 0.0))
+    place = placement.place(second)
+    assert place.position_enu_m == pytest.approx((0.0, 100.0, 5.0), abs=0.1)
+    assert place.ground_z_m == pytest.approx(-5.0)
+    assert place.local_origin_enu_m == pytest.approx((0.0, 100.0, -5.0), abs=0.1)
+
+
+def test_a_global_position_alone_places_a_vehicle():
+    placement = Placement()
+    placement.place(flying("1"))
+    place = placement.place(FakeVehicle("2", values={"global_position": glob(NORTH_100_M, LON, 490.0)}))
+    assert place.position_enu_m == pytest.approx((0.0, 100.0, 2.0), abs=0.1)
+    assert place.known
+    assert place.local_origin_enu_m is None
+
+
+def test_a_local_position_alone_places_a_vehicle():
+    place = Placement().place(FakeVehicle(values={"local_position": local(3.0, 4.0, -5.0)}))
+    assert place.position_enu_m == (4.0, 3.0, 5.0)
+    assert place.known
+
+
+def test_without_any_position_it_is_drawn_and_said_so():
+    place = Placement().place(FakeVehicle())
+    assert place.position_enu_m == (0.0, 0.0, 0.0)
+    assert not place.known
+
+
+def test_noise_between_the_two_positions_does_not_move_the_frame():
+    placement, vehicle = Placement(), flying()
+    first = placement.place(vehicle).local_origin_enu_m
+    vehicle.values["global_position"] = glob(LAT + 1e-5, LON, 498.5)  # a metre off
+    assert placement.place(vehicle).local_origin_enu_m == first
+
+
+def test_a_reset_of_the_estimator_moves_the_frame_and_not_the_vehicle():
+    placement, vehicle = Placement(), flying()
+    before = placement.place(vehicle).position_enu_m
+    vehicle.values["local_position"] = local(500.0, 0.0, -10.0)
+    vehicle.values["home"] = home(LAT, LON, 488.0, None)
+    assert placement.place(vehicle).position_enu_m == pytest.approx(before, abs=1e-6)
+
+
+@pytest.mark.parametrize("bad", [glob(math.nan, LON, 0.0), glob(0.0, 0.0, 0.0)])
+def test_a_position_that_is_none_is_not_used(bad):
+    vehicle = FakeVehicle(values={"global_position": bad})
+    assert not Placement().place(vehicle).known
+
+
+def test_when_the_last_has_gone_the_next_gives_the_origin():
+    placement = Placement()
+    placement.place(flying())
+    placement.reset()
+    elsewhere = FakeVehicle("2", values={"home": home(10.0, 20.0, 5.0)})
+    assert placement.place(elsewhere).home_enu_m == (0.0, 0.0, 0.0)

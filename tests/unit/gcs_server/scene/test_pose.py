@@ -1,0 +1,124 @@
+import math
+
+import pytest
+from scene_fakes import (
+    FakeIdentity,
+    FakeVehicle,
+    attitude,
+    flying,
+    gimbal,
+    glob,
+    local,
+    motors,
+    q_from_euler,
+    status,
+)
+
+from gcs_server.scene.frames import rotate
+from gcs_server.scene.placement import Placement
+from gcs_server.scene.ports import OffboardTarget
+from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
+from gcs_server.vehicle.samples import TargetLocal
+
+
+def look(vehicle, offboard=None, now_s=0.0):
+    return pose_of(vehicle, Placement().place(vehicle), offboard, now_s)
+
+
+def target_local(position=(1.0, 2.0, -3.0), velocity=(None, None, None), yaw=0.0):
+    return TargetLocal(position, velocity, (None, None, None), yaw, None)
+
+
+def test_a_camera_level_and_ahead_turns_nothing():
+    q = gimbal_in_body(gimbal(q_from_euler(0, 0, 0), earth=False), q_from_euler(0, 0, 1.0), 1.0)
+    assert rotate(q, (1, 0, 0)) == pytest.approx((1, 0, 0), abs=1e-9)
+
+
+def test_a_camera_down_looks_down():
+    q = gimbal_in_body(gimbal(q_from_euler(0, -math.pi / 2, 0), earth=False), q_from_euler(0, 0, 1.0), 1.0)
+    assert rotate(q, (1, 0, 0)) == pytest.approx((0, 0, -1), abs=1e-9)
+
+
+def test_a_camera_to_the_right_looks_to_the_right():
+    q = gimbal_in_body(gimbal(q_from_euler(0, 0, math.pi / 2), earth=False), q_from_euler(0, 0, 1.0), 1.0)
+    assert rotate(q, (1, 0, 0)) == pytest.approx((0, -1, 0), abs=1e-9)
+
+
+def test_a_camera_locked_to_north_stays_there_while_the_vehicle_turns():
+    q = gimbal_in_body(
+        gimbal(q_from_euler(0, 0, 0), earth=True), q_from_euler(0, 0, math.pi / 2), math.pi / 2
+    )
+    assert rotate(q, (1, 0, 0)) == pytest.approx((0, 1, 0), abs=1e-9)  # heading east, north is left
+
+
+def test_the_horizon_is_held_while_the_vehicle_leans():
+    q_vehicle = q_from_euler(0.3, -0.2, 0.7)
+    q = gimbal_in_body(gimbal(q_from_euler(0, 0, 0), earth=False), q_vehicle, 0.7)
+    vehicle = FakeVehicle(values={"attitude": attitude(0.3, -0.2, 0.7)})
+    forward = rotate(look(vehicle).q_enu_flu, rotate(q, (1, 0, 0)))
+    assert forward == pytest.approx((math.sin(0.7), math.cos(0.7), 0.0), abs=1e-9)
+
+
+def test_no_gimbal_no_camera():
+    assert gimbal_in_body(None, (1, 0, 0, 0), 0.0) is None
+    assert gimbal_in_body(gimbal((0.0, 0.0, 0.0, 0.0), earth=True), (1, 0, 0, 0), 0.0) is None
+
+
+def test_motors_follow_the_outputs_and_stand_still_disarmed():
+    assert motor_efforts(motors(1000, 1500, 2000, 900, 1), armed=True) == (0.0, 0.5, 1.0, 0.0)
+    assert motor_efforts(motors(1500, 1500, 1500, 1500), armed=False) == (0.0, 0.0, 0.0, 0.0)
+    assert motor_efforts(motors(1500), armed=True) is None
+    assert motor_efforts(None, armed=True) is None
+
+
+def test_our_own_stream_is_the_target_and_its_frame_is_the_vehicles():
+    vehicle = flying()
+    target = look(vehicle, OffboardTarget((1.0, 2.0, -12.0), yaw_ned_rad=0.0)).target
+    assert target.position_enu_m == pytest.approx((2.0, 1.0, 12.0), abs=1e-6)
+    assert target.yaw_enu_rad == pytest.approx(math.pi / 2)
+    assert not target.is_velocity
+
+
+def test_a_velocity_asked_for_points_where_it_leads():
+    target = look(flying(), OffboardTarget(velocity_ned_m_s=(2.0, 0.0, 0.0))).target
+    assert target.position_enu_m == pytest.approx((0.0, 2.0, 10.0), abs=1e-6)
+    assert target.is_velocity
+
+
+def test_the_vehicles_own_target_is_drawn_while_fresh_and_armed():
+    vehicle = flying()
+    vehicle.values["target_local"] = target_local()
+    assert look(vehicle, now_s=1.0).target.position_enu_m == pytest.approx((2.0, 1.0, 3.0), abs=1e-6)
+    assert look(vehicle, now_s=2.0).target is None
+    vehicle.values["status"] = status(armed=False)
+    assert look(vehicle, now_s=1.0).target is None
+
+
+@pytest.mark.parametrize("position", [(None, None, -3.0), (math.nan, 0.0, 0.0)])
+def test_half_a_target_is_none(position):
+    vehicle = flying()
+    vehicle.values["target_local"] = target_local(position=position)
+    assert look(vehicle).target is None
+
+
+def test_labels_say_height_and_what_it_is():
+    vehicle = flying()
+    pose = look(vehicle)
+    assert (pose.label, pose.note) == ("1 · 10.0 m", "simulated")
+    vehicle.values["local_position"] = local(0.0, 0.0, 0.04)
+    vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.96)
+    assert look(vehicle).label == "1 · 0.0 m"
+
+
+def test_a_lost_vehicle_is_said_to_be_and_has_no_target():
+    vehicle = flying()
+    vehicle.values["status"] = status(lost=True)
+    pose = look(vehicle, OffboardTarget((0.0, 0.0, -5.0)))
+    assert pose.lost
+    assert pose.target is None
+    assert pose.note == "lost, simulated"
+
+
+def test_a_silent_vehicle_is_named_without_a_height():
+    pose = look(FakeVehicle("7", FakeIdentity(replayed=True)))
+    assert (pose.label, pose.note) == ("7", "no position, replayed")

@@ -1,0 +1,467 @@
+"""The way to viser: through us, from our own page, with nothing but a camera to say."""
+
+from __future__ import annotations
+
+import asyncio
+import stat
+import threading
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from urllib.request import Request, urlopen
+
+import httpx
+import msgspec
+import pytest
+import uvicorn
+import viser
+import websockets
+from fastapi import FastAPI, HTTPException
+from fastapi.responses import JSONResponse
+from scene_fakes import FakeFleet, flying
+from starlette.datastructures import Headers
+from viser import _messages
+from websockets.asyncio.client import connect, unix_connect
+
+from gcs_server.clock import SystemClock
+from gcs_server.errors import Refused, UnknownVehicle
+from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
+from gcs_server.scene.page import content_policy, page
+from gcs_server.scene.proxy import camera_message, is_same_origin
+from gcs_server.scene.scene import MAX_VIEWS, Scene
+from gcs_server.supervise import Supervisor
+
+PROTOCOL = f"viser-v{viser.__version__}"
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (-3.0, 0.0, 1.0),
+    "fov": 0.8,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 100,
+    "image_width": 100,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+class Running:
+    """A scene behind a server of its own, on a free port."""
+
+    def __init__(self) -> None:
+        self.fleet = FakeFleet([flying("1"), flying("2")])
+        self.scene = Scene(self.fleet, SystemClock())
+        self.port = 0
+        self.shares: list[str] = []
+
+    @property
+    def host(self) -> ViserHost:
+        return self.scene._host
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}/scene/"
+
+    @property
+    def stream(self) -> str:
+        return f"ws://127.0.0.1:{self.port}/scene/"
+
+
+@asynccontextmanager
+async def serving(running: Running):
+    clock = SystemClock()
+    supervisor = Supervisor(clock)
+    app = FastAPI()
+    app.include_router(running.scene.router())
+    app.exception_handler(UnknownVehicle)(lambda _r, e: JSONResponse({"detail": str(e)}, 404))
+    app.exception_handler(Refused)(lambda _r, e: JSONResponse({"detail": str(e)}, 409))
+    server = uvicorn.Server(
+        uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=1)
+    )
+    server.install_signal_handlers = lambda: None
+    task = supervisor.spawn("http", server.serve())
+    await running.scene.start()
+    supervisor.start("scene", running.scene.run)
+    while not server.started:  # noqa: ASYNC110 uvicorn has no event for it
+        await asyncio.sleep(0.01)
+    running.port = server.servers[0].sockets[0].getsockname()[1]
+    try:
+        yield running
+    finally:
+        server.should_exit = True
+        await task
+        await supervisor.close()
+        await running.scene.stop()
+
+
+@pytest.fixture(scope="module")
+def running():
+    """One server for the module, in a thread with a loop of its own."""
+    it, ready, done = Running(), threading.Event(), threading.Event()
+
+    async def live() -> None:
+        async with serving(it):
+            ready.set()
+            await asyncio.to_thread(done.wait)
+
+    thread = threading.Thread(target=lambda: asyncio.run(live()))
+    thread.start()
+    assert ready.wait(15)
+    yield it
+    done.set()
+    thread.join(15)
+    assert not thread.is_alive()
+
+
+async def eventually(condition, seconds: float = 5.0):
+    async with asyncio.timeout(seconds):
+        while not condition():  # noqa: ASYNC110 what is waited for has no event
+            await asyncio.sleep(0.02)
+
+
+def open_stream(running: Running, query: str = "", **options):
+    options.setdefault("max_size", None)
+    return connect(running.stream + query, subprotocols=[PROTOCOL], **options)
+
+
+def types_in(data: bytes) -> list[str]:
+    from zstandard import ZstdDecompressor
+
+    size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
+    inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
+    return [m["type"] for m in msgspec.msgpack.decode(inner)["messages"]]
+
+
+def listening_tcp_ports() -> set[int]:
+    inodes = set()
+    for link in Path("/proc/self/fd").iterdir():
+        target = str(link.readlink()) if link.is_symlink() else ""
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    ports = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for row in Path(table).read_text().splitlines()[1:]:
+            fields = row.split()
+            if fields[3] == "0A" and fields[9] in inodes:
+                ports.add(int(fields[1].rsplit(":", 1)[1], 16))
+    return ports
+
+
+# --- who gets to viser ---------------------------------------------------------------------------
+
+
+def test_viser_opens_no_port(running):
+    assert listening_tcp_ports() == {running.port}
+
+
+def test_the_socket_is_in_a_folder_of_our_own(running):
+    folder = running.host.socket_path.parent
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_straight_to_the_socket_without_the_secret_http_is_refused(running):
+    with httpx.Client(transport=httpx.HTTPTransport(uds=str(running.host.socket_path))) as client:
+        assert client.get("http://scene/").status_code == 403
+        assert client.get("http://scene/", headers={SECRET_HEADER: "guess"}).status_code == 403
+        assert client.get("http://scene/", headers={SECRET_HEADER: running.host.secret}).status_code == 200
+
+
+@pytest.mark.parametrize("headers", [{}, {SECRET_HEADER: "guess"}, {SECRET_HEADER: "\u00e9"}])
+def test_straight_to_the_socket_without_the_secret_the_stream_is_refused(running, headers):
+    async def attempt():
+        await unix_connect(
+            str(running.host.socket_path), "ws://scene/", subprotocols=[PROTOCOL], additional_headers=headers
+        )
+
+    with pytest.raises(websockets.exceptions.InvalidStatus) as refused:
+        asyncio.run(attempt())
+    assert refused.value.response.status_code == 403
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://"])
+def test_a_page_of_another_origin_gets_no_stream(running, origin):
+    async def attempt():
+        await open_stream(running, origin=origin)
+
+    with pytest.raises(websockets.exceptions.InvalidStatus) as refused:
+        asyncio.run(attempt())
+    assert refused.value.response.status_code == 403
+
+
+def test_a_page_of_another_origin_may_not_steer(running):
+    answer = httpx.post(running.url + "view/a", json={}, headers={"Origin": "http://evil.example"})
+    assert answer.status_code == 409
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "same"),
+    [
+        (None, "gcs:8080", True),
+        ("http://gcs:8080", "gcs:8080", True),
+        ("http://GCS:8080", "gcs:8080", True),
+        ("http://gcs", "gcs:80", True),
+        ("https://gcs", "gcs", True),
+        ("https://gcs:443", "gcs", True),
+        ("http://gcs:9090", "gcs:8080", False),
+        ("http://gcs.evil.example", "gcs", False),
+        ("null", "null", False),
+        ("", "", False),
+    ],
+)
+def test_same_origin_is_told_by_host(origin, host, same):
+    headers = {"host": host} | ({"origin": origin} if origin is not None else {})
+    assert is_same_origin(Headers(headers)) is same
+
+
+# --- what a browser may say ----------------------------------------------------------------------
+
+
+pack = msgspec.msgpack.encode
+
+
+def test_the_camera_passes_and_nothing_that_rides_on_it():
+    assert msgspec.msgpack.decode(camera_message(pack(CAMERA)), type=dict) == {
+        k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA.items()
+    }
+    # Two types in one map: readers differ in which they take, so what passes is written anew.
+    twice = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
+    passed = camera_message(twice)
+    assert passed is None or b"Share" not in passed
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        *(pack({"type": t}) for t in ("ShareUrlRequest", "ShareUrlDisconnect", "GuiUpdateMessage")),
+        pack({**CAMERA, "type": "ShareUrlRequest"}),
+        pack({**CAMERA, "type": ["ViewerCameraMessage"]}),
+        pack({**CAMERA, "more": 1}),
+        pack({**CAMERA, "position": (float("nan"), 0.0, 0.0)}),
+        pack({**CAMERA, "look_at": CAMERA["position"]}),
+        pack({**CAMERA, "up_direction": (0.0, 0.0, 0.0)}),
+        pack({k: v for k, v in CAMERA.items() if k != "fov"}),
+        pack("x" * 5000),
+        b"",
+        b"\xc1",
+        b"\x93\x01\x02\x03",
+    ],
+)
+def test_nothing_else_passes(data):
+    assert camera_message(data) is None
+
+
+def test_a_share_request_reaches_nothing(running, monkeypatch):
+    """On both sides: it does not pass the proxy, and viser has nobody who would answer it."""
+    import viser._tunnel
+
+    opened: list[object] = []
+    monkeypatch.setattr(viser._tunnel.ViserTunnel, "__init__", lambda *a, **k: opened.append(a))
+    server = running.host._server
+    seen: list[str] = []
+    real = server._websock_server._handle_incoming_message
+
+    async def spy(client_id, message):
+        seen.append(type(message).__name__)
+        await real(client_id, message)
+
+    monkeypatch.setattr(server._websock_server, "_handle_incoming_message", spy)
+
+    async def ask():
+        async with open_stream(running) as stream:
+            await stream.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await eventually(lambda: "ViewerCameraMessage" in seen)
+
+    asyncio.run(ask())
+    assert "ShareUrlRequest" not in seen
+    assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
+    assert server.request_share_url() is None
+    assert opened == []
+
+
+def test_text_ends_only_the_stream_that_sent_it(running):
+    async def talk():
+        async with open_stream(running) as good, open_stream(running) as bad:
+            await bad.send("hello")
+            async with asyncio.timeout(5):
+                await bad.wait_closed()
+            await good.send(msgspec.msgpack.encode(CAMERA))
+            assert types_in(await good.recv())
+
+    asyncio.run(talk())
+
+
+# --- what a browser gets -------------------------------------------------------------------------
+
+
+def test_the_program_is_served_whole(running):
+    answer = httpx.get(running.url)
+    assert answer.status_code == 200
+    assert answer.headers["content-type"].startswith("text/html")
+    assert answer.headers["content-encoding"] == "gzip"
+    assert answer.text.encode() == page().plain
+    again = httpx.get(running.url, headers={"If-None-Match": answer.headers["etag"]})
+    assert again.status_code == 304
+    with urlopen(Request(running.url)) as plain:  # asks for no compression
+        assert plain.read() == page().plain
+
+
+def test_the_program_may_reach_nothing_but_us():
+    policy = content_policy("gcs:8080", secure=False)
+    assert "default-src 'none'" in policy
+    assert "connect-src 'self' ws://gcs:8080 data: blob:;" in policy
+    assert "http" not in policy
+    assert "wss://gcs" in content_policy("gcs", secure=True)
+
+
+def test_a_hostile_host_header_adds_nothing_to_the_policy(running):
+    answer = httpx.get(running.url, headers={"Host": "a; script-src *"})
+    assert "script-src *" not in answer.headers.get("content-security-policy", "")
+
+
+def test_a_browser_gets_its_scene_and_leaves_nothing(running):
+    async def look():
+        async with open_stream(running, "?theme=light", origin=running.url.removesuffix("/scene/")) as stream:
+            assert stream.subprotocol == PROTOCOL
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            kinds: set[str] = set()
+            async with asyncio.timeout(8):
+                while (
+                    not {"MeshMessage", "GridMessage", "LineSegmentsMessage", "SetCameraPositionMessage"}
+                    <= kinds
+                ):
+                    kinds |= set(types_in(await stream.recv()))
+            await eventually(lambda: running.scene.viewers == 1)
+
+    asyncio.run(look())
+    asyncio.run(eventually(lambda: running.scene.viewers == 0))
+
+
+def test_a_scene_at_rest_is_not_sent_again(running):
+    async def look():
+        async with open_stream(running) as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            received: list[str] = []
+            try:
+                async with asyncio.timeout(1.5):
+                    while True:
+                        received += types_in(await stream.recv())
+            except TimeoutError:
+                pass
+            return received
+
+    for vehicle in running.fleet.vehicles:
+        vehicle.values.pop("motors")
+    received = asyncio.run(look())
+    assert received.count("MeshMessage") < 20
+    assert received.count("SetPositionMessage") < 30  # two vehicles at 30 Hz would be 90 for the bodies alone
+
+
+@contextmanager
+def following(running: Running, token: str):
+    yield lambda: running.scene._views[token]
+
+
+def test_a_page_steers_its_view(running):
+    with following(running, "page1") as view:
+        answer = httpx.post(running.url + "view/page1", json={"mode": "top", "vehicle": "2"})
+        assert answer.json() == {"mode": "top", "vehicle": "2", "theme": "dark"}
+        httpx.post(running.url + "view/page1", json={"theme": "light"})
+        assert (view().mode, view().vehicle, view().theme) == ("top", "2", "light")
+
+
+def test_a_new_theme_builds_the_scene_anew(running):
+    async def look():
+        async with open_stream(running, "?view=page2&theme=dark") as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await eventually(lambda: running.scene.viewers == 1)
+            async with httpx.AsyncClient() as client:
+                await client.post(running.url + "view/page2", json={"theme": "light"})
+            stages = running.scene._stages
+            await eventually(lambda: all(s.theme == "light" for _, s in stages.values()) and stages)
+
+    asyncio.run(look())
+
+
+@pytest.mark.parametrize(
+    ("body", "field"), [({"mode": "side"}, "mode"), ({"colour": 1}, "colour"), ({"theme": 3}, "theme")]
+)
+def test_a_bad_wish_names_its_field(running, body, field):
+    answer = httpx.post(running.url + "view/page1", json=body)
+    assert answer.status_code == 422
+    assert field in answer.text
+
+
+def test_an_unknown_vehicle_is_404(running):
+    assert httpx.post(running.url + "view/page1", json={"vehicle": "9"}).status_code == 404
+
+
+def test_a_bad_token_is_refused(running):
+    assert httpx.post(running.url + "view/a.b", json={}).status_code == 409
+
+
+def test_choices_of_views_are_bounded(running):
+    for i in range(MAX_VIEWS + 20):
+        httpx.post(f"{running.url}view/many{i}", json={})
+    assert len(running.scene._views) <= MAX_VIEWS
+
+
+# --- life and death ------------------------------------------------------------------------------
+
+
+def test_viser_says_nothing_and_leaves_nothing(capfd):
+    async def live():
+        host = ViserHost()
+        await host.start()
+        folder = host.socket_path.parent
+        await host.stop()
+        return folder
+
+    folder = asyncio.run(live())
+    assert not folder.exists()
+    assert capfd.readouterr().out == ""
+
+
+def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path / "gone"))
+    with pytest.raises(SceneError, match="3D view could not be started"):
+        asyncio.run(ViserHost().start())
+
+
+def test_before_the_start_the_stream_is_refused_and_the_program_served():
+    async def look():
+        fleet, scene = FakeFleet(), None
+        scene = Scene(fleet, SystemClock())
+        app = FastAPI()
+        app.include_router(scene.router())
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://gcs") as client:
+            return (await client.get("/scene/")).status_code
+
+    assert asyncio.run(look()) == 200
+    with pytest.raises(SceneError):
+        _ = ViserHost().socket_path
+
+
+def test_a_failure_is_raised_and_the_next_run_draws_again(running):
+    """The supervisor starts `run` again; a browser that stayed gets a new scene."""
+
+    async def look():
+        async with open_stream(running) as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await eventually(lambda: running.scene.viewers == 1)
+            first = next(iter(running.scene._stages.values()))[1]
+            good = running.fleet.vehicles[0].values["attitude"]
+            running.fleet.vehicles[0].values["attitude"] = None
+            running.fleet.all, kept = _broken, running.fleet.all
+            await asyncio.sleep(0.1)
+            running.fleet.all = kept
+            running.fleet.vehicles[0].values["attitude"] = good
+            await eventually(
+                lambda: running.scene._stages and next(iter(running.scene._stages.values()))[1] is not first
+            )
+
+    asyncio.run(look())
+
+
+def _broken():
+    raise HTTPException(500, "fleet broke")
