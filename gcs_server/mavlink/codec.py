@@ -24,7 +24,7 @@ _header_v2 = struct.Struct("<BBBBBBBHB")
 _checksum = struct.Struct("<H")
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Frame:
     """One checked frame; `payload` still without the zeros that MAVLink 2 cuts off."""
 

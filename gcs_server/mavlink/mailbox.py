@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from typing import Any
 
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.codec import Frame
 from gcs_server.mavlink.dialect import MAVLink_message
 
-Matches = Callable[[MAVLink_message], bool]
+Reply = Any
+"""A dialect message; which fields it has depends on the id that was awaited."""
+Matches = Callable[[Reply], bool]
 
 
 class Waiter:
@@ -21,7 +24,7 @@ class Waiter:
         self._matches = matches
         self._queue: asyncio.Queue[MAVLink_message | GcsError] = asyncio.Queue()
 
-    def take(self) -> MAVLink_message | None:
+    def take(self) -> Reply | None:
         """A match that is there already, without waiting; raises as `next`."""
         if self._queue.empty():
             return None
@@ -31,7 +34,7 @@ class Waiter:
             raise item
         return item
 
-    async def next(self) -> MAVLink_message:
+    async def next(self) -> Reply:
         """The next match.
 
         Raises:

@@ -16,7 +16,8 @@ class Event:
     index: int
     """Counts up within its feed."""
     kind: str
-    """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, link, warning."""
+    """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, link,
+    warning."""
     vehicle: str | None
     unix_s: float
     severity: int
@@ -42,14 +43,20 @@ class EventFeed:
         *,
         severity: int = 6,
         data: Mapping[str, object] | None = None,
+        vehicle: str | None = None,
     ) -> Event:
-        """Appends and tells the subscribers."""
-        event = Event(self._next_index, kind, self._vehicle, unix_s, severity, text, data or {})
+        """Appends and tells the subscribers; `vehicle` where it is not the feed's own."""
+        event = Event(self._next_index, kind, vehicle or self._vehicle, unix_s, severity, text, data or {})
         self._next_index += 1
         self._events.append(event)
         for callback in tuple(self._subscribers):
             callback(event)
         return event
+
+    @property
+    def last_index(self) -> int:
+        """Of the newest event; 0 before the first."""
+        return self._next_index - 1
 
     def since(self, index: int = 0, *, unix_s: float | None = None) -> list[Event]:
         """Events after `index` and, where given, not older than `unix_s`; oldest first."""

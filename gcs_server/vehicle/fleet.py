@@ -6,10 +6,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
-from gcs_server.mavlink.router import Router
+from gcs_server.errors import UnknownVehicle
+from gcs_server.links.base import LinkInfo, Peer
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, encode_payload, full_payload
+from gcs_server.mavlink.connection import Connection
+from gcs_server.mavlink.router import FrameSink, Router
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.endpoint import SILENT_AFTER_S, Endpoint, Same, same_vehicle
 from gcs_server.vehicle.events import Event, EventFeed
+from gcs_server.vehicle.identity import Identity, read_version
 from gcs_server.vehicle.vehicle import Vehicle
+
+TICK_S = 0.25
+ASK_EVERY_S = 1.0
+ASK_TIMES = 5
+ASK_RARELY_S = 30.0
+OTHER_MARK = "~"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,43 +36,269 @@ class Notice:
     vehicle: str | None = None
 
 
-class Fleet:
+class Fleet(FrameSink):
     """Sorts frames to vehicles.
 
     Args:
         router: whose frames to take; the fleet hooks itself in.
     """
 
-    events: EventFeed
-    """Of the whole server: vehicles and links come and gone, warnings."""
-
     def __init__(self, clock: Clock, supervisor: Supervisor, router: Router) -> None:
-        raise NotImplementedError
+        self.events = EventFeed()
+        """Of the whole server: vehicles and links come and gone, warnings."""
+        self._clock = clock
+        self._supervisor = supervisor
+        self._router = router
+        self._own_ids = (router.settings.system_id, router.settings.component_id)
+        self._vehicles: dict[str, Vehicle] = {}
+        self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
+        self._subscribers: list[Callable[[Event], None]] = []
+        self._on_added: list[Callable[[Vehicle], None]] = []
+        self._link_states: dict[str, tuple[str, str]] = {}
+        self.events.subscribe(self._publish)
+        router.sink = self
+        router.on_change(self._link_changed)
 
     def start(self) -> None:
-        """Begins the once-a-second work: heartbeat ages, identities asked for."""
-        raise NotImplementedError
+        """Begins the regular work: heartbeat ages, history, identities asked for."""
+        self._supervisor.start("fleet", self._run)
 
     def get(self, vehicle_id: str) -> Vehicle:
         """Raises UnknownVehicle."""
-        raise NotImplementedError
+        vehicle = self._vehicles.get(vehicle_id)
+        if vehicle is None:
+            raise UnknownVehicle(vehicle_id, sorted(self._vehicles))
+        return vehicle
 
     def all(self) -> list[Vehicle]:
         """By id."""
-        raise NotImplementedError
+        return [self._vehicles[i] for i in sorted(self._vehicles, key=_order)]
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
         """Events of all vehicles and of the fleet; returns what ends that."""
-        raise NotImplementedError
+        self._subscribers.append(callback)
+        return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None
 
     def on_vehicle_added(self, callback: Callable[[Vehicle], None]) -> None:
         """Calls back for each vehicle known and to come (to attach the offboard control)."""
-        raise NotImplementedError
+        self._on_added.append(callback)
+        for vehicle in self.all():
+            callback(vehicle)
 
     def warnings(self) -> list[Notice]:
         """What stands now."""
-        raise NotImplementedError
+        notices = [Notice(kind, text, link=link) for kind, link, text in self._router.warnings()]
+        for vehicle in self.all():
+            notices += [
+                Notice("duplicate_id", text, vehicle=vehicle.id) for text in vehicle.identity.warnings
+            ]
+        return notices
 
     async def close(self) -> None:
         """Fails everything pending with Disconnected."""
-        raise NotImplementedError
+        for vehicle in self.all():
+            vehicle.disconnected("the server is shutting down")
+
+    # --- from the router ------------------------------------------------------------------------
+
+    def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
+        """Gives a frame to the vehicle whose endpoint sent it; to nobody before that is known."""
+        endpoint = self._endpoints.get((connection, peer.name, frame.system_id))
+        if endpoint is None:
+            endpoint = self._discover(frame, connection, peer)
+            if endpoint is None:
+                return
+        endpoint.hear(frame)
+        if frame.msg_id == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION and frame.component_id == endpoint.component_id:
+            self._version(endpoint, frame)
+        vehicle = endpoint.vehicle
+        if vehicle is None:
+            self._place(endpoint)
+            vehicle = endpoint.vehicle
+            if vehicle is None:
+                return
+        vehicle.receive(frame, endpoint)
+
+    def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
+        """Its endpoints are no more; a vehicle stays listed, a recording goes with its link."""
+        for key, endpoint in list(self._endpoints.items()):
+            if key[0] is connection and key[1] == peer.name:
+                self._forget(endpoint)
+                vehicle = endpoint.vehicle
+                if vehicle is not None:
+                    vehicle.detach(endpoint)
+                    if vehicle.identity.replayed and not vehicle.endpoints:
+                        self._remove(vehicle, "its recording was closed")
+
+    def tick(self) -> None:
+        """Four times a second."""
+        now_s = self._clock.monotonic_s()
+        for endpoint in list(self._endpoints.values()):
+            if endpoint.vehicle is None:
+                self._place(endpoint)
+            if endpoint.version is None and now_s >= endpoint.ask_next_s:
+                self._ask_version(endpoint, now_s)
+        for vehicle in self._vehicles.values():
+            vehicle.tick()
+
+    # --- who is who -----------------------------------------------------------------------------
+
+    def _discover(self, frame: Frame, connection: Connection, peer: Peer) -> Endpoint | None:
+        if frame.msg_id != d.MAVLINK_MSG_ID_HEARTBEAT:
+            return None
+        payload = full_payload(frame)
+        if payload[5] == d.MAV_AUTOPILOT_INVALID or not frame.system_id:
+            return None
+        now_s = frame.received_monotonic_s
+        endpoint = Endpoint(
+            connection, peer, frame.system_id, frame.component_id, payload, first_heard_s=now_s, heard_s=now_s
+        )
+        self._endpoints[(connection, peer.name, frame.system_id)] = endpoint
+        self._ask_version(endpoint, now_s)
+        return endpoint
+
+    def _place(self, endpoint: Endpoint) -> None:
+        rivals = [
+            v
+            for v in self.all()
+            if v.identity.system_id == endpoint.system_id and self._could_be(endpoint, v)
+        ]
+        now_s = self._clock.monotonic_s()
+        undecided = False
+        for rival in rivals:
+            verdict = same_vehicle(endpoint, rival, now_s)
+            if verdict is Same.YES:
+                for old in rival.endpoints:  # one that fell silent is judged anew should it speak again
+                    if now_s - old.heard_s > SILENT_AFTER_S:
+                        self._forget(old)
+                        rival.detach(old)
+                rival.attach(endpoint)
+                return
+            undecided = undecided or verdict is Same.NOT_KNOWN
+        if not undecided:
+            self._add(endpoint)
+
+    def _could_be(self, endpoint: Endpoint, vehicle: Vehicle) -> bool:
+        if not endpoint.connection.link.replay:
+            return not vehicle.identity.replayed
+        return any(e.connection is endpoint.connection for e in vehicle.endpoints)
+
+    def _add(self, endpoint: Endpoint) -> None:
+        base = str(endpoint.system_id)
+        number, vehicle_id = 1, base
+        while vehicle_id in self._vehicles:
+            number += 1
+            vehicle_id = f"{base}{OTHER_MARK}{number}"
+        identity = Identity(
+            system_id=endpoint.system_id,
+            component_id=endpoint.component_id,
+            autopilot=endpoint.heartbeat[5],
+            vehicle_type=endpoint.heartbeat[4],
+            uid=None,
+            simulated=bool(endpoint.heartbeat[6] & d.MAV_MODE_FLAG_HIL_ENABLED),
+            replayed=endpoint.connection.link.replay,
+            firmware=None,
+            capabilities=None,
+        )
+        vehicle = Vehicle(vehicle_id, identity, self._clock, self._own_ids)
+        vehicle.events.subscribe(self._publish)
+        vehicle.attach(endpoint)
+        self._vehicles[vehicle_id] = vehicle
+        for callback in self._on_added:
+            callback(vehicle)
+        where = f"{endpoint.connection.name} ({endpoint.peer.name})"
+        self._tell("vehicle_added", f"Vehicle {vehicle_id} on {where}", vehicle_id)
+        if not identity.replayed:
+            self._warn_of_twins(endpoint.system_id)
+
+    def _warn_of_twins(self, system_id: int) -> None:
+        twins = [v for v in self.all() if v.identity.system_id == system_id and not v.identity.replayed]
+        for vehicle in twins:
+            others = [f"{v.id} on {', '.join(v.links)}" for v in twins if v is not vehicle]
+            if others:
+                vehicle.warn(
+                    f"Another vehicle uses system id {system_id}, too: {'; '.join(others)}. "
+                    "They are kept apart; give one of them another id (PX4: MAV_SYS_ID)."
+                )
+            else:
+                vehicle.clear_warnings()
+
+    def _version(self, endpoint: Endpoint, frame: Frame) -> None:
+        endpoint.version = read_version(full_payload(frame))
+        vehicle = endpoint.vehicle
+        if vehicle is None:
+            return
+        uid = endpoint.unique_uid
+        if uid is not None and any(e.unique_uid not in (None, uid) for e in vehicle.endpoints):
+            vehicle.detach(endpoint)  # joined in error: it is placed anew, by its uid
+            return
+        vehicle.set_version(endpoint.version)
+        for other in self.all():
+            if uid is None or other is vehicle or not self._could_be(endpoint, other):
+                continue
+            if any(e.unique_uid == uid for e in other.endpoints):
+                first, second = sorted((vehicle, other), key=lambda v: _order(v.id))
+                self._merge(first, second)
+                return
+
+    def _merge(self, into: Vehicle, gone: Vehicle) -> None:
+        for endpoint in gone.endpoints:
+            gone.detach(endpoint)
+            into.attach(endpoint)
+        self._remove(gone, f"it is vehicle {into.id} on another link")
+        self._warn_of_twins(into.identity.system_id)
+
+    def _remove(self, vehicle: Vehicle, why: str) -> None:
+        self._vehicles.pop(vehicle.id, None)
+        vehicle.disconnected(why)
+        self._tell("vehicle_removed", f"Vehicle {vehicle.id} is gone: {why}", vehicle.id)
+
+    def _forget(self, endpoint: Endpoint) -> None:
+        self._endpoints.pop((endpoint.connection, endpoint.peer.name, endpoint.system_id), None)
+
+    def _ask_version(self, endpoint: Endpoint, now_s: float) -> None:
+        endpoint.asked += 1
+        endpoint.ask_next_s = now_s + (ASK_EVERY_S if endpoint.asked < ASK_TIMES else ASK_RARELY_S)
+        request = d.MAVLink_command_long_message(
+            endpoint.system_id,
+            endpoint.component_id,
+            d.MAV_CMD_REQUEST_MESSAGE,
+            0,
+            d.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+            *(0.0,) * 6,
+        )
+        endpoint.connection.sender.send(request.id, encode_payload(request), endpoint.peer)
+
+    # --- telling --------------------------------------------------------------------------------
+
+    def _tell(self, kind: str, text: str, vehicle_id: str | None = None) -> None:
+        self.events.add(kind, self._clock.unix_s(), text, vehicle=vehicle_id)
+
+    def _publish(self, event: Event) -> None:
+        for callback in tuple(self._subscribers):
+            callback(event)
+
+    def _link_changed(self, info: LinkInfo) -> None:
+        now = (info.state, info.detail)
+        if self._link_states.get(info.name) == now:
+            return
+        self._link_states[info.name] = now
+        text = f"Link {info.name}: {info.state}{'. ' + info.detail if info.detail else ''}"
+        severity = d.MAV_SEVERITY_WARNING if info.state == "waiting" else d.MAV_SEVERITY_INFO
+        self.events.add(
+            "link",
+            self._clock.unix_s(),
+            text,
+            severity=severity,
+            data={"link": info.name, "state": info.state},
+        )
+
+    async def _run(self) -> None:
+        while True:
+            self.tick()
+            await self._clock.sleep(TICK_S)
+
+
+def _order(vehicle_id: str) -> tuple[int, int]:
+    base, _, number = vehicle_id.partition(OTHER_MARK)
+    return int(base), int(number or 1)

@@ -1,8 +1,30 @@
-"""Who a vehicle is, and whether we may command it."""
+"""Who a vehicle is, and whether we may command it.
+
+PX4 takes its uid from the processor; every PX4 built for Linux (its simulator among them) reports one
+and the same constant instead, so that this uid says "simulator" and tells no two vehicles apart.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import struct
+from dataclasses import dataclass, replace
+
+from gcs_server.mavlink import dialect as d
+
+PX4_SITL_UID = 0x4954414C44494E4F
+COMMANDABLE_TYPES = frozenset(
+    {
+        d.MAV_TYPE_QUADROTOR,
+        d.MAV_TYPE_HEXAROTOR,
+        d.MAV_TYPE_OCTOROTOR,
+        d.MAV_TYPE_TRICOPTER,
+        d.MAV_TYPE_COAXIAL,
+        d.MAV_TYPE_DODECAROTOR,
+        d.MAV_TYPE_DECAROTOR,
+    }
+)
+AUTOPILOT_NAMES = {d.MAV_AUTOPILOT_PX4: "PX4", d.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+_version = struct.Struct("<QQIIIIHH24s18s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,3 +47,50 @@ class Identity:
     """MAV_PROTOCOL_CAPABILITY."""
     warnings: tuple[str, ...] = ()
     """What the operator should know about this identity, as sentences."""
+
+    @property
+    def autopilot_name(self) -> str:
+        """For people."""
+        return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot type {self.autopilot}")
+
+    @property
+    def commandable(self) -> bool:
+        """A multicopter that flies PX4: what we have verified."""
+        return self.autopilot == d.MAV_AUTOPILOT_PX4 and self.vehicle_type in COMMANDABLE_TYPES
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """AUTOPILOT_VERSION, as far as we use it."""
+
+    uid: str | None
+    unique: bool
+    """False for the constant that all simulators share."""
+    firmware: str
+    capabilities: int
+    is_sitl: bool
+
+
+def read_version(payload: bytes) -> Version:
+    """From a full AUTOPILOT_VERSION payload."""
+    capabilities, uid, software, _, _, _, vendor, product, _, uid2 = _version.unpack(payload)
+    shared = uid == PX4_SITL_UID
+    text = uid2.hex() if any(uid2) else f"{uid:016x}" if uid else None
+    return Version(
+        uid=text,
+        unique=text is not None and (any(uid2) or not shared),
+        firmware=f"{software >> 24}.{software >> 16 & 0xFF}.{software >> 8 & 0xFF}",
+        capabilities=capabilities,
+        is_sitl=shared and vendor == 0 and product == 0,
+    )
+
+
+def with_version(identity: Identity, version: Version) -> Identity:
+    """The identity with what the autopilot said of itself."""
+    return replace(
+        identity,
+        uid=version.uid,
+        firmware=version.firmware,
+        capabilities=version.capabilities,
+        simulated=identity.simulated or (version.is_sitl and identity.autopilot == d.MAV_AUTOPILOT_PX4),
+    )

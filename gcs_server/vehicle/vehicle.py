@@ -2,62 +2,214 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+from gcs_server.clock import Clock
+from gcs_server.errors import Disconnected, NotVerified, Refused
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
+from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.events import EventFeed
-from gcs_server.vehicle.identity import Identity
+from gcs_server.vehicle.identity import Identity, Version, with_version
+from gcs_server.vehicle.narrator import Narrator
+from gcs_server.vehicle.px4_events import ArmingReport
+from gcs_server.vehicle.reducers import REDUCERS, Facts
 from gcs_server.vehicle.samples import Sample, Status
 from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.services.params import ParamService
+from gcs_server.vehicle.state import VehicleState
+
+STAY_ON_LINK_S = 1.0
+"""A link that was heard within this time is kept for sending, though another was heard later."""
 
 
 class Vehicle:
-    """A small aggregate; only the router's calls write its state."""
+    """A small aggregate; only the router's calls write its state.
 
-    id: str
-    mailbox: Mailbox
-    events: EventFeed
-    command: CommandService
-    gimbal: GimbalService
-    params: ParamService
-    offboard: Any
-    """The offboard control (streamer/), set by whoever builds the server; None before."""
+    Args:
+        vehicle_id: "1", or "1~2" for a second one that claims system 1.
+        own_ids: our (system id, component id).
+    """
+
+    def __init__(self, vehicle_id: str, identity: Identity, clock: Clock, own_ids: tuple[int, int]) -> None:
+        self.id = vehicle_id
+        self.clock = clock
+        self.own_ids = own_ids
+        self.mailbox = Mailbox(decode)
+        self.events = EventFeed(vehicle_id)
+        self.offboard: Any = None
+        """The offboard control (streamer/), set by whoever builds the server; None before."""
+        self._identity = identity
+        self._state = VehicleState(identity.component_id, clock)
+        self._narrator = Narrator(self.events, clock)
+        self._endpoints: tuple[Endpoint, ...] = ()
+        self._sending: Endpoint | None = None
+        self._lost = False
+        self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
+            d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
+            d.MAVLINK_MSG_ID_EVENT: lambda f, _: self._narrator.event(full_payload(f)),
+        }
+        self.command = CommandService(self)
+        self.gimbal = GimbalService(self)
+        self.params = ParamService(self)
 
     @property
     def identity(self) -> Identity:
         """Who it is."""
-        raise NotImplementedError
+        return self._identity
 
     @property
     def status(self) -> Status:
         """Armed, mode, landed state, link: what safety reads."""
-        raise NotImplementedError
+        return self._state.status()
+
+    @property
+    def facts(self) -> Facts:
+        """As `status`, with the times at which the vehicle said it."""
+        return self._state.facts
+
+    @property
+    def arming_report(self) -> ArmingReport:
+        """What keeps it from arming."""
+        return self._narrator.report
 
     @property
     def links(self) -> tuple[str, ...]:
         """Names of the links on which it is heard, most recent first."""
-        raise NotImplementedError
+        ordered = sorted(self._endpoints, key=lambda e: -e.heard_s)
+        return tuple(dict.fromkeys(e.connection.name for e in ordered))
+
+    @property
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """Where it is heard."""
+        return self._endpoints
 
     def topic(self, name: str) -> Sample | None:
         """The newest sample of a topic, decoded now; None before the first."""
-        raise NotImplementedError
+        return self._state.topic(name)
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
         """Samples at up to 4 Hz of the last five minutes, oldest first."""
-        raise NotImplementedError
+        return self._state.history(topics, since_unix_s)
+
+    def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None:
+        """The newest payload of a message, in full length, and when it came [s, monotonic]."""
+        frame = self._state.latest.get(msg_id)
+        return None if frame is None or not frame.known else (full_payload(frame), frame.received_monotonic_s)
 
     def require_commandable(self) -> None:
         """Raises Refused for a replayed vehicle, NotVerified for a kind we have not verified,
         Disconnected while its link is lost."""
-        raise NotImplementedError
+        identity = self._identity
+        if identity.replayed:
+            raise Refused(f"Vehicle {self.id} is a recording; it cannot be commanded.")
+        if not identity.commandable:
+            kind = "an " if identity.autopilot_name[0] in "Aa" else "a "
+            raise NotVerified(
+                f"Vehicle {self.id} is {kind}{identity.autopilot_name} vehicle "
+                f"of type {identity.vehicle_type}. "
+                "Commands are verified for multicopters that fly PX4 only, so nothing was sent.",
+                remedy="Use the ground station made for it.",
+            )
+        if self._state.link_lost:
+            raise Disconnected(
+                f"Vehicle {self.id} has not been heard for {self.status.last_heartbeat_age_s:.0f} s.",
+                remedy="Check its link; nothing was sent.",
+            )
 
     def send(self, message: MAVLink_message) -> bool:
         """Packs and sends on the vehicle's best link; from any thread; False: nothing went out."""
-        raise NotImplementedError
+        return self.send_payload(message.id, encode_payload(message))
 
     def send_payload(self, msg_id: int, payload: bytes) -> bool:
         """As `send`, for a payload already packed in wire order (the streamer's way)."""
-        raise NotImplementedError
+        if self._identity.replayed:
+            return False
+        endpoint = self._choose_endpoint()
+        return endpoint is not None and endpoint.connection.sender.send(msg_id, payload, endpoint.peer)
+
+    # --- written by the fleet only --------------------------------------------------------------
+
+    def receive(self, frame: Frame, endpoint: Endpoint) -> None:
+        """A frame of this vehicle's, from one of its endpoints."""
+        msg_id = frame.msg_id
+        before = self._state.facts
+        if self._state.take(frame):
+            if msg_id in REDUCERS:
+                self._narrator.facts(before, self._state.facts)
+                if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+                    self._heartbeat()
+            special = self._special.get(msg_id)
+            if special is not None:
+                special(frame, endpoint)
+        if frame.known:
+            self.mailbox.deliver(frame)
+
+    def attach(self, endpoint: Endpoint) -> None:
+        """It is heard there, too."""
+        endpoint.vehicle = self
+        self._endpoints = (*self._endpoints, endpoint)
+        if endpoint.version is not None:
+            self.set_version(endpoint.version)
+
+    def detach(self, endpoint: Endpoint) -> None:
+        """It is not heard there any more."""
+        endpoint.vehicle = None
+        self._endpoints = tuple(e for e in self._endpoints if e is not endpoint)
+        if not self._endpoints:
+            self.disconnected("its link was closed")
+
+    def set_version(self, version: Version) -> None:
+        """The autopilot said who it is."""
+        self._identity = with_version(self._identity, version)
+
+    def warn(self, text: str) -> None:
+        """Adds to the identity's warnings, once."""
+        if text not in self._identity.warnings:
+            self._identity = replace(self._identity, warnings=(*self._identity.warnings, text))
+            self.events.add("warning", self.clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
+
+    def clear_warnings(self) -> None:
+        """Their cause has gone."""
+        self._identity = replace(self._identity, warnings=())
+
+    def tick(self) -> None:
+        """Four times a second: history, held texts, the link's age."""
+        self._state.remember()
+        self._narrator.tick()
+        if self._state.link_lost and not self._lost:
+            self._lost = True
+            self.events.add("link", self.clock.unix_s(), "Link lost", severity=d.MAV_SEVERITY_WARNING)
+            self.disconnected("it has not been heard for 3.5 s")
+
+    def disconnected(self, why: str) -> None:
+        """Resolves everything pending, at once."""
+        self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost while we waited: {why}."))
+
+    def _heartbeat(self) -> None:
+        facts = self._state.facts
+        identity = self._identity
+        simulated = identity.simulated or facts.hil
+        if (facts.vehicle_type, facts.autopilot, simulated) != (
+            identity.vehicle_type,
+            identity.autopilot,
+            identity.simulated,
+        ):
+            self._identity = replace(
+                identity, vehicle_type=facts.vehicle_type, autopilot=facts.autopilot, simulated=simulated
+            )
+        if self._lost:
+            self._lost = False
+            self.events.add("link", self.clock.unix_s(), "Link is back", severity=d.MAV_SEVERITY_NOTICE)
+
+    def _choose_endpoint(self) -> Endpoint | None:
+        endpoints, sending = self._endpoints, self._sending
+        if sending in endpoints and self.clock.monotonic_s() - sending.heard_s < STAY_ON_LINK_S:
+            return sending
+        self._sending = max(endpoints, key=lambda e: e.heard_s, default=None)
+        return self._sending

@@ -1,14 +1,37 @@
-"""Commands a person gives: each succeeds when the vehicle's own state shows it."""
+"""Commands a person gives: each succeeds when the vehicle's own state shows it.
+
+Deadlines hold at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Everything
+that is sent again asks for a state or names a target, so a second copy changes nothing. A newer command
+ends an older one that is still waiting, and nothing of the older one is sent after it.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
 
-Progress = Callable[[str, float | None], None]
-"""(what is happening, fraction 0–1 or None); for people."""
+from gcs_server.errors import Disconnected, GcsError, InvalidRequest, Refused
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.tables import LAYOUTS
+from gcs_server.vehicle.geodesy import distance_m
+from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
+from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.services.checks import home_of, number, position_of
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import Goal, Progress, Request, Transaction
 
 GOTO_MAX_DISTANCE_M = 1000.0
 TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
+STATE_DEADLINE_S = 6.0
+LIFT_DEADLINE_S = 12.0
+FORCE = 21196.0
+"""MAV_CMD_COMPONENT_ARM_DISARM's magic number for "whatever the state"."""
+NAN = math.nan
+REPOSITION_CHANGES_MODE = 1.0
+AIRBORNE = ("in_air", "taking_off", "landing")
+SAME_PLACE_M = 3.0
+_target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 
 class CommandService:
@@ -18,33 +41,72 @@ class CommandService:
     with the vehicle's reasons, NoReply at the deadline, Disconnected when vehicle or link went.
     """
 
+    def __init__(self, vehicle: VehiclePort) -> None:
+        self._vehicle = vehicle
+        self._newest = 0
+        self._newest_what = ""
+
     async def arm(self, *, progress: Progress | None = None) -> None:
         """Returns once the vehicle reports to be armed."""
-        raise NotImplementedError
+        self._vehicle.require_commandable()
+        await self._arm(self._begin("arm"), progress)
 
     async def disarm(self, *, progress: Progress | None = None) -> None:
         """Returns once the vehicle reports to be disarmed; PX4 refuses it in flight."""
-        raise NotImplementedError
+        self._vehicle.require_commandable()
+        goal = Goal(
+            "disarm", lambda f, s: f.heartbeat_s > s and not f.armed, STATE_DEADLINE_S, asks=ASK_STATE
+        )
+        await self._run(self._begin("disarm"), _arm_disarm(0.0, 0.0), goal, progress)
 
     async def set_mode(self, name: str, *, progress: Progress | None = None) -> None:
         """Returns once the vehicle reports the mode. `name` as in `Status.mode`."""
-        raise NotImplementedError
+        mode = BY_NAME.get(name)
+        if mode is None or not mode.settable:
+            names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
+            raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
+        self._vehicle.require_commandable()
+        await self._set_mode(self._begin(mode.label), mode, progress)
 
     async def takeoff(self, alt_home_m: float, *, progress: Progress | None = None) -> None:
         """Arms where needed and climbs; returns once the vehicle is taking off (not: has arrived)."""
-        raise NotImplementedError
+        number("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        if vehicle.facts.armed and vehicle.facts.landed_state in AIRBORNE:
+            raise Refused(f"Vehicle {vehicle.id} flies already.", remedy="Use go-to for another height.")
+        position_of(vehicle)
+        alt_amsl_m = home_of(vehicle).alt_amsl_m + alt_home_m
+        token = self._begin("take off")
+        await self._takeoff_mode(token, alt_amsl_m, progress)
+        if not vehicle.facts.armed:
+            try:
+                await self._arm(token, progress)
+            except GcsError:
+                await self._leave_takeoff(token)
+                raise
+        lifted = Goal(
+            "take off",
+            lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
+            LIFT_DEADLINE_S,
+            asks=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
+        )
+        if progress is not None:
+            progress("Armed, waiting for lift-off", None)
+        await self._run(token, None, lifted, progress)
 
     async def land(self, *, progress: Progress | None = None) -> None:
-        """Lands where it is."""
-        raise NotImplementedError
+        """Lands where it is; returns once it is landing (or is down and disarmed already)."""
+        await self._down(BY_NAME["land"], progress)
 
     async def rtl(self, *, progress: Progress | None = None) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
-        raise NotImplementedError
+        await self._down(BY_NAME["rtl"], progress)
 
     async def hold(self, *, progress: Progress | None = None) -> None:
         """Stops and stays."""
-        raise NotImplementedError
+        self._vehicle.require_commandable()
+        await self._set_mode(self._begin("hold"), BY_NAME["hold"], progress)
 
     async def goto(
         self,
@@ -58,8 +120,149 @@ class CommandService:
         progress: Progress | None = None,
     ) -> None:
         """Flies there in Hold; exactly one altitude. Returns once under way (not: has arrived)."""
-        raise NotImplementedError
+        number("lat_deg", lat_deg, -90.0, 90.0)
+        number("lon_deg", lon_deg, -180.0, 180.0)
+        number("max_distance_m", max_distance_m, 1.0, 100_000.0)
+        yaw_rad = NAN if yaw_ned_deg is None else math.radians(number("yaw_ned_deg", yaw_ned_deg, -360, 360))
+        if (alt_amsl_m is None) == (alt_home_m is None):
+            raise InvalidRequest("alt_amsl_m", "Give exactly one altitude: alt_amsl_m or alt_home_m.")
+        if alt_amsl_m is not None:
+            number("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
+        if alt_home_m is not None:
+            number("alt_home_m", alt_home_m, -500.0, 10_000.0)
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
+            raise Refused(f"Vehicle {vehicle.id} does not fly.", remedy="Take off first.")
+        if alt_amsl_m is None:
+            assert alt_home_m is not None
+            alt_amsl_m = home_of(vehicle).alt_amsl_m + alt_home_m
+        self._check_distance(lat_deg, lon_deg, alt_amsl_m, max_distance_m)
+        reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
+        goal = Goal(
+            "go there",
+            reached,
+            STATE_DEADLINE_S,
+            asks=(d.MAVLINK_MSG_ID_CURRENT_MODE, d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT),
+            listen=(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,),
+        )
+        request = Request(
+            d.MAV_CMD_DO_REPOSITION,
+            (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
+            frame=d.MAV_FRAME_GLOBAL,
+        )
+        await self._run(self._begin("go to"), request, goal, progress)
 
     async def kill(self, *, progress: Progress | None = None) -> None:
         """Stops the motors at once, in flight too: the vehicle falls."""
-        raise NotImplementedError
+        with suppress(Disconnected):  # a lost link is tried all the same
+            self._vehicle.require_commandable()
+        goal = Goal(
+            "stop its motors",
+            lambda f, s: f.heartbeat_s > s and not f.armed,
+            STATE_DEADLINE_S,
+            asks=ASK_STATE,
+        )
+        await self._run(self._begin("kill"), _arm_disarm(0.0, FORCE), goal, progress)
+
+    # --- the parts ------------------------------------------------------------------------------
+
+    async def _arm(self, token: int, progress: Progress | None) -> None:
+        goal = Goal(
+            "arm",
+            lambda f, s: f.heartbeat_s > s and f.armed,
+            STATE_DEADLINE_S,
+            asks=ASK_STATE,
+            against=self._against_arming,
+        )
+        await self._run(token, _arm_disarm(1.0, 0.0), goal, progress)
+
+    async def _set_mode(self, token: int, mode: Mode, progress: Progress | None) -> None:
+        def reached(facts: Facts, since_s: float) -> bool:
+            return facts.mode_s > since_s and facts.custom_mode == mode.custom_mode
+
+        request = Request(
+            d.MAV_CMD_DO_SET_MODE,
+            (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
+        )
+        await self._run(token, request, Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S), progress)
+
+    async def _takeoff_mode(self, token: int, alt_amsl_m: float, progress: Progress | None) -> None:
+        takeoff = BY_NAME["takeoff"].custom_mode
+
+        def reached(facts: Facts, since_s: float) -> bool:
+            return facts.mode_s > since_s and facts.custom_mode == takeoff
+
+        request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
+        await self._run(token, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
+
+    async def _leave_takeoff(self, token: int) -> None:
+        """Left in Take off, arming later would start the climb."""
+        if token == self._newest and not self._vehicle.facts.armed:
+            with suppress(GcsError):
+                await self._set_mode(token, BY_NAME["hold"], None)
+
+    async def _down(self, mode: Mode, progress: Progress | None) -> None:
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        flying = vehicle.facts.armed
+
+        def reached(facts: Facts, since_s: float) -> bool:
+            if facts.mode_s > since_s and facts.custom_mode == mode.custom_mode:
+                return True
+            return flying and facts.heartbeat_s > since_s and not facts.armed
+
+        request = Request(
+            d.MAV_CMD_DO_SET_MODE,
+            (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
+        )
+        goal = Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S)
+        await self._run(self._begin(mode.label), request, goal, progress)
+
+    def _check_distance(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, max_m: float) -> None:
+        here = position_of(self._vehicle)
+        far_m = math.hypot(
+            distance_m(here.lat_deg, here.lon_deg, lat_deg, lon_deg), alt_amsl_m - here.alt_amsl_m
+        )
+        if far_m > max_m:
+            raise Refused(
+                f"The target is {far_m:.0f} m away, more than the {max_m:.0f} m that are allowed.",
+                remedy="Check the coordinates, or raise max_distance_m if it is meant.",
+            )
+
+    def _target_is(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Callable[[Facts, float], bool]:
+        hold = BY_NAME["hold"].custom_mode
+
+        def reached(facts: Facts, since_s: float) -> bool:
+            if not (facts.mode_s > since_s and facts.custom_mode == hold):
+                return False
+            newest = self._vehicle.newest_payload(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
+            if newest is None or newest[1] <= since_s:
+                return False
+            _, lat, lon, alt_m, *_ = _target.unpack(newest[0])
+            off_m = distance_m(lat / 1e7, lon / 1e7, lat_deg, lon_deg)
+            return off_m < SAME_PLACE_M and abs(alt_m - alt_amsl_m) < SAME_PLACE_M
+
+        return reached
+
+    def _against_arming(self) -> tuple[str, ...]:
+        mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
+        return self._vehicle.arming_report.against_arming(mode.nav_state if mode else None)
+
+    def _begin(self, what: str) -> int:
+        self._newest += 1
+        self._newest_what = what
+        return self._newest
+
+    async def _run(self, token: int, request: Request | None, goal: Goal, progress: Progress | None) -> None:
+        def superseded() -> str | None:
+            return self._newest_what if token != self._newest else None
+
+        await Transaction(self._vehicle, request, goal, progress, superseded).run()
+
+
+ASK_STATE = (d.MAVLINK_MSG_ID_HEARTBEAT,)
+
+
+def _arm_disarm(arm: float, force: float) -> Request:
+    return Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (arm, force, 0, 0, 0, 0, 0))

@@ -1,6 +1,37 @@
-"""The gimbal manager (v2 protocol) of a vehicle."""
+"""The gimbal manager (v2 protocol) of a vehicle.
+
+PX4 v1.16: anyone may take control, and the word "myself" in CONFIGURE means the vehicle, so our ids are
+sent; without control 1000 is denied and 282 ignored in silence; 287 is not handled; angles beyond the
+range are not clamped but flip. With its gimbal module off it says nothing at all.
+"""
 
 from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+
+from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.mavlink.mailbox import Reply
+from gcs_server.vehicle.gimbal_decoder import control_of, quaternion_of, wrap
+from gcs_server.vehicle.samples import Gimbal
+from gcs_server.vehicle.services.checks import number
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
+
+DEADLINE_S = 5.0
+RESEND_S = 0.3
+KEEP, RELEASE = -1.0, -3.0
+NONE_SET = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+YAW_LOCK = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK
+LARGEST_PITCH_DEG = 90.0
+LARGEST_RATE_DEG_S = 180.0
+NEAR_RAD = math.radians(2.0)
+NAN = math.nan
+STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
+ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
 class GimbalService:
@@ -9,30 +40,206 @@ class GimbalService:
     Raises as `CommandService`; `Refused` names who is in control where it is not us.
     """
 
+    def __init__(self, vehicle: VehiclePort) -> None:
+        self._vehicle = vehicle
+
     async def take_control(self) -> None:
         """Becomes primary control; returns once the manager's status shows it."""
-        raise NotImplementedError
+        self._vehicle.require_commandable()
+        ours = self._vehicle.own_ids
+        await self._configure(
+            float(ours[0]), float(ours[1]), "take control of the gimbal", lambda c: c == ours
+        )
 
     async def release_control(self) -> None:
         """Gives control back where it is ours."""
-        raise NotImplementedError
+        self._vehicle.require_commandable()
+        ours = self._vehicle.own_ids
+        if await self._control() != ours:
+            return
+        await self._configure(RELEASE, RELEASE, "release the gimbal", lambda c: c != ours)
 
     async def set_angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
     ) -> None:
-        """Points the camera. Pitch positive up; yaw from the nose, from north with `yaw_lock`."""
-        raise NotImplementedError
+        """Points the camera. Pitch positive up; yaw from the nose, from north with `yaw_lock`.
+
+        Returns once the gimbal moves there, or acknowledged where it does not report its attitude.
+        """
+        number("pitch_deg", pitch_deg, -LARGEST_PITCH_DEG, LARGEST_PITCH_DEG)
+        number("yaw_deg", yaw_deg, -360.0, 360.0)
+        if roll_deg is not None:
+            number("roll_deg", roll_deg, -180.0, 180.0)
+        self._vehicle.require_commandable()
+        self._check_limits(pitch_deg, yaw_deg, yaw_lock)
+        await self._require_control()
+        yaw_deg = math.degrees(wrap(math.radians(yaw_deg)))
+        if roll_deg is not None:
+            await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
+            return
+        flags = YAW_LOCK if yaw_lock else 0
+        await self._acknowledged(
+            Request(d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, 0)),
+            "point the gimbal",
+        )
 
     async def set_rates(
-        self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False
+        self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None
     ) -> None:
-        """Turns the camera steadily; zero stops both axes and keeps `yaw_lock`."""
-        raise NotImplementedError
+        """Turns the camera steadily; zero stops both axes. `yaw_lock` None keeps what is set."""
+        number("pitch_rate_deg_s", pitch_rate_deg_s, -LARGEST_RATE_DEG_S, LARGEST_RATE_DEG_S)
+        number("yaw_rate_deg_s", yaw_rate_deg_s, -LARGEST_RATE_DEG_S, LARGEST_RATE_DEG_S)
+        self._vehicle.require_commandable()
+        await self._require_control()
+        if yaw_lock is None:
+            sample = self._vehicle.topic("gimbal")
+            yaw_lock = sample is not None and isinstance(sample.value, Gimbal) and sample.value.yaw_lock
+        flags = float(YAW_LOCK if yaw_lock else 0)
+        await self._acknowledged(
+            Request(
+                d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+                (NAN, NAN, pitch_rate_deg_s, yaw_rate_deg_s, flags, 0, 0),
+            ),
+            "turn the gimbal",
+        )
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Keeps looking at a place; needs no control."""
-        raise NotImplementedError
+        number("lat_deg", lat_deg, -90.0, 90.0)
+        number("lon_deg", lon_deg, -180.0, 180.0)
+        number("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
+        self._vehicle.require_commandable()
+        request = Request(
+            d.MAV_CMD_DO_SET_ROI_LOCATION,
+            (0, 0, 0, 0, lat_deg, lon_deg, alt_amsl_m),
+            frame=d.MAV_FRAME_GLOBAL,
+        )
+        await self._acknowledged(request, "look at the place")
 
     async def clear_roi(self) -> None:
         """Stops looking at a place."""
-        raise NotImplementedError
+        self._vehicle.require_commandable()
+        await self._acknowledged(Request(d.MAV_CMD_DO_SET_ROI_NONE, NONE_SET), "stop looking at the place")
+
+    # --- the parts ------------------------------------------------------------------------------
+
+    async def _acknowledged(self, request: Request, what: str) -> None:
+        """These are seen in no state at once (a gimbal moves at its own pace): the answer is the ack."""
+        goal = Goal(what, lambda _f, _s: False, DEADLINE_S, asks=(), ack_is_enough=True)
+        await self._guarded(Transaction(self._vehicle, request, goal), what)
+
+    async def _configure(
+        self, system: float, component: float, what: str, good: Callable[[tuple[int, int] | None], bool]
+    ) -> None:
+        def reached(_facts: object, since_s: float) -> bool:
+            newest = self._vehicle.newest_payload(STATUS_ID)
+            return newest is not None and newest[1] > since_s and good(control_of(newest[0]))
+
+        goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
+        request = Request(d.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, (system, component, KEEP, KEEP, 0, 0, 0))
+        if system == RELEASE:
+            request = Request(request.command, (RELEASE, RELEASE, RELEASE, RELEASE, 0, 0, 0))
+        await self._guarded(Transaction(self._vehicle, request, goal), what)
+
+    async def _guarded(self, transaction: Transaction, what: str) -> None:
+        try:
+            await transaction.run()
+        except NoReply as error:
+            raise NoReply(
+                f"Vehicle {self._vehicle.id} did not answer the request to {what} within "
+                f"{error.deadline_s:g} s.",
+                deadline_s=error.deadline_s,
+                remedy="It may have no gimbal (PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then restart it).",
+            ) from None
+
+    async def _control(self) -> tuple[int, int] | None:
+        """Who is in control, freshly asked.
+
+        Raises:
+            NoReply: no gimbal manager answers.
+        """
+        fresh: list[tuple[int, int] | None] = []
+
+        def reached(_facts: object, since_s: float) -> bool:
+            newest = self._vehicle.newest_payload(STATUS_ID)
+            if newest is None or newest[1] <= since_s:
+                return False
+            fresh.append(control_of(newest[0]))
+            return True
+
+        what = "say who controls the gimbal"
+        goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
+        try:
+            await self._guarded(Transaction(self._vehicle, None, goal), what)
+        except Rejected as error:  # it talks, but not about a gimbal
+            raise NoReply(
+                f"Vehicle {self._vehicle.id} reports no gimbal.",
+                deadline_s=DEADLINE_S,
+                remedy="PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then restart it.",
+            ) from error
+        return fresh[-1]
+
+    async def _require_control(self) -> None:
+        control = await self._control()
+        if control == self._vehicle.own_ids:
+            return
+        if control is None:
+            raise Refused("Nobody controls the gimbal.", remedy="Take control of it first.")
+        raise Refused(
+            f"The gimbal is controlled by system {control[0]}, component {control[1]}, not by us.",
+            remedy="Ask there, or take control: the other then loses it.",
+        )
+
+    def _check_limits(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
+        sample = self._vehicle.topic("gimbal")
+        gimbal = sample.value if sample is not None else None
+        if not isinstance(gimbal, Gimbal):
+            return
+        if gimbal.pitch_min_rad is not None and gimbal.pitch_max_rad is not None:
+            number(
+                "pitch_deg", pitch_deg, math.degrees(gimbal.pitch_min_rad), math.degrees(gimbal.pitch_max_rad)
+            )
+        if not yaw_lock and gimbal.yaw_min_rad is not None and gimbal.yaw_max_rad is not None:
+            number("yaw_deg", yaw_deg, math.degrees(gimbal.yaw_min_rad), math.degrees(gimbal.yaw_max_rad))
+
+    async def _attitude(self, roll_deg: float, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
+        """Roll goes by GIMBAL_MANAGER_SET_ATTITUDE only, which is not acknowledged: it is sent until the
+        device's own attitude is there, or moves."""
+        vehicle = self._vehicle
+        q = quaternion_of(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+        identity = vehicle.identity
+        message = d.MAVLink_gimbal_manager_set_attitude_message(
+            identity.system_id, identity.component_id, YAW_LOCK if yaw_lock else 0, 0, list(q), NAN, NAN, NAN
+        )
+        began_s = vehicle.clock.monotonic_s()
+        first: float | None = None
+        with vehicle.mailbox.expect(ATTITUDE_ID) as waiter:
+            while (left_s := began_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
+                vehicle.send(message)
+                vehicle.send(self._ask_attitude())
+                try:
+                    async with asyncio.timeout(min(RESEND_S, left_s)):
+                        off_rad = _angle_between(q, await waiter.next())
+                except TimeoutError:
+                    continue
+                first = off_rad if first is None else first
+                if off_rad < NEAR_RAD or off_rad < first - NEAR_RAD:
+                    return
+        if first is None:
+            raise NoReply(
+                f"Vehicle {vehicle.id} does not report where its gimbal points.",
+                deadline_s=DEADLINE_S,
+                remedy="Without roll the request is acknowledged and needs no report.",
+            )
+        raise Rejected(f"The gimbal of vehicle {vehicle.id} does not move there.")
+
+    def _ask_attitude(self) -> MAVLink_message:
+        identity = self._vehicle.identity
+        request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_ID), 0, 0, 0, 0, 0, 0))
+        return request.message(identity.system_id, identity.component_id, 0, False)
+
+
+def _angle_between(q: tuple[float, float, float, float], message: Reply) -> float:
+    """Between an attitude and the reported one [rad]."""
+    dot = abs(sum(a * b for a, b in zip(q, message.q, strict=True)))
+    return 2 * math.acos(min(1.0, dot))

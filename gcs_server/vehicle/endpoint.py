@@ -1,0 +1,108 @@
+"""Where a system is heard, and whether two such places are one vehicle.
+
+A system id is set by hand and often twice the same, so an endpoint (link, peer, system id) is joined to
+a vehicle only for a reason:
+
+1. Both autopilots have a uid of their own: equal is one vehicle, else two.
+2. On one link, two peers that both talk are two vehicles (a vehicle has one address there). A peer that
+   talks after the other fell silent is the same vehicle with a new port.
+3. On two links, one autopilot has one boot clock: streams whose boot time agrees are one vehicle. This
+   tells simulators apart, too, whose uid is the same constant.
+
+Until that is known, at most `DECIDE_WITHIN_S`, what the endpoint sends is no vehicle's. Where nothing
+tells, two are shown: never mixed. A uid that comes late corrects either way.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gcs_server.links.base import Peer
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, full_payload
+from gcs_server.mavlink.connection import Connection
+from gcs_server.vehicle.identity import Version
+
+if TYPE_CHECKING:
+    from gcs_server.vehicle.vehicle import Vehicle
+
+DECIDE_WITHIN_S = 3.0
+UID_PATIENCE_S = 2.0
+"""How long a uid is waited for before the other reasons decide."""
+SILENT_AFTER_S = 3.5
+SAME_BOOT_S = 1.5
+"""Radio delays included."""
+BOOT_TIME_IDS = frozenset(
+    {
+        d.MAVLINK_MSG_ID_ATTITUDE,
+        d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+        d.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        d.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    }
+)
+_boot_ms = struct.Struct("<I")
+
+
+class Same(enum.Enum):
+    """Whether an endpoint is a vehicle's."""
+
+    YES = enum.auto()
+    NO = enum.auto()
+    NOT_KNOWN = enum.auto()
+
+
+@dataclass(slots=True, eq=False)
+class Endpoint:
+    """One place where one system id is heard."""
+
+    connection: Connection
+    peer: Peer
+    system_id: int
+    component_id: int
+    heartbeat: bytes
+    """The first one's payload."""
+    first_heard_s: float
+    heard_s: float
+    vehicle: Vehicle | None = None
+    version: Version | None = None
+    boot_at_s: float | None = None
+    """The vehicle's boot on our monotonic clock, as the newest frame tells it."""
+    asked: int = 0
+    ask_next_s: float = 0.0
+
+    def hear(self, frame: Frame) -> None:
+        """Notes what tells who this is."""
+        self.heard_s = frame.received_monotonic_s
+        if frame.msg_id in BOOT_TIME_IDS:
+            self.boot_at_s = self.heard_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
+
+    @property
+    def unique_uid(self) -> str | None:
+        """A uid that no other vehicle has."""
+        return self.version.uid if self.version is not None and self.version.unique else None
+
+
+def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> Same:
+    """Judges by the rules above; pure."""
+    known = [e for e in vehicle.endpoints if e is not new]
+    uid = next((e.unique_uid for e in known if e.unique_uid), None)
+    if uid and new.unique_uid:
+        return Same.YES if uid == new.unique_uid else Same.NO
+    waited_s = now_s - new.first_heard_s
+    if new.version is None and waited_s < UID_PATIENCE_S:
+        return Same.NOT_KNOWN
+    talking = [e for e in known if now_s - e.heard_s < SILENT_AFTER_S]
+    if not talking:
+        return Same.YES
+    if any(e.connection is new.connection and e.heard_s > new.first_heard_s for e in talking):
+        return Same.NO
+    elsewhere = [e for e in talking if e.connection is not new.connection]
+    boots = [e.boot_at_s for e in elsewhere if e.boot_at_s is not None]
+    if boots and new.boot_at_s is not None:
+        return Same.YES if min(abs(b - new.boot_at_s) for b in boots) < SAME_BOOT_S else Same.NO
+    if elsewhere and waited_s > DECIDE_WITHIN_S:
+        return Same.NO
+    return Same.NOT_KNOWN

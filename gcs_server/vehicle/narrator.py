@@ -1,0 +1,97 @@
+"""Turns what a vehicle sends into lines of its event feed, each thing once, in its own words."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from gcs_server.clock import Clock
+from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.modes import name_and_label
+from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, ArmingReport, VehicleEvent, decode_event
+from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.texts import TextJoiner
+
+PAIR_WITHIN_S = 0.3
+"""PX4 sends a text that ends in a tab and its event within a few milliseconds of each other."""
+SAME_TEXT_S = 1.0
+REMEMBERED_SEQUENCES = 64
+NOTICE = 5
+
+
+class Narrator:
+    """Writes one vehicle's feed.
+
+    A text that ends in a tab repeats an event: the pair becomes one line, in the text's words. A text
+    or event that comes on two links becomes one line as well.
+    """
+
+    def __init__(self, feed: EventFeed, clock: Clock) -> None:
+        self._feed = feed
+        self._clock = clock
+        self._texts = TextJoiner()
+        self._held: deque[tuple[float, int, str]] = deque()
+        self._lone_events: deque[float] = deque(maxlen=8)
+        self._seen_events: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_SEQUENCES)
+        self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
+        self.report = ArmingReport()
+
+    def text(self, payload: bytes, source: object) -> None:
+        """STATUSTEXT heard from `source` (an endpoint)."""
+        now_s = self._clock.monotonic_s()
+        for severity, text in self._texts.feed(payload, now_s):
+            self._one_text(severity, text, source, now_s)
+
+    def event(self, payload: bytes) -> None:
+        """EVENT."""
+        now_s = self._clock.monotonic_s()
+        event = decode_event(payload)
+        key = (event.sequence, event.id)
+        if key in self._seen_events:
+            return
+        self._seen_events.append(key)
+        if self.report.feed(event) or event.level >= LEVEL_PROTOCOL:
+            return
+        held = self._take_held(now_s)
+        if held is None:
+            self._lone_events.append(now_s)
+        self._line("event", event.level, held or event.text, event)
+
+    def facts(self, before: Facts, after: Facts) -> None:
+        """What changed between two states."""
+        known = before.heartbeat_s > float("-inf")
+        if known and after.armed != before.armed:
+            self._line("armed" if after.armed else "disarmed", NOTICE, "Armed" if after.armed else "Disarmed")
+        if known and after.custom_mode != before.custom_mode:
+            name, label = name_and_label(after.custom_mode, after.autopilot)
+            self._feed.add(
+                "mode_changed", self._clock.unix_s(), f"Mode {label}", severity=NOTICE, data={"mode": name}
+            )
+
+    def tick(self) -> None:
+        """Called a few times a second: gives out what has waited long enough for its other half."""
+        now_s = self._clock.monotonic_s()
+        for severity, text in self._texts.expire(now_s):
+            self._one_text(severity, text, None, now_s)
+        while self._held and now_s - self._held[0][0] > PAIR_WITHIN_S:
+            _, severity, text = self._held.popleft()
+            self._line("status_text", severity, text)
+
+    def _one_text(self, severity: int, text: str, source: object, now_s: float) -> None:
+        for then_s, other, said in self._seen_texts:
+            if said == text and other is not source and now_s - then_s < SAME_TEXT_S:
+                return
+        self._seen_texts.append((now_s, source, text))
+        if not text.endswith("\t"):
+            self._line("status_text", severity, text)
+            return
+        if self._lone_events and now_s - self._lone_events.popleft() <= PAIR_WITHIN_S:
+            return  # its event was told already
+        self._held.append((now_s, severity, text.rstrip("\t")))
+
+    def _take_held(self, now_s: float) -> str | None:
+        self.tick()
+        return self._held.popleft()[2] if self._held else None
+
+    def _line(self, kind: str, severity: int, text: str, event: VehicleEvent | None = None) -> None:
+        data = {"id": event.id, "sequence": event.sequence} if event is not None else {}
+        self._feed.add(kind, self._clock.unix_s(), text, severity=min(severity, 7), data=data)

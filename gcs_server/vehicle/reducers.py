@@ -1,0 +1,65 @@
+"""State, message → state: what safety reads, kept eagerly. Pure."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, replace
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.modes import LANDED_STATES
+
+_heartbeat = struct.Struct("<I5B")
+_current_mode = struct.Struct("<IIB")
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """The vehicle's own words on what it does, and when it last said so [s, monotonic]."""
+
+    armed: bool = False
+    custom_mode: int = 0
+    intended_custom_mode: int | None = None
+    landed_state: str = "unknown"
+    system_status: int = 0
+    vehicle_type: int = 0
+    autopilot: int = d.MAV_AUTOPILOT_INVALID
+    hil: bool = False
+    heartbeat_s: float = float("-inf")
+    """When `armed` was last said."""
+    mode_s: float = float("-inf")
+    """When `custom_mode` was last said (HEARTBEAT or CURRENT_MODE)."""
+    landed_s: float = float("-inf")
+
+
+def heartbeat(facts: Facts, payload: bytes, now_s: float) -> Facts:
+    """HEARTBEAT of the autopilot."""
+    custom_mode, vehicle_type, autopilot, base_mode, system_status, _version = _heartbeat.unpack(payload)
+    return replace(
+        facts,
+        armed=bool(base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED),
+        custom_mode=custom_mode,
+        system_status=system_status,
+        vehicle_type=vehicle_type,
+        autopilot=autopilot,
+        hil=bool(base_mode & d.MAV_MODE_FLAG_HIL_ENABLED),
+        heartbeat_s=now_s,
+        mode_s=now_s,
+    )
+
+
+def current_mode(facts: Facts, payload: bytes, now_s: float) -> Facts:
+    """CURRENT_MODE; an intended mode of 0 is "not known" unless the mode is 0, too."""
+    custom_mode, intended, _standard = _current_mode.unpack(payload)
+    return replace(facts, custom_mode=custom_mode, intended_custom_mode=intended or None, mode_s=now_s)
+
+
+def extended_sys_state(facts: Facts, payload: bytes, now_s: float) -> Facts:
+    """EXTENDED_SYS_STATE."""
+    return replace(facts, landed_state=LANDED_STATES.get(payload[1], "unknown"), landed_s=now_s)
+
+
+REDUCERS = {
+    d.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
+    d.MAVLINK_MSG_ID_CURRENT_MODE: current_mode,
+    d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
+}

@@ -1,0 +1,58 @@
+"""What we check before anything is sent, since PX4 takes nonsense without a word."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.vehicle.samples import GlobalPosition, Home
+from gcs_server.vehicle.services.port import VehiclePort
+
+FRESH_S = 3.0
+"""A position older than this is not where the vehicle is."""
+
+
+def number(field: str, value: float, low: float, high: float) -> float:
+    """`value`, if it is a number within the range.
+
+    Raises:
+        InvalidRequest: naming the field.
+    """
+    if not math.isfinite(value):
+        raise InvalidRequest(field, f"{field} must be a number, not {value}.")
+    if not low <= value <= high:
+        raise InvalidRequest(field, f"{field} must be from {low:g} to {high:g}, not {value:g}.")
+    return float(value)
+
+
+def position_of(vehicle: VehiclePort) -> GlobalPosition:
+    """Where it is now.
+
+    Raises:
+        Refused: it has no global position estimate.
+    """
+    sample = vehicle.topic("global_position")
+    age_s = None if sample is None else vehicle.clock.monotonic_s() - sample.received_monotonic_s
+    if sample is None or age_s is None or age_s > FRESH_S:
+        raise Refused(
+            f"Vehicle {vehicle.id} reports no global position now.",
+            remedy="Wait until GPS and estimator are ready (a clear view of the sky).",
+        )
+    assert isinstance(sample.value, GlobalPosition)
+    return sample.value
+
+
+def home_of(vehicle: VehiclePort) -> Home:
+    """Its home position.
+
+    Raises:
+        Refused: it has none yet, so that a height above home means nothing.
+    """
+    sample = vehicle.topic("home")
+    if sample is None:
+        raise Refused(
+            f"Vehicle {vehicle.id} has no home position yet, so a height above home means nothing.",
+            remedy="Wait until GPS and estimator are ready.",
+        )
+    assert isinstance(sample.value, Home)
+    return sample.value

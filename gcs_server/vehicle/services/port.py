@@ -1,0 +1,39 @@
+"""What a service needs of its vehicle."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from gcs_server.clock import Clock
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.mavlink.mailbox import Mailbox
+from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.identity import Identity
+from gcs_server.vehicle.px4_events import ArmingReport
+from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.samples import Sample, Status
+
+
+class VehiclePort(Protocol):
+    """The vehicle as its services see it."""
+
+    id: str
+    clock: Clock
+    mailbox: Mailbox
+    events: EventFeed
+    own_ids: tuple[int, int]
+    """Our (system id, component id): whom acknowledgements must be meant for."""
+
+    @property
+    def identity(self) -> Identity: ...
+    @property
+    def status(self) -> Status: ...
+    @property
+    def facts(self) -> Facts: ...
+    @property
+    def arming_report(self) -> ArmingReport: ...
+    def topic(self, name: str) -> Sample | None: ...
+    def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None: ...
+    def require_commandable(self) -> None: ...
+    def send(self, message: MAVLink_message) -> bool: ...
+    def send_payload(self, msg_id: int, payload: bytes) -> bool: ...

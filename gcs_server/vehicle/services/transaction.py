@@ -1,0 +1,281 @@
+"""One command from request to the vehicle's own state, over a link that loses packets.
+
+PX4 acknowledges at once and may refuse milliseconds later, so an acknowledgement only speeds things
+up: a command has succeeded when the state that the vehicle reports after the request shows it. What is
+sent again is a request for a state (armed, a mode, a target), which does nothing twice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.mavlink.mailbox import Reply
+from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.services.port import VehiclePort
+
+Progress = Callable[[str, float | None], None]
+"""(what is happening, fraction 0–1 or None); for people."""
+
+RESEND_S = 0.5
+RESEND_ACCEPTED_S = 1.5
+PROBE_IN_PROGRESS_S = 3.0
+IN_PROGRESS_PATIENCE_S = 6.0
+LONGEST_S = 60.0
+ASK_S = 0.4
+SETTLE_S = 0.6
+"""After a refusal: its reasons come within this time."""
+CONTRARY_AFTER_S = 1.0
+TIMES_ACCEPTED = 3
+"""Accepted so often and its state still another: the vehicle does not do it."""
+
+RESULT_WORDS = {
+    d.MAV_RESULT_TEMPORARILY_REJECTED: "not possible now",
+    d.MAV_RESULT_DENIED: "denied",
+    d.MAV_RESULT_UNSUPPORTED: "not supported by this vehicle",
+    d.MAV_RESULT_FAILED: "failed",
+    d.MAV_RESULT_CANCELLED: "cancelled",
+}
+STATE_IDS = (
+    d.MAVLINK_MSG_ID_HEARTBEAT,
+    d.MAVLINK_MSG_ID_CURRENT_MODE,
+    d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A MAV_CMD with its parameters 1–7.
+
+    `frame` makes it a COMMAND_INT: parameters 5 and 6 are then degrees, sent as 1e-7 degrees.
+    """
+
+    command: int
+    params: tuple[float, float, float, float, float, float, float]
+    frame: int | None = None
+
+    def message(self, system_id: int, component_id: int, confirmation: int, as_int: bool) -> MAVLink_message:
+        """The message to send."""
+        if as_int:
+            p1, p2, p3, p4, x, y, z = self.params
+            frame = d.MAV_FRAME_GLOBAL if self.frame is None else self.frame
+            xy = (round(x * 1e7), round(y * 1e7)) if self.frame is not None else (int(x), int(y))
+            return d.MAVLink_command_int_message(
+                system_id, component_id, frame, self.command, 0, 0, p1, p2, p3, p4, *xy, z
+            )
+        return d.MAVLink_command_long_message(
+            system_id, component_id, self.command, confirmation, *self.params
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """When a command has succeeded.
+
+    Args:
+        what: what was asked, for error texts: "arm", "switch to Hold".
+        reached: by (state, time of the first request); only what was said after that time counts.
+        asks: messages to request while waiting, so that slow streams do not slow us.
+        ack_is_enough: the vehicle's state cannot show it: an acknowledgement is the answer.
+        listen: further messages after which to look.
+        against: gives the vehicle's standing reasons against it.
+    """
+
+    what: str
+    reached: Callable[[Facts, float], bool]
+    deadline_s: float
+    asks: tuple[int, ...] = (d.MAVLINK_MSG_ID_CURRENT_MODE,)
+    ack_is_enough: bool = False
+    listen: tuple[int, ...] = ()
+    against: Callable[[], tuple[str, ...]] | None = None
+
+
+class Transaction:
+    """Runs one request to its goal; made for each call.
+
+    Args:
+        request: None only waits for the goal.
+        superseded: says which newer command took over, or None.
+    """
+
+    def __init__(
+        self,
+        vehicle: VehiclePort,
+        request: Request | None,
+        goal: Goal,
+        progress: Progress | None = None,
+        superseded: Callable[[], str | None] = lambda: None,
+    ) -> None:
+        self._vehicle = vehicle
+        self._request = request
+        self._goal = goal
+        self._progress = progress
+        self._superseded = superseded
+        self._as_int = request is not None and request.frame is not None
+        self._forms_tried = 1
+        self._sent = 0
+        self._accepted = 0
+        self._accepted_s = float("inf")
+        self._refused: int | None = None
+        self._refused_s = float("inf")
+        self._first_event = vehicle.events.last_index
+        self._began_s = vehicle.clock.monotonic_s()
+        self._deadline_s = self._began_s + goal.deadline_s
+        self._next_send_s = self._began_s if request is not None else float("inf")
+        self._next_ask_s = self._began_s + (ASK_S / 2 if request is not None else 0.0)
+
+    async def run(self) -> None:
+        """Returns once the goal is reached.
+
+        Raises:
+            Rejected: by acknowledgement or by state.
+            NoReply: neither came within the deadline.
+            Refused: a newer command took over.
+            Disconnected: vehicle or link went.
+        """
+        ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
+        with self._vehicle.mailbox.expect(*ids) as waiter:
+            while True:
+                now_s = self._vehicle.clock.monotonic_s()
+                if self._is_done():
+                    return
+                self._check_end(now_s)
+                if now_s >= self._next_send_s:
+                    self._send(now_s)
+                if now_s >= self._next_ask_s:
+                    self._ask(now_s)
+                wake_s = min(
+                    self._deadline_s, self._next_send_s, self._next_ask_s, self._refused_s + SETTLE_S
+                )
+                try:
+                    async with asyncio.timeout(max(0.0, wake_s - now_s)):
+                        message = await waiter.next()
+                except TimeoutError:
+                    continue
+                self._take(message)
+                while (more := waiter.take()) is not None:
+                    self._take(more)
+
+    def _is_done(self) -> bool:
+        if self._goal.ack_is_enough:
+            return self._accepted > 0 and self._refused is None
+        return self._goal.reached(self._vehicle.facts, self._began_s)
+
+    def _check_end(self, now_s: float) -> None:
+        newer = self._superseded()
+        if newer is not None:
+            raise Refused(f"Not finished: “{newer}” was asked for meanwhile.")
+        goal, vehicle = self._goal, self._vehicle
+        if self._refused is not None and now_s >= self._refused_s + SETTLE_S:
+            word = RESULT_WORDS.get(self._refused, f"result {self._refused}")
+            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {word}.", self._refused)
+        if self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
+            raise self._rejected(f"Vehicle {vehicle.id} accepted to {goal.what}, but does not do it.", None)
+        if now_s >= self._deadline_s:
+            if self._accepted and self._says_otherwise():
+                raise self._rejected(
+                    f"Vehicle {vehicle.id} accepted to {goal.what}, but did not do it within "
+                    f"{goal.deadline_s:g} s.",
+                    None,
+                )
+            if self._request is None and self._says_otherwise():
+                raise self._rejected(
+                    f"Vehicle {vehicle.id} did not {goal.what} within {goal.deadline_s:g} s.", None
+                )
+            raise NoReply(
+                f"Vehicle {vehicle.id} did not answer the request to {goal.what} "
+                f"within {goal.deadline_s:g} s.",
+                deadline_s=goal.deadline_s,
+                remedy="Check the link, then look at the vehicle's state before asking again.",
+            )
+
+    def _says_otherwise(self) -> bool:
+        """The vehicle reported its state well after it last accepted, and not the one asked for."""
+        facts = self._vehicle.facts
+        since_s = self._accepted_s if self._accepted else self._began_s
+        return min(facts.mode_s, facts.heartbeat_s) > since_s + CONTRARY_AFTER_S
+
+    def _send(self, now_s: float) -> None:
+        assert self._request is not None
+        identity = self._vehicle.identity
+        message = self._request.message(
+            identity.system_id, identity.component_id, min(self._sent, 255), self._as_int
+        )
+        self._vehicle.send(message)
+        self._sent += 1
+        self._next_send_s = now_s + (RESEND_ACCEPTED_S if self._accepted else RESEND_S)
+        if self._progress is not None:
+            again = f" ({self._sent}. attempt)" if self._sent > 1 else ""
+            self._progress(f"Asking vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
+
+    def _ask(self, now_s: float) -> None:
+        identity = self._vehicle.identity
+        for msg_id in self._goal.asks:
+            request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(msg_id), 0, 0, 0, 0, 0, 0))
+            self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
+        self._next_ask_s = now_s + ASK_S if self._goal.asks else float("inf")
+
+    def _take(self, message: Reply) -> None:
+        if message.id != d.MAVLINK_MSG_ID_COMMAND_ACK or self._request is None:
+            return
+        if not is_our_ack(message, self._vehicle, self._request.command):
+            return
+        now_s = self._vehicle.clock.monotonic_s()
+        result = message.result
+        if result == d.MAV_RESULT_ACCEPTED:
+            self._accepted += 1
+            self._accepted_s = now_s
+            self._next_send_s = now_s + RESEND_ACCEPTED_S
+            if self._goal.asks:
+                self._next_ask_s = min(self._next_ask_s, now_s + 0.02)
+        elif result == d.MAV_RESULT_IN_PROGRESS:
+            self._in_progress(message.progress, now_s)
+        elif (
+            result in (d.MAV_RESULT_COMMAND_LONG_ONLY, d.MAV_RESULT_COMMAND_INT_ONLY)
+            and self._forms_tried < 2
+        ):
+            self._forms_tried += 1
+            self._as_int = result == d.MAV_RESULT_COMMAND_INT_ONLY
+            self._next_send_s = now_s
+        else:
+            if self._refused is None:
+                self._refused_s = now_s
+            self._refused = result
+            self._next_send_s = float("inf")
+
+    def _in_progress(self, percent: int, now_s: float) -> None:
+        latest_s = self._began_s + LONGEST_S
+        self._deadline_s = min(max(self._deadline_s, now_s + IN_PROGRESS_PATIENCE_S), latest_s)
+        self._next_send_s = now_s + PROBE_IN_PROGRESS_S
+        if self._progress is not None:
+            self._progress(
+                f"Vehicle {self._vehicle.id}: {self._goal.what}", percent / 100 if percent <= 100 else None
+            )
+
+    def _rejected(self, message: str, mav_result: int | None) -> Rejected:
+        said = [
+            event.text
+            for event in self._vehicle.events.since(self._first_event)
+            if event.kind in ("status_text", "event") and event.severity <= d.MAV_SEVERITY_WARNING
+        ]
+        standing = self._goal.against() if self._goal.against is not None else ()
+        reasons = tuple(dict.fromkeys((*said, *standing)))
+        if reasons:
+            message += f" It says: {'; '.join(reasons)}."
+        return Rejected(message, mav_result=mav_result, reasons=reasons)
+
+
+def is_our_ack(message: Reply, vehicle: VehiclePort, command: int) -> bool:
+    """Matched on command, sender and target; MAVLink 1 carries no target (0/0)."""
+    identity = vehicle.identity
+    sender = (message.get_srcSystem(), message.get_srcComponent())
+    target = (message.target_system, message.target_component)
+    return (
+        message.command == command
+        and sender == (identity.system_id, identity.component_id)
+        and target in (vehicle.own_ids, (0, 0), (vehicle.own_ids[0], 0))
+    )
