@@ -1,0 +1,242 @@
+"""What comes in over HTTP, checked at the door: units, ranges, no NaN, no unknown fields."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
+MetresPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
+Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
+Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
+Yaw = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class TakeoffRequest(_Body):
+    """How high to climb."""
+
+    alt_home_m: float = Field(
+        allow_inf_nan=False, ge=1, le=120, description="Height above home to climb to [m], 1 to 120."
+    )
+
+
+class ModeRequest(_Body):
+    """Which flight mode to ask for."""
+
+    mode: str = Field(
+        min_length=1, max_length=32, description="hold, position, altitude, mission, … as in `status.mode`."
+    )
+
+
+class GotoRequest(_Body):
+    """Where to fly; exactly one of the two altitudes."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_amsl_m: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-500, le=10_000, description="Above mean sea level [m]."
+    )
+    alt_home_m: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-100, le=1000, description="Above home [m]."
+    )
+    yaw_ned_deg: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-360, le=360, description="Heading clockwise from north [deg]."
+    )
+    max_distance_m: float | None = Field(
+        default=None,
+        allow_inf_nan=False,
+        gt=0,
+        le=100_000,
+        description="Refuse a place farther away than this [m]; 1000 unless given.",
+    )
+
+    @model_validator(mode="after")
+    def _one_altitude(self) -> GotoRequest:
+        if (self.alt_amsl_m is None) == (self.alt_home_m is None):
+            raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
+        return self
+
+
+class KillRequest(_Body):
+    """Says in words what is about to happen."""
+
+    confirm: str = Field(
+        max_length=100,
+        description="Exactly `motors stop, vehicle {id} falls`, with the vehicle's id.",
+    )
+
+
+class _YawOrRate(_Body):
+    yaw_ned_rad: Yaw | None = Field(
+        default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."
+    )
+    yaw_rate_ned_rad_s: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-3.5, le=3.5, description="Turning rate, clockwise [rad/s]."
+    )
+
+    @model_validator(mode="after")
+    def _one_yaw(self) -> _YawOrRate:
+        if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
+            raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
+        return self
+
+
+class PositionSetpoint(_YawOrRate):
+    """A place in the vehicle's local frame."""
+
+    type: Literal["position"]
+    position_ned_m: tuple[Metres, Metres, Metres] = Field(
+        description="North, east, down of the vehicle's local origin [m]; down is negative above it."
+    )
+
+
+class VelocitySetpoint(_YawOrRate):
+    """A velocity in the vehicle's local frame."""
+
+    type: Literal["velocity"]
+    velocity_ned_m_s: tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond] = Field(
+        description="North, east, down [m/s]; each at most 20."
+    )
+
+
+class HoldOnExpiry(_Body):
+    """Hold the place reached by position setpoints, then PX4's Hold mode; without an estimate, land."""
+
+    action: Literal["hold"]
+    hold_for_s: float = Field(
+        default=5.0, allow_inf_nan=False, ge=0, le=3600, description="How long before Hold mode [s]."
+    )
+
+
+class LandOnExpiry(_Body):
+    """Land where it is."""
+
+    action: Literal["land"]
+
+
+class StopStreamOnExpiry(_Body):
+    """Stop sending: the vehicle's own failsafe decides."""
+
+    action: Literal["stop_stream"]
+
+
+AnyOnExpiry = Annotated[HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry, Field(discriminator="action")]
+AnySetpoint = Annotated[PositionSetpoint | VelocitySetpoint, Field(discriminator="type")]
+ValidFor = Annotated[
+    float,
+    Field(
+        allow_inf_nan=False,
+        ge=0.05,
+        le=3600,
+        description="How long the setpoint is good without being renewed [s]; then `on_expiry` happens.",
+    ),
+]
+
+
+class _Lasting(_Body):
+    valid_for_s: ValidFor = 1.0
+    on_expiry: AnyOnExpiry = Field(
+        default=HoldOnExpiry(action="hold"),
+        description="What the server does by itself when the setpoint has become too old.",
+    )
+
+
+class StartRequest(_Lasting):
+    """The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed."""
+
+    setpoint: AnySetpoint
+    rate_hz: float = Field(
+        default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second [Hz]."
+    )
+
+
+class PositionOrder(PositionSetpoint, _Lasting):
+    """A new place, sent at once."""
+
+
+class VelocityOrder(VelocitySetpoint, _Lasting):
+    """A new velocity, sent at once."""
+
+
+AnyOrder = Annotated[PositionOrder | VelocityOrder, Field(discriminator="type")]
+
+
+class GimbalAngles(_Body):
+    """Where the camera is to look."""
+
+    pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Up is positive [deg].")
+    yaw_deg: float = Field(
+        allow_inf_nan=False, ge=-360, le=360, description="From the nose; from north with `yaw_lock` [deg]."
+    )
+    roll_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-180, le=180, description="[deg]")
+    yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
+
+
+class GimbalRates(_Body):
+    """How fast the camera is to turn; zero stops both axes."""
+
+    pitch_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360, description="Upward [deg/s].")
+    yaw_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360, description="Clockwise [deg/s].")
+    yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
+
+
+class GimbalRoi(_Body):
+    """A place to keep looking at."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_amsl_m: float = Field(
+        allow_inf_nan=False, ge=-500, le=10_000, description="Above mean sea level [m]."
+    )
+
+
+class ParamRequest(_Body):
+    """A parameter's new value."""
+
+    value: Finite = Field(description="In the parameter's own unit.")
+
+
+class LinkRequest(_Body):
+    """A link to open."""
+
+    url: str = Field(
+        min_length=3,
+        max_length=500,
+        description="udpin://, udpout://, tcp://, tcpin://, serial: or tlog: URL.",
+    )
+    name: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=40,
+        description="How to call it; made from the URL if left out.",
+    )
+
+
+def to_setpoint(body: PositionSetpoint | VelocitySetpoint) -> Setpoint:
+    """The streamer's own value."""
+    return Setpoint(
+        position_ned_m=body.position_ned_m if isinstance(body, PositionSetpoint) else None,
+        velocity_ned_m_s=body.velocity_ned_m_s if isinstance(body, VelocitySetpoint) else None,
+        yaw_ned_rad=body.yaw_ned_rad,
+        yaw_rate_ned_rad_s=body.yaw_rate_ned_rad_s,
+    )
+
+
+def to_order(
+    setpoint: PositionSetpoint | VelocitySetpoint,
+    valid_for_s: float,
+    on_expiry: HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry,
+    client: str,
+) -> Order:
+    """The streamer's own value."""
+    hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
+    return Order(to_setpoint(setpoint), valid_for_s, OnExpiry(on_expiry.action, hold_for_s), client)

@@ -1,0 +1,148 @@
+"""The one place where errors become HTTP: problem+json (RFC 9457) that names field, reason and remedy."""
+
+from __future__ import annotations
+
+import logging
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
+
+from gcs_server.errors import (
+    Disconnected,
+    GcsError,
+    InvalidRequest,
+    LinkError,
+    NoReply,
+    Refused,
+    Rejected,
+    UnknownLink,
+    UnknownVehicle,
+)
+from gcs_server.telemetry.wire import encode
+
+log = logging.getLogger(__name__)
+
+_STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
+    (UnknownVehicle, 404, "Unknown vehicle"),
+    (UnknownLink, 404, "Unknown link"),
+    (InvalidRequest, 422, "Not possible as asked"),
+    (Rejected, 409, "The vehicle refused"),
+    (Refused, 409, "Not sent"),
+    (NoReply, 504, "No answer"),
+    (Disconnected, 503, "Link lost"),
+    (LinkError, 409, "Link unusable"),
+)
+
+
+class FieldError(BaseModel):
+    """One value at fault."""
+
+    model_config = ConfigDict(frozen=True)
+
+    field: str = Field(description="Its path in the request, joined by dots.")
+    message: str = Field(description="What is wrong with it.")
+
+
+class Problem(BaseModel):
+    """Why a request was not carried out."""
+
+    model_config = ConfigDict(frozen=True)
+
+    type: str = Field(description="A name for this kind of problem, as a URI reference.")
+    title: str = Field(description="The kind of problem in a few words.")
+    status: int = Field(description="The HTTP status.")
+    code: str = Field(description="The kind of problem for programs: refused, rejected, no_reply, …")
+    detail: str = Field(description="What happened and why, for people.")
+    remedy: str | None = Field(default=None, description="What the operator can do about it.")
+    field: str | None = Field(default=None, description="With 422: the first field at fault.")
+    errors: list[FieldError] | None = Field(default=None, description="With 422: all fields at fault.")
+    reasons: list[str] | None = Field(default=None, description="The vehicle's own words.")
+    mav_result: int | None = Field(default=None, description="MAV_RESULT of its acknowledgement.")
+    vehicle: str | None = Field(default=None, description="The vehicle's id, where it is unknown.")
+    deadline_s: float | None = Field(default=None, description="With 504: how long was waited [s].")
+
+
+RESPONSES: dict[int | str, dict[str, object]] = {
+    status: {"model": Problem, "description": text}
+    for status, text in (
+        (404, "No such vehicle or link."),
+        (409, "Refused by this server or by the vehicle, with the reason."),
+        (422, "Malformed; names the field."),
+        (503, "The link to the vehicle was lost."),
+        (504, "The vehicle did not answer."),
+    )
+}
+
+
+def status_of(error: GcsError) -> tuple[int, str]:
+    """HTTP status and title."""
+    for kind, status, title in _STATUS:
+        if isinstance(error, kind):
+            return status, title
+    return 500, "The server failed"
+
+
+def problem(status: int, title: str, code: str, detail: str, **more: object) -> Response:
+    """A problem+json response; fields that are None are left out."""
+    body = {"type": f"/problems/{code}", "title": title, "status": status, "code": code, "detail": detail}
+    body |= {key: value for key, value in more.items() if value is not None}
+    return Response(encode(body), status_code=status, media_type="application/problem+json")
+
+
+def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
+    """(field, message) of each value at fault; the names of union branches are left out of the path."""
+    found: list[dict[str, str]] = []
+    for item in error.errors():
+        parts = [str(part) for part in item["loc"]]
+        if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
+            parts = parts[1:]
+        parts = [
+            part for part in parts if part not in ("position", "velocity", "hold", "land", "stop_stream")
+        ]
+        message = str(item["msg"]).removeprefix("Value error, ")
+        if item["type"] == "json_invalid":
+            parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
+        found.append({"field": ".".join(parts) or "body", "message": message})
+    return found
+
+
+def install(app: FastAPI) -> None:
+    """Handlers for everything that can go wrong."""
+
+    async def gcs_error(_: Request, error: Exception) -> Response:
+        assert isinstance(error, GcsError)
+        status, title = status_of(error)
+        return problem(status, title, error.code, error.message, remedy=error.remedy, **error.details())
+
+    async def invalid(request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        errors = validation_errors(error)
+        detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
+        note = getattr(request.app.state, "note_invalid", None)
+        if note is not None:
+            note(request, detail)
+        return problem(
+            422, "Not possible as asked", "invalid_request", detail, field=errors[0]["field"], errors=errors
+        )
+
+    async def http_error(_: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        code = {404: "not_found", 405: "method_not_allowed"}.get(error.status_code, "http_error")
+        return problem(error.status_code, str(error.detail), code, str(error.detail))
+
+    async def unforeseen(request: Request, error: Exception) -> Response:
+        log.error("%s %s failed", request.method, request.url.path, exc_info=error)
+        return problem(
+            500,
+            "The server failed",
+            "internal",
+            f"{type(error).__name__} while handling {request.method} {request.url.path}.",
+            remedy="Look at what the vehicle does before you try again; the server's log has the details.",
+        )
+
+    app.add_exception_handler(GcsError, gcs_error)
+    app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(HTTPException, http_error)
+    app.add_exception_handler(Exception, unforeseen)

@@ -1,0 +1,93 @@
+"""Pydantic models of our dataclasses for the OpenAPI description: fields, units and words stay in one place.
+
+The words are the attribute docstrings of the dataclass; where there are none, the unit that the name ends
+in. Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import textwrap
+import typing
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+_UNITS = {
+    "_rad_s": "[rad/s]",
+    "_m_s2": "[m/s²]",
+    "_m_s": "[m/s]",
+    "_deg_s": "[deg/s]",
+    "_unix_s": "[s since 1970 UTC]",
+    "_hz": "[Hz]",
+    "_rad": "[rad]",
+    "_deg": "[deg]",
+    "_percent": "[%]",
+    "_mah": "[mAh]",
+    "_us": "[µs]",
+    "_m": "[m]",
+    "_s": "[s]",
+    "_v": "[V]",
+    "_a": "[A]",
+}
+_FRAMES = {
+    "_ned_frd": "taking body FRD to NED, order w, x, y, z",
+    "_ned": "north, east, down of the local origin",
+    "_frd": "forward, right, down of the body",
+    "_amsl": "above mean sea level",
+    "_home": "above home",
+}
+
+
+def described(name: str) -> str:
+    """Words for a field without a docstring: its name, frame and unit."""
+    unit = next((text for end, text in _UNITS.items() if name.endswith(end)), "")
+    frame = next((text for part, text in _FRAMES.items() if f"{part}_" in f"{name}_"), "")
+    words = name
+    for end in _UNITS:
+        if unit and name.endswith(end):
+            words = name[: -len(end)]
+            break
+    plain = words.replace("_", " ").capitalize()
+    return " ".join(part for part in (plain, f"({frame})" if frame else "", unit) if part) + "."
+
+
+def attribute_docs(kind: type) -> dict[str, str]:
+    """The strings that stand under a class's attributes."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    docs: dict[str, str] = {}
+    for before, after in zip(tree.body, tree.body[1:], strict=False):
+        if (
+            isinstance(before, ast.AnnAssign)
+            and isinstance(before.target, ast.Name)
+            and isinstance(after, ast.Expr)
+            and isinstance(after.value, ast.Constant)
+            and isinstance(after.value.value, str)
+        ):
+            docs[before.target.id] = inspect.cleandoc(after.value.value)
+    return docs
+
+
+def model_of(kind: type, name: str | None = None, **overrides: Any) -> type[BaseModel]:
+    """A model with the dataclass's fields.
+
+    Args:
+        kind: the dataclass.
+        name: what the schema is called; the class's name unless given.
+        overrides: other types for some fields.
+    """
+    docs = attribute_docs(kind)
+    hints = typing.get_type_hints(kind)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        words = docs.get(field.name) or described(field.name)
+        fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=words))
+    return create_model(
+        name or kind.__name__,
+        __config__=ConfigDict(frozen=True, extra="forbid"),
+        __doc__=inspect.getdoc(kind),
+        **fields,
+    )

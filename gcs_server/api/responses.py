@@ -1,0 +1,231 @@
+"""What goes out over HTTP, as models for the OpenAPI description, and how it is put together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import Response
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from gcs_server.api.models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
+from gcs_server.api.reflect import model_of
+from gcs_server.control.journal import Entry
+from gcs_server.links.base import LinkInfo
+from gcs_server.streamer.offboard import OffboardStatus
+from gcs_server.telemetry.wire import encode
+from gcs_server.vehicle.events import Event
+from gcs_server.vehicle.fleet import Notice
+from gcs_server.vehicle.identity import Identity
+from gcs_server.vehicle.samples import TOPICS, Sample, Vector3
+from gcs_server.vehicle.services.params import Param
+from gcs_server.vehicle.vehicle import Vehicle
+
+
+class _Out(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+TOPIC_MODELS = {name: model_of(kind) for name, kind in TOPICS.items()}
+IdentityModel = model_of(Identity)
+StatusModel = TOPIC_MODELS["status"]
+GimbalModel = TOPIC_MODELS["gimbal"]
+LinkModel = model_of(LinkInfo, "Link")
+NoticeModel = model_of(Notice)
+ParamModel = model_of(Param, "Parameter")
+JournalEntryModel = model_of(Entry, "JournalEntry")
+
+
+class StreamedSetpoint(_Out):
+    """What goes out to the vehicle now."""
+
+    type: str = Field(description="`position` or `velocity`.")
+    position_ned_m: Vector3 | None = Field(default=None, description="North, east, down [m].")
+    velocity_ned_m_s: Vector3 | None = Field(default=None, description="North, east, down [m/s].")
+    yaw_ned_rad: float | None = Field(default=None, description="Heading clockwise from north [rad].")
+    yaw_rate_ned_rad_s: float | None = Field(default=None, description="Turning rate, clockwise [rad/s].")
+
+
+OffboardModel = model_of(
+    OffboardStatus,
+    setpoint=StreamedSetpoint | None,
+    on_expiry=HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry | None,
+)
+
+
+def _sample_model(name: str, value: Any) -> type[BaseModel]:
+    return create_model(
+        f"{value.__name__}Sample",
+        __config__=ConfigDict(frozen=True, extra="forbid"),
+        __doc__=f"The newest `{name}` and the two clocks it is judged by.",
+        vehicle_time_boot_s=(
+            float | None,
+            Field(description="The vehicle's own boot clock [s]; null where its message carries none."),
+        ),
+        received_unix_s=(float, Field(description="When the server received it [s since 1970 UTC].")),
+        value=(value, Field(description="The sample itself.")),
+    )
+
+
+_topic_fields: dict[str, Any] = {
+    name: (_sample_model(name, model) | None, Field(default=None, description=f"Newest `{name}`."))
+    for name, model in TOPIC_MODELS.items()
+}
+TopicsModel = create_model(
+    "Topics",
+    __config__=ConfigDict(frozen=True, extra="forbid"),
+    __doc__="Every topic's newest sample; topics that never came are left out.",
+    **_topic_fields,
+)
+_vehicle_fields: dict[str, Any] = {
+    "id": (str, Field(description="How the API calls it.")),
+    "identity": (IdentityModel, Field(description="Who it is.")),
+    "status": (StatusModel, Field(description="What it is doing.")),
+    "links": (list[str], Field(description="Names of the links it is heard on, most recent first.")),
+    "topics": (TopicsModel, Field(description="Every topic's newest sample.")),
+    "offboard": (OffboardModel | None, Field(description="The setpoint stream to it.")),  # type: ignore[operator]
+}
+VehicleModel = create_model(
+    "Vehicle",
+    __config__=ConfigDict(frozen=True, extra="forbid"),
+    __doc__="A vehicle as the server knows it now.",
+    **_vehicle_fields,
+)
+
+
+class Vehicles(_Out):
+    """All vehicles, by id."""
+
+    vehicles: list[VehicleModel] = Field(description="One each.")  # type: ignore[valid-type]
+
+
+class HistorySample(_Out):
+    """One sample of the past."""
+
+    vehicle: str = Field(description="The vehicle's id.")
+    topic: str = Field(description="Which topic.")
+    vehicle_time_boot_s: float | None = Field(description="The vehicle's own boot clock [s].")
+    received_unix_s: float = Field(description="When the server received it [s since 1970 UTC].")
+    value: dict[str, Any] = Field(description="As in `topics` of the vehicle.")
+
+
+class History(_Out):
+    """The last minutes at up to 4 Hz, oldest first."""
+
+    samples: list[HistorySample] = Field(description="Of all topics asked for, by time.")
+
+
+class Message(_Out):
+    """One line of what a vehicle said or did."""
+
+    index: int = Field(description="Counts up within the vehicle's feed; give it as `since`.")
+    kind: str = Field(description="status_text, event, mode_changed, armed, disarmed, command, …")
+    vehicle: str | None = Field(description="The vehicle's id.")
+    unix_s: float = Field(description="When the server had it [s since 1970 UTC].")
+    severity: int = Field(description="MAV_SEVERITY: 0 emergency … 6 info, 7 debug.")
+    text: str = Field(description="For people.")
+    data: dict[str, Any] = Field(description="What else the kind carries.")
+
+
+class Messages(_Out):
+    """Status texts and events, oldest first."""
+
+    messages: list[Message] = Field(description="The last thousand at most.")
+
+
+class CommandDone(_Out):
+    """The vehicle's own state shows what was asked for."""
+
+    vehicle: str = Field(description="The vehicle's id.")
+    command: str = Field(description="What was asked.")
+    duration_s: float = Field(description="From the request until the vehicle showed it [s].")
+    status: StatusModel = Field(description="The vehicle afterwards.")  # type: ignore[valid-type]
+
+
+class GimbalView(_Out):
+    """The gimbal as it reports itself."""
+
+    vehicle: str = Field(description="The vehicle's id.")
+    available: bool = Field(description="False: the vehicle has not reported a gimbal.")
+    in_control: bool = Field(description="Whether this server is in primary control.")
+    gimbal: GimbalModel | None = Field(description="State, limits, and who is in control.")  # type: ignore[valid-type]
+
+
+class Links(_Out):
+    """All links."""
+
+    links: list[LinkModel] = Field(description="By name.")  # type: ignore[valid-type]
+
+
+class Journal(_Out):
+    """Commands, newest first."""
+
+    entries: list[JournalEntryModel] = Field(description="At most `limit`.")  # type: ignore[valid-type]
+
+
+class Warnings(_Out):
+    """What stands now and should be known."""
+
+    warnings: list[NoticeModel] = Field(description="Empty where all is well.")  # type: ignore[valid-type]
+
+
+class Health(_Out):
+    """The server is up."""
+
+    status: str = Field(description="Always `ok`: a server that is not well does not answer.")
+    uptime_s: float = Field(description="Since its start [s].")
+    vehicles: int = Field(description="How many it knows.")
+
+
+class Version(_Out):
+    """Which server this is."""
+
+    name: str = Field(description="The program.")
+    version: str = Field(description="Its version.")
+    schema_version: int = Field(description="Of the telemetry; a page of another one cannot read it.")
+    simulator: bool = Field(description="Whether this server started or found a simulated vehicle.")
+    scene: bool = Field(description="Whether there is a 3D view at /scene/.")
+
+
+def answer(value: object, status_code: int = 200) -> Response:
+    """JSON by msgspec: NaN and infinity become null."""
+    return Response(encode(value), status_code=status_code, media_type="application/json")
+
+
+def sample_view(sample: Sample) -> dict[str, object]:
+    """One of a vehicle's `topics`."""
+    return {
+        "vehicle_time_boot_s": sample.vehicle_time_boot_s,
+        "received_unix_s": sample.received_unix_s,
+        "value": sample.value,
+    }
+
+
+def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
+    """A vehicle whole."""
+    samples = {name: vehicle.topic(name) for name in TOPICS}
+    return {
+        "id": vehicle.id,
+        "identity": vehicle.identity,
+        "status": vehicle.status,
+        "links": vehicle.links,
+        "topics": {name: sample_view(sample) for name, sample in samples.items() if sample is not None},
+        "offboard": vehicle.offboard.status() if vehicle.offboard is not None else None,
+    }
+
+
+def history_view(vehicle_id: str, sample: Sample) -> dict[str, object]:
+    """One line of the history."""
+    return {"vehicle": vehicle_id, "topic": sample.topic, **sample_view(sample)}
+
+
+def message_view(event: Event) -> dict[str, object]:
+    """One line of the messages."""
+    return {
+        "index": event.index,
+        "kind": event.kind,
+        "vehicle": event.vehicle,
+        "unix_s": event.unix_s,
+        "severity": event.severity,
+        "text": event.text,
+        "data": dict(event.data),
+    }

@@ -1,0 +1,49 @@
+"""`python -m gcs_server.api.schema`: prints the OpenAPI description without starting anything."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from fastapi import APIRouter, FastAPI
+
+from gcs_server.version import __version__
+from gcs_server.api import gimbal_routes, offboard_routes, problems, station_routes, vehicle_routes
+
+API = "/api/v1"
+
+
+def api_router() -> APIRouter:
+    """Everything under /api/v1."""
+    router = APIRouter(prefix=API)
+    for part in (station_routes, vehicle_routes, offboard_routes, gimbal_routes):
+        router.include_router(part.router)
+    return router
+
+
+def bare_app() -> FastAPI:
+    """The application's description and routes, without a station behind them."""
+    app = FastAPI(
+        title="Offboard GCS",
+        version=__version__,
+        description=(
+            "A ground-control station for PX4. Names say quantity, frame and unit; errors are problem+json. "
+            "A command succeeds when the vehicle's own state shows it. Name your program in `X-Client`."
+        ),
+        openapi_url=f"{API}/openapi.json",
+        docs_url=f"{API}/docs",
+        redoc_url=None,
+    )
+    problems.install(app)
+    app.include_router(api_router())
+    return app
+
+
+def main() -> None:
+    """Prints JSON."""
+    json.dump(bare_app().openapi(), sys.stdout, indent=1)
+    sys.stdout.write("\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""What the routes work on, and how a command is carried out: timed, journaled, told to all."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from gcs_server.clock import Clock
+from gcs_server.control.journal import Journal
+from gcs_server.errors import GcsError
+from gcs_server.mavlink.router import Router
+from gcs_server.telemetry.hub import Hub
+from gcs_server.telemetry.wire import plain
+from gcs_server.vehicle.fleet import Fleet, Notice
+from gcs_server.vehicle.vehicle import Vehicle
+
+LONGEST_CLIENT_NAME = 64
+SETPOINT_LINE_PERIOD_S = 1.0
+
+
+@dataclass(slots=True)
+class Station:
+    """The running server, as the API sees it."""
+
+    clock: Clock
+    router: Router
+    fleet: Fleet
+    hub: Hub
+    journal: Journal
+    started_s: float
+    own_ids: tuple[int, int]
+    has_scene: bool = False
+    simulator: bool = False
+    more_warnings: list[Callable[[], list[Notice]]] = field(default_factory=list[Callable[[], list[Notice]]])
+    setpoints_noted: dict[tuple[str, str], tuple[float, int]] = field(
+        default_factory=dict[tuple[str, str], tuple[float, int]]
+    )
+
+    def warnings(self) -> list[Notice]:
+        """What stands now, from everywhere."""
+        notices = self.fleet.warnings()
+        if self.journal.warning is not None:
+            notices.append(Notice("journal", self.journal.warning))
+        for more in self.more_warnings:
+            notices += more()
+        return notices
+
+
+def get_station(request: Request) -> Station:
+    """Dependency: the station of this application."""
+    return request.app.state.station
+
+
+def client_name(request: Request) -> str:
+    """Dependency: the X-Client header, else the address."""
+    name = "".join(c for c in request.headers.get("x-client", "") if c.isprintable()).strip()
+    if name:
+        return name[:LONGEST_CLIENT_NAME]
+    return request.client.host if request.client is not None else "unknown"
+
+
+StationDep = Annotated[Station, Depends(get_station)]
+ClientDep = Annotated[str, Depends(client_name)]
+
+
+def get_vehicle(v: str, station: StationDep) -> Vehicle:
+    """Dependency of reading routes: raises UnknownVehicle."""
+    return station.fleet.get(v)
+
+
+VehicleDep = Annotated[Vehicle, Depends(get_vehicle)]
+
+
+class Outcome:
+    """How long a command took, known after its block."""
+
+    duration_s: float = 0.0
+
+
+@contextmanager
+def journaled(
+    station: Station, client: str, command: str, vehicle_id: str | None, arguments: dict[str, object]
+) -> Generator[Outcome]:
+    """One line of the journal for what happens in the block, however it ends."""
+    began_s = station.clock.monotonic_s()
+    outcome = Outcome()
+    result, detail = "ok", None
+    try:
+        yield outcome
+    except GcsError as error:
+        result, detail = error.code, str(error)
+        raise
+    except asyncio.CancelledError:
+        result, detail = "cancelled", "The client went away or the server ended."
+        raise
+    except Exception as error:
+        result, detail = "internal", f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        outcome.duration_s = station.clock.monotonic_s() - began_s
+        arguments = plain(arguments)
+        if command != "offboard/setpoint" or result != "ok":
+            station.journal.add(client, command, vehicle_id, arguments, result, detail, outcome.duration_s)
+        else:
+            _note_setpoint(station, client, vehicle_id or "", arguments, outcome.duration_s)
+
+
+def _note_setpoint(
+    station: Station, client: str, vehicle_id: str, arguments: dict[str, object], duration_s: float
+) -> None:
+    """A stream of accepted setpoints becomes a line a second with the newest one and their number."""
+    now_s = station.clock.monotonic_s()
+    last_s, count = station.setpoints_noted.get((client, vehicle_id), (float("-inf"), 0))
+    if now_s - last_s < SETPOINT_LINE_PERIOD_S:
+        station.setpoints_noted[client, vehicle_id] = (last_s, count + 1)
+        return
+    station.setpoints_noted[client, vehicle_id] = (now_s, 0)
+    arguments = {**arguments, "setpoints_since_last_line": count + 1}
+    station.journal.add(client, "offboard/setpoint", vehicle_id, arguments, "ok", None, duration_s)

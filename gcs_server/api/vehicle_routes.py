@@ -1,0 +1,180 @@
+"""Looking at vehicles and commanding them."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from gcs_server.api import models, responses
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import ClientDep, Station, StationDep, VehicleDep, journaled
+from gcs_server.errors import InvalidRequest
+from gcs_server.vehicle.samples import TOPICS
+from gcs_server.vehicle.services.command import GOTO_MAX_DISTANCE_M
+from gcs_server.vehicle.vehicle import Vehicle
+
+HISTORY_S = 300.0
+
+router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
+
+
+async def carry_out(
+    station: Station,
+    client: str,
+    command: str,
+    vehicle_id: str,
+    arguments: dict[str, object],
+    work: Callable[[Vehicle], Awaitable[object]],
+) -> Response:
+    """Runs a command under the journal; answers once the vehicle's own state shows it."""
+    with journaled(station, client, command, vehicle_id, arguments) as outcome:
+        vehicle = station.fleet.get(vehicle_id)
+        await work(vehicle)
+    return answer(
+        {
+            "vehicle": vehicle_id,
+            "command": command,
+            "duration_s": outcome.duration_s,
+            "status": vehicle.status,
+        }
+    )
+
+
+@router.get("", response_model=responses.Vehicles)
+async def list_vehicles(station: StationDep) -> Response:
+    """All vehicles with everything known of them."""
+    return answer({"vehicles": [responses.vehicle_view(vehicle) for vehicle in station.fleet.all()]})
+
+
+@router.get("/{v}", response_model=responses.VehicleModel)
+async def show_vehicle(vehicle: VehicleDep) -> Response:
+    """Identity, status and every topic's newest sample."""
+    return answer(responses.vehicle_view(vehicle))
+
+
+@router.get("/{v}/history", response_model=responses.History)
+async def history(
+    vehicle: VehicleDep,
+    station: StationDep,
+    topics: Annotated[str, Query(description="Names joined by commas; all unless given.")] = "",
+    since_unix_s: Annotated[
+        float | None, Query(allow_inf_nan=False, description="[s since 1970]; the last 5 minutes.")
+    ] = None,
+) -> Response:
+    """The last minutes at up to 4 Hz, oldest first."""
+    wanted = tuple(name for name in topics.split(",") if name) or tuple(TOPICS)
+    unknown = [name for name in wanted if name not in TOPICS]
+    if unknown:
+        raise InvalidRequest(
+            "topics", f"Unknown: {', '.join(unknown)}.", remedy=f"Known topics: {', '.join(TOPICS)}."
+        )
+    since = station.clock.unix_s() - HISTORY_S if since_unix_s is None else since_unix_s
+    samples = vehicle.history(wanted, since)
+    return answer({"samples": [responses.history_view(vehicle.id, sample) for sample in samples]})
+
+
+@router.get("/{v}/messages", response_model=responses.Messages)
+async def messages(
+    vehicle: VehicleDep, since: Annotated[int, Query(ge=0, description="Only later than this index.")] = 0
+) -> Response:
+    """Status texts, events and what the server noticed."""
+    return answer({"messages": [responses.message_view(e) for e in vehicle.events.since(since)]})
+
+
+@router.post("/{v}/arm", response_model=responses.CommandDone, tags=["commands"])
+async def arm(v: str, station: StationDep, client: ClientDep) -> Response:
+    """Starts the motors."""
+    return await carry_out(station, client, "arm", v, {}, lambda vehicle: vehicle.command.arm())
+
+
+@router.post("/{v}/disarm", response_model=responses.CommandDone, tags=["commands"])
+async def disarm(v: str, station: StationDep, client: ClientDep) -> Response:
+    """Stops the motors on the ground."""
+    return await carry_out(station, client, "disarm", v, {}, lambda vehicle: vehicle.command.disarm())
+
+
+@router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
+async def hold(v: str, station: StationDep, client: ClientDep) -> Response:
+    """Stops and stays; ends a setpoint stream."""
+    return await carry_out(station, client, "hold", v, {}, lambda vehicle: vehicle.command.hold())
+
+
+@router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
+async def land(v: str, station: StationDep, client: ClientDep) -> Response:
+    """Lands where it is; answers once it is landing."""
+    return await carry_out(station, client, "land", v, {}, lambda vehicle: vehicle.command.land())
+
+
+@router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
+async def rtl(v: str, station: StationDep, client: ClientDep) -> Response:
+    """Returns to the launch position; answers once it is under way."""
+    return await carry_out(station, client, "rtl", v, {}, lambda vehicle: vehicle.command.rtl())
+
+
+@router.post("/{v}/takeoff", response_model=responses.CommandDone, tags=["commands"])
+async def takeoff(v: str, body: models.TakeoffRequest, station: StationDep, client: ClientDep) -> Response:
+    """Arms where needed and climbs; answers once it is taking off."""
+    return await carry_out(
+        station, client, "takeoff", v, body.model_dump(), lambda x: x.command.takeoff(body.alt_home_m)
+    )
+
+
+@router.post("/{v}/mode", response_model=responses.CommandDone, tags=["commands"])
+async def mode(v: str, body: models.ModeRequest, station: StationDep, client: ClientDep) -> Response:
+    """Asks for a flight mode; answers once the vehicle reports it."""
+    return await carry_out(
+        station, client, "mode", v, body.model_dump(), lambda x: x.command.set_mode(body.mode)
+    )
+
+
+@router.post("/{v}/goto", response_model=responses.CommandDone, tags=["commands"])
+async def goto(v: str, body: models.GotoRequest, station: StationDep, client: ClientDep) -> Response:
+    """Flies to a place in Hold; answers once under way."""
+
+    async def work(vehicle: Vehicle) -> None:
+        await vehicle.command.goto(
+            body.lat_deg,
+            body.lon_deg,
+            alt_amsl_m=body.alt_amsl_m,
+            alt_home_m=body.alt_home_m,
+            yaw_ned_deg=body.yaw_ned_deg,
+            max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
+        )
+
+    return await carry_out(station, client, "goto", v, body.model_dump(exclude_none=True), work)
+
+
+@router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
+async def kill(v: str, body: models.KillRequest, station: StationDep, client: ClientDep) -> Response:
+    """Stops the motors at once, in flight too: the vehicle falls."""
+    wanted = f"motors stop, vehicle {v} falls"
+
+    async def work(vehicle: Vehicle) -> None:
+        if body.confirm != wanted:
+            raise InvalidRequest(
+                "confirm",
+                "The confirmation does not name this vehicle; nothing was sent.",
+                remedy=f"Send exactly {wanted!r}.",
+            )
+        await vehicle.command.kill()
+
+    return await carry_out(station, client, "kill", v, body.model_dump(), work)
+
+
+@router.get("/{v}/params/{name}", response_model=responses.ParamModel, tags=["parameters"])
+async def get_param(vehicle: VehicleDep, name: str) -> Response:
+    """Reads one parameter; the vehicle is silent about unknown names (504)."""
+    return answer(await vehicle.params.get(name))
+
+
+@router.put("/{v}/params/{name}", response_model=responses.ParamModel, tags=["parameters"])
+async def set_param(
+    v: str, name: str, body: models.ParamRequest, station: StationDep, client: ClientDep
+) -> Response:
+    """Writes one parameter; answers what the vehicle then reports."""
+    arguments: dict[str, object] = {"name": name, "value": body.value}
+    with journaled(station, client, "param", v, arguments):
+        return answer(await station.fleet.get(v).params.set(name, body.value))

@@ -1,0 +1,64 @@
+"""Where the server keeps what it must remember: one folder, made when needed."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs_server.errors import GcsError
+
+
+class StorageError(GcsError):
+    """The data folder cannot be used."""
+
+    code = "storage"
+
+
+def default_folder(environment: dict[str, str] | None = None) -> Path:
+    """`$XDG_DATA_HOME/gcs`, else `~/.local/share/gcs`."""
+    env = dict(os.environ) if environment is None else environment
+    base = env.get("XDG_DATA_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "share") / "gcs"
+
+
+@dataclass(frozen=True, slots=True)
+class DataFolder:
+    """The folder and what lies where in it."""
+
+    path: Path
+
+    @property
+    def journal(self) -> Path:
+        """One JSON object a line and command."""
+        return self.path / "journal.jsonl"
+
+    @property
+    def recordings(self) -> Path:
+        """The tlogs."""
+        return self.path / "recordings"
+
+    @property
+    def simulator_log(self) -> Path:
+        """What the simulator says."""
+        return self.path / "simulator.log"
+
+    @property
+    def simulator_pid(self) -> Path:
+        """Who the simulator is, for a restarted server."""
+        return self.path / "simulator.json"
+
+    def prepare(self) -> None:
+        """Makes the folders.
+
+        Raises:
+            StorageError: not possible; says where and why.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self.recordings.mkdir(exist_ok=True)
+        except OSError as error:
+            raise StorageError(
+                f"The data folder {self.path} cannot be made: {error.strerror or error}.",
+                remedy="Choose another with --data FOLDER or GCS_DATA.",
+            ) from error

@@ -1,0 +1,59 @@
+"""What PX4 will do when the setpoint stream stops, said in words before anything flies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 0x10000
+DEFAULT_COM_OF_LOSS_T_S = 1.0
+
+# COM_OBL_RC_ACT: (with a transmitter, without one); the first line without one was seen on PX4 v1.16.
+_ACTIONS: dict[int, tuple[str, str]] = {
+    0: (
+        "switches to Position mode, flown by the transmitter's sticks",
+        "switches to Position mode, which without a transmitter sinks and lands where it is",
+    ),
+    1: (
+        "switches to Altitude mode, flown by the transmitter's sticks",
+        "switches to Altitude mode, which without a transmitter nobody steers: it drifts and comes down",
+    ),
+    2: (
+        "switches to Stabilized mode, flown by the transmitter's sticks",
+        "switches to Stabilized mode, which without a transmitter nobody steers: it drifts and comes down",
+    ),
+    3: ("returns to launch and lands there", "returns to launch and lands there"),
+    4: ("lands where it is", "lands where it is"),
+    5: ("holds its position in Hold mode", "holds its position in Hold mode"),
+    6: ("terminates the flight: motors stop, it falls", "terminates the flight: motors stop, it falls"),
+    7: ("disarms: motors stop, it falls", "disarms: motors stop, it falls"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Failsafe:
+    """The vehicle's configuration for a lost stream, as read from it."""
+
+    loss_timeout_s: float | None
+    """COM_OF_LOSS_T."""
+    action: int | None
+    """COM_OBL_RC_ACT."""
+    transmitter: bool
+
+    def words(self) -> str:
+        """One sentence for people."""
+        who = "a transmitter is heard" if self.transmitter else "no transmitter is heard"
+        if self.action is None:
+            return (
+                "The vehicle did not tell what it does when the stream stops (COM_OBL_RC_ACT could not be "
+                f"read; {who}). PX4's default without a transmitter is to land where it is, after 1 s."
+            )
+        after_s = DEFAULT_COM_OF_LOSS_T_S if self.loss_timeout_s is None else self.loss_timeout_s
+        options = _ACTIONS.get(self.action)
+        what = (
+            f"does what COM_OBL_RC_ACT {self.action} means to it, which we do not know"
+            if options is None
+            else options[0 if self.transmitter else 1]
+        )
+        return (
+            f"{after_s:g} s after the last setpoint the vehicle {what} (COM_OBL_RC_ACT {self.action}, {who})."
+        )

@@ -1,0 +1,216 @@
+"""Telemetry to WebSocket clients: the newest value per (vehicle, topic), each client at its own rate.
+
+A sample is encoded once, when the first client wants it; the same bytes go to all. A client that cannot
+take more skips frames and then gets the newest; events are queued for it, and when that queue is full the
+client is closed, so that nobody believes to have seen every event who has not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from gcs_server.clock import Clock
+from gcs_server.telemetry.wire import (
+    Subscribe,
+    WireSample,
+    encode,
+    error_frame,
+    event_frame,
+    hello,
+    parse_subscribe,
+    samples_frame,
+)
+from gcs_server.vehicle.events import Event
+from gcs_server.vehicle.fleet import Fleet
+from gcs_server.vehicle.samples import TOPICS
+from gcs_server.vehicle.vehicle import Vehicle
+
+EVENT_QUEUE_LENGTH = 500
+OFFBOARD_PERIOD_S = 0.1
+IDENTITY_PERIOD_S = 1.0
+ALL_TOPICS = frozenset(TOPICS) | {"offboard", "identity"}
+CLOSE_TOO_SLOW = 1013
+
+
+class Socket(Protocol):
+    """The part of a WebSocket that a client needs."""
+
+    async def send_text(self, data: str) -> None: ...
+    async def receive_text(self) -> str: ...
+    async def close(self, code: int = 1000, reason: str | None = None) -> None: ...
+
+
+class Encoded:
+    """Each sample's bytes, made once."""
+
+    def __init__(self, clock: Clock, fleet: Fleet) -> None:
+        self._clock = clock
+        self._fleet = fleet
+        self._bytes: dict[tuple[str, str], tuple[float, bytes]] = {}
+
+    def vehicles(self) -> list[Vehicle]:
+        """Those there are."""
+        return self._fleet.all()
+
+    def forget(self, vehicle_id: str) -> None:
+        """Of a vehicle that has gone."""
+        for key in [key for key in self._bytes if key[0] == vehicle_id]:
+            del self._bytes[key]
+
+    def newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
+        """(a mark that grows with each new sample, JSON); None before the first."""
+        key = (vehicle.id, topic)
+        held = self._bytes.get(key)
+        if topic in ("offboard", "identity"):
+            period_s = OFFBOARD_PERIOD_S if topic == "offboard" else IDENTITY_PERIOD_S
+            now_s = self._clock.monotonic_s()
+            if held is not None and now_s - held[0] < period_s:
+                return held
+            if topic == "identity":
+                value: object = vehicle.identity
+            elif vehicle.offboard is None:
+                return None
+            else:
+                value = vehicle.offboard.status()
+            wire = WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)
+            fresh = (now_s, encode(wire))
+        else:
+            sample = vehicle.topic(topic)
+            if sample is None:
+                return None
+            if held is not None and held[0] == sample.received_monotonic_s:
+                return held
+            wire = WireSample(
+                vehicle.id, topic, sample.vehicle_time_boot_s, sample.received_unix_s, sample.value
+            )
+            fresh = (sample.received_monotonic_s, encode(wire))
+        self._bytes[key] = fresh
+        return fresh
+
+
+class Client:
+    """One socket: what it wants, what it has, and the events that wait for it."""
+
+    def __init__(self, clock: Clock, socket: Socket, encoded: Encoded) -> None:
+        self._clock = clock
+        self._socket = socket
+        self._encoded = encoded
+        self._wants: Subscribe | None = None
+        self._topics: tuple[str, ...] = ()
+        self._seen: dict[tuple[str, str], float] = {}
+        self._events: deque[str] = deque()
+        self._wake = asyncio.Event()
+        self.overflown = False
+
+    def offer_event(self, event: Event, text: str) -> None:
+        """Queues an event; too many close the client."""
+        wants = self._wants
+        chosen = wants.vehicles if wants is not None and isinstance(wants.vehicles, list) else None
+        if chosen is None or event.vehicle is None or event.vehicle in chosen:
+            self.offer_text(text)
+
+    def offer_text(self, text: str) -> None:
+        """Queues a frame that must not be skipped."""
+        if len(self._events) >= EVENT_QUEUE_LENGTH:
+            self.overflown = True
+        else:
+            self._events.append(text)
+        self._wake.set()
+
+    def subscribe(self, request: Subscribe) -> None:
+        """Takes effect at once; everything wanted is sent anew."""
+        self._wants = request
+        self._topics = tuple(sorted(ALL_TOPICS if isinstance(request.topics, str) else set(request.topics)))
+        self._seen.clear()
+        self._wake.set()
+
+    async def send_for_ever(self) -> None:
+        """Until the socket is gone or too many events wait; one frame is under way at a time."""
+        await self._socket.send_text(hello(self._clock.unix_s()))
+        next_s = self._clock.monotonic_s()
+        while not self.overflown:
+            while self._events and not self.overflown:
+                await self._socket.send_text(self._events.popleft())
+            now_s = self._clock.monotonic_s()
+            wants = self._wants
+            if wants is not None and now_s >= next_s:
+                news = self._news(wants)
+                if news:
+                    await self._socket.send_text(samples_frame(news))
+                period_s = 1.0 / wants.rate_hz
+                next_s = max(next_s + period_s, self._clock.monotonic_s())
+            await self._wait(None if wants is None else next_s - self._clock.monotonic_s())
+        await self._socket.close(CLOSE_TOO_SLOW, "too slow: events were lost; connect again")
+
+    async def _wait(self, seconds: float | None) -> None:
+        if seconds is not None and seconds <= 0:
+            await asyncio.sleep(0)
+            return
+        try:
+            async with asyncio.timeout(seconds):
+                await self._wake.wait()
+        except TimeoutError:
+            return
+        self._wake.clear()
+
+    def _news(self, wants: Subscribe) -> list[bytes]:
+        news: list[bytes] = []
+        for vehicle in self._encoded.vehicles():
+            if isinstance(wants.vehicles, list) and vehicle.id not in wants.vehicles:
+                continue
+            for topic in self._topics:
+                newest = self._encoded.newest(vehicle, topic)
+                key = (vehicle.id, topic)
+                if newest is not None and self._seen.get(key) != newest[0]:
+                    self._seen[key] = newest[0]
+                    news.append(newest[1])
+        return news
+
+
+class Hub:
+    """All telemetry clients."""
+
+    def __init__(self, clock: Clock, fleet: Fleet) -> None:
+        self._clock = clock
+        self._encoded = Encoded(clock, fleet)
+        self._clients: set[Client] = set()
+        self._end: Callable[[], None] = fleet.subscribe(self.tell)
+
+    def tell(self, event: Event) -> None:
+        """Passes an event on to all clients, encoded once."""
+        if event.kind == "vehicle_removed" and event.vehicle is not None:
+            self._encoded.forget(event.vehicle)
+        if not self._clients:
+            return
+        text = event_frame(event)
+        for client in self._clients:
+            client.offer_event(event, text)
+
+    async def serve(self, socket: Socket) -> None:
+        """Serves one accepted socket until it closes."""
+        client = Client(self._clock, socket, self._encoded)
+        self._clients.add(client)
+        try:
+            async with asyncio.TaskGroup() as group:
+                sending = group.create_task(client.send_for_ever())
+                receiving = group.create_task(self._receive(socket, client))
+                await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+                sending.cancel()
+                receiving.cancel()
+        finally:
+            self._clients.discard(client)
+
+    def close(self) -> None:
+        """Takes no more events."""
+        self._end()
+
+    async def _receive(self, socket: Socket, client: Client) -> None:
+        while True:
+            text = await socket.receive_text()
+            try:
+                client.subscribe(parse_subscribe(text, ALL_TOPICS))
+            except ValueError as error:
+                client.offer_text(error_frame(str(error)))

@@ -1,0 +1,10 @@
+"""Which version this is, from the installed package."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("offboard-gcs")
+except PackageNotFoundError:  # run from a source tree that is not installed
+    __version__ = "0+unknown"
