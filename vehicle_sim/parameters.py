@@ -36,7 +36,7 @@ _VOLATILE_NAMES = frozenset(
 _NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
 
 
-class UnknownParameter(KeyError):
+class UnknownParameterError(KeyError):
     """The vehicle has no parameter of that name."""
 
     def __init__(self, name: str) -> None:
@@ -136,12 +136,12 @@ class Parameters:
         """The value: int for INT32, float for FLOAT.
 
         Raises:
-            UnknownParameter: no such name.
+            UnknownParameterError: no such name.
         """
         try:
             return self._values[name]
         except KeyError:
-            raise UnknownParameter(name) from None
+            raise UnknownParameterError(name) from None
 
     def type_of(self, name: str) -> ParameterType:
         """INT32 or FLOAT."""
@@ -163,7 +163,7 @@ class Parameters:
         """Store a value and tell the listeners if it changed; returns what is now stored.
 
         Raises:
-            UnknownParameter: no such name.
+            UnknownParameterError: no such name.
             ValueError: a value the type cannot hold.
         """
         stored = coerce(name, self._default(name).type, value)
@@ -189,7 +189,7 @@ class Parameters:
         return lambda: self._listeners.remove(listener)
 
     def hash(self) -> int:
-        """The number PX4 sends as `_HASH_CHECK`: a raw CRC32 over names and values, volatile ones left out."""
+        """PX4's `_HASH_CHECK`: a raw CRC32 over names and values, volatile ones left out."""
         content = bytearray()
         for name, value in self._values.items():
             if not is_volatile(name):
@@ -201,7 +201,7 @@ class Parameters:
         try:
             return self._by_name[name]
         except KeyError:
-            raise UnknownParameter(name) from None
+            raise UnknownParameterError(name) from None
 
     def _load(self, storage: Path) -> None:
         try:

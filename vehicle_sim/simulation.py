@@ -141,7 +141,7 @@ class Simulation:
 
     def step(self) -> None:
         """Move all vehicles by `dt_s`."""
-        self._sensors.sample(self._bodies.state, self._bodies.matrix)
+        self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
         self._cascade.update(self.setpoints, self._estimator.state)
         self._bodies.step(self._cascade.motor_signal)

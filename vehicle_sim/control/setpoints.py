@@ -62,7 +62,7 @@ class Setpoints:
     rates_frd_rad_s: FloatArray
     """(N, 3), level RATES."""
     ramp_thrust: BoolArray
-    """(N,) the take-off ramp runs: MPC_THR_HOVER is used as it is and acceleration in z is not fed forward."""
+    """(N,) the take-off ramp runs: MPC_THR_HOVER as it is, no feed-forward of acceleration in z."""
     thrust_limit: FloatArray
     """(N,) upper limit of the collective thrust at level TRAJECTORY, 0..1."""
     min_thrust: FloatArray

@@ -38,6 +38,10 @@ _SAMPLES_A_PREDICTION = 2
 _GLOBAL_EVERY_PREDICTIONS = 5
 _STANDING_VARIANCE = 0.25
 """(m²) of the assumption that a vehicle without an origin has not moved."""
+_GRAVITY_FUSION = 4
+"""Bit of EKF2_IMU_CTRL."""
+_GRAVITY_GATE = 0.25
+"""A sample that leans more than this part of EKF2_GRAV_NOISE is not gravity alone."""
 _BARO_BIAS_GAIN = 0.005
 _VERTICAL_SPEED_FACTOR = 1.5
 """GPS velocity is taken to be this much worse vertically."""
@@ -81,6 +85,10 @@ class Estimator:
         self._baro_bias_m = np.zeros(count)
         self._counts = [0, 0, 0]
         self._gps_sample = -1
+        self._leaning = np.zeros((count, 2))
+        self._leaning_count = np.zeros((count, 1))
+        self._gravity_gate_m_s2 = np.zeros((count, 1))
+        self._gravity_variance = np.full((count, 1), np.inf)
         self._gravity_step = np.array([0.0, 0.0, GRAVITY_M_S2 * self._predict_s])
 
     def configure(self, i: int, parameters: Parameters) -> None:
@@ -104,6 +112,9 @@ class Estimator:
         self._gps_noise[i] = value("EKF2_GPS_P_NOISE"), value("EKF2_GPS_V_NOISE")
         self._gates[i] = max(value("EKF2_GPS_P_GATE"), 1.0), max(value("EKF2_GPS_V_GATE"), 1.0)
         self._fake_variance[i] = value("EKF2_NOAID_NOISE") ** 2
+        fuses_gravity = int(parameters.get("EKF2_IMU_CTRL")) & _GRAVITY_FUSION
+        self._gravity_variance[i] = value("EKF2_GRAV_NOISE") ** 2 if fuses_gravity else np.inf
+        self._gravity_gate_m_s2[i] = _GRAVITY_GATE * value("EKF2_GRAV_NOISE")
         self._baro_variance[i] = max(value("EKF2_BARO_NOISE"), 0.01) ** 2
 
     def reset(self, i: int) -> None:
@@ -182,6 +193,10 @@ class Estimator:
         state.position_ned_m[:] = smooth[:, :, POSITION]
         state.velocity_ned_m_s[:] = smooth[:, :, VELOCITY]
         np.divide(gained, dt_s, out=state.acceleration_ned_m_s2)
+        level = state.acceleration_ned_m_s2[:, :2]
+        calm = np.abs(level).max(axis=1, keepdims=True) < self._gravity_gate_m_s2
+        self._leaning += calm * level
+        self._leaning_count += calm
         state.heading_rad[:] = yaw_of(q)
         self._predictions += 1
         if self._predictions % _GLOBAL_EVERY_PREDICTIONS == 0:
@@ -236,6 +251,7 @@ class Estimator:
         total = channels.fuse(VELOCITY, velocity_innovation, velocity_variance)
         ratio = np.abs(velocity_innovation) / (self._gates[:, 1:] * np.sqrt(total))
         state.innovation_ratio_velocity[:] = ratio.max(axis=1)
+        self._fuse_gravity()
         self._residual -= channels.state[:, :, :2] - before
         self._no_aid_s[aided] = 0.0
         state.valid_position[aided] = True
@@ -268,6 +284,15 @@ class Estimator:
             np.copyto(position[:, 1], east, where=aided)
             np.copyto(position[:, 2], state.origin_alt_amsl_m - sensors.gps_alt_amsl_m, where=aided)
         return position
+
+    def _fuse_gravity(self) -> None:
+        """A vehicle that does not accelerate feels gravity straight from below: any lean is tilt error."""
+        count = np.maximum(self._leaning_count, 1.0)
+        variance = np.where(self._leaning_count > 0.0, self._gravity_variance / count, np.inf)
+        innovation = self._leaning / count - self.channels.state[:, :2, ERROR]
+        self.channels.fuse(ERROR, innovation, variance, slice(0, 2))
+        self._leaning[:] = 0.0
+        self._leaning_count[:] = 0.0
 
     def _take_tilt_errors(self) -> None:
         """Turn the attitude so that the horizontal acceleration errors found vanish."""

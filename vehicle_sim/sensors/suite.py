@@ -1,7 +1,7 @@
 """IMU, magnetometer, barometer and GPS of N vehicles; all noise of the simulator lives here.
 
-Rates and noise are those measured on PX4's SIH at rest (baselines of the recordings): gyro 0.01 rad/s and
-accelerometer 0.1 m/s² a sample, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and 0.06 to 0.16 m/s,
+Rates and noise are those measured on PX4's SIH (baselines of the recordings, disarmed and armed): an IMU
+that shakes ten times as much once motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and 0.06 to 0.16 m/s,
 barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white and comes from one
 seeded generator.
 """
@@ -21,8 +21,10 @@ from vehicle_sim.state import Home, SensorState, TruthState
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-GYRO_NOISE_RAD_S = 0.01
-ACCEL_NOISE_M_S2 = 0.1
+GYRO_NOISE_REST_RAD_S = (0.01, 0.01, 0.01)
+GYRO_NOISE_ARMED_RAD_S = (0.14, 0.07, 0.03)
+ACCEL_NOISE_REST_M_S2 = (0.1, 0.1, 0.1)
+ACCEL_NOISE_ARMED_M_S2 = (0.52, 1.73, 1.41)
 MAG_NOISE_GAUSS = (0.0115, 0.0115, 0.0175)
 BARO_NOISE_M = 0.09
 GPS_POSITION_NOISE_M = (0.2, 0.2, 0.5)
@@ -84,7 +86,8 @@ class SensorSuite:
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
         self._imu_noise = np.zeros((count, 6))
-        self._imu_sigma = np.array([GYRO_NOISE_RAD_S] * 3 + [ACCEL_NOISE_M_S2] * 3)
+        self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
+        self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
         level = _FIELD_GAUSS * math.cos(_FIELD_INCLINATION_RAD)
         self._field_ned = np.array(
@@ -127,14 +130,20 @@ class SensorSuite:
         """Cover the antenna of vehicle `i`: its receiver goes on reporting, without a fix."""
         self._gps_enabled[i] = enabled
 
-    def sample(self, truth: TruthState, matrix: FloatArray) -> None:
-        """Take this step's samples of the truth; `matrix` (N, 3, 3) is that of its attitude."""
+    def sample(self, truth: TruthState, matrix: FloatArray, armed: BoolArray) -> None:
+        """Take this step's samples.
+
+        Args:
+            truth: what is measured.
+            matrix: (N, 3, 3) rotation matrix of its attitude.
+            armed: (N,) motors turn, which shakes the IMU.
+        """
         state = self.state
         np.copyto(state.gyro_frd_rad_s, truth.rates_frd_rad_s)
         np.copyto(state.accel_frd_m_s2, rotate_back(matrix, truth.acceleration_ned_m_s2 - self._gravity))
         if self._noise:
             noise = self._random.standard_normal(out=self._imu_noise)
-            noise *= self._imu_sigma
+            noise *= np.where(armed[:, None], self._imu_sigma_armed, self._imu_sigma_rest)
             state.gyro_frd_rad_s += noise[:, :3]
             state.accel_frd_m_s2 += noise[:, 3:]
         steps = self._steps
