@@ -89,6 +89,7 @@ class Announcer:
         self._text_id = 0
         self.sequence = 0
         self.recent: deque[Event] = deque(maxlen=EVENT_QUEUE_LENGTH)
+        self._held: list[StatusText | Event] | None = None
 
     def add_listener(self, listener: Callable[[StatusText | Event], None]) -> None:
         """Call `listener` for each new text or event."""
@@ -108,13 +109,24 @@ class Announcer:
         self.recent.append(event)
         self._tell(event)
 
-    def both(
-        self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float
-    ) -> None:
+    def both(self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float) -> None:
         """A text with its event, as PX4 sends most of them."""
         self.text(severity, text + "\t")
         self.event(name, argument_format, *arguments)
 
+    def hold(self) -> None:
+        """Keep what is said from now on until `release`: an acknowledgement goes out before its texts."""
+        self._held = []
+
+    def release(self) -> None:
+        """Say what was held."""
+        held, self._held = self._held or [], None
+        for item in held:
+            self._tell(item)
+
     def _tell(self, item: StatusText | Event) -> None:
+        if self._held is not None:
+            self._held.append(item)
+            return
         for listener in tuple(self._listeners):
             listener(item)

@@ -87,9 +87,7 @@ class Autopilot:
             wants_to_climb=climbs,
             spoolup_s=parameter("COM_SPOOLUP_TIME"),
             ramp_s=parameter("MPC_TKO_RAMP_T"),
-            speed_m_s=parameter(
-                "MPC_TKO_SPEED" if active is NavState.TAKEOFF else "MPC_Z_VEL_MAX_UP"
-            ),
+            speed_m_s=parameter("MPC_Z_VEL_MAX_UP"),
             velocity_gain=parameter("MPC_Z_VEL_P_ACC"),
         )
 

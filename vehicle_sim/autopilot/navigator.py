@@ -15,6 +15,11 @@ from vehicle_sim.geodesy import to_local
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
+CLIMB_DELAY_S = 1.4
+"""From the start of the take-off ramp until the climb begins (measured on PX4: the ramp passes zero then)."""
+CLIMB_ACCELERATION_M_S2 = 0.5
+CLIMB_APPROACH = 1.15
+"""Speed over the square root of the height left near the target (both from recorded take-offs)."""
 LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
 
 
@@ -64,6 +69,7 @@ class Navigator:
         self.phase = ReturnPhase.CLIMB
         self._phase_since_s = 0.0
         self._return_z_m = 0.0
+        self._climb_since_s = math.nan
         self._orbit: tuple[float, float, float, float] | None = None
         """Centre north, east, radius, speed."""
 
@@ -130,6 +136,7 @@ class Navigator:
             self._orbit = (n, e, 1.0, 1.0)
 
     def _enter_takeoff(self) -> None:
+        self._climb_since_s = math.nan
         origin_alt = self._body.origin[2]
         default_m = self._body.parameter("MIS_TAKEOFF_ALT")
         lowest = self.home.alt_amsl_m + default_m
@@ -309,10 +316,19 @@ class Navigator:
     def _climb(self, flying: bool) -> None:
         _, _, down = self.target_ned_m
         z = self._body.belief.position_ned_m[2]
+        del flying
         self._advance_horizontal()
-        speed = self._body.parameter("MPC_TKO_SPEED")
-        wanted = -min(speed, -min(0.0, self._vertical_speed((down if down is not None else z) - z)))
-        self._z_towards(wanted if flying else -speed)
+        now_s = self._body.time_s
+        if math.isnan(self._climb_since_s):
+            self._climb_since_s = now_s
+        left_m = max(0.0, z - down) if down is not None else 0.0
+        wanted = min(self._body.parameter("MPC_TKO_SPEED"), CLIMB_APPROACH * math.sqrt(left_m))
+        if now_s - self._climb_since_s < CLIMB_DELAY_S:
+            wanted = 0.0
+        rate = CLIMB_ACCELERATION_M_S2 if -wanted < self._z.velocity_m_s else 2.0
+        step = rate * TICK_S
+        self._z.velocity_m_s += max(-step, min(step, -wanted - self._z.velocity_m_s))
+        self._z.acceleration_m_s2 = 0.0
         self._z.position_m = z
         self._write()
 

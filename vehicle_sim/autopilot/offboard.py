@@ -137,9 +137,7 @@ class Offboard:
         velocity, acceleration = _masked(mask, 8, v), _masked(mask, 64, a)
         self._accept(True, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=False)
 
-    def attitude(
-        self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float
-    ) -> None:
+    def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
         thrust = self.setpoint.thrust if mask & 64 else min(1.0, max(0.0, thrust))
         norm = math.sqrt(sum(each * each for each in q))
@@ -149,9 +147,7 @@ class Offboard:
                 return
             unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
             rate = math.nan if mask & 4 else rates[2]
-            self.setpoint = Setpoint(
-                Kind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate
-            )
+            self.setpoint = Setpoint(Kind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate)
         elif not mask & 3:
             finite = tuple(each if math.isfinite(each) else 0.0 for each in rates)
             self.setpoint = Setpoint(

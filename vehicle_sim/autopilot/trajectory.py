@@ -44,9 +44,7 @@ class Axis:
     ) -> None:
         """Move `dt_s` on towards the wanted velocity; `stretch` slows the position down (0..1)."""
         gap = velocity_wanted_m_s - self.velocity_m_s
-        wanted = math.copysign(
-            min(acceleration_limit_m_s2, math.sqrt(2.0 * jerk_limit_m_s3 * abs(gap))), gap
-        )
+        wanted = math.copysign(min(acceleration_limit_m_s2, math.sqrt(2.0 * jerk_limit_m_s3 * abs(gap))), gap)
         change = jerk_limit_m_s3 * dt_s
         previous = self.acceleration_m_s2
         self.acceleration_m_s2 = max(previous - change, min(previous + change, wanted))

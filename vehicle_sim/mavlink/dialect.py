@@ -33,10 +33,10 @@ def _layout(cls: Any) -> Layout:
     types = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
     names: tuple[str, ...] = tuple(cls.ordered_fieldnames)
     text = tuple(types[name] == "char" for name in names)
-    lengths = tuple(
-        0 if is_text else length for length, is_text in zip(cls.array_lengths, text, strict=True)
+    lengths = tuple(0 if is_text else length for length, is_text in zip(cls.array_lengths, text, strict=True))
+    return Layout(
+        cls.id, cls.msgname, names, lengths, text, struct.Struct(cls.unpacker.format), cls.crc_extra
     )
-    return Layout(cls.id, cls.msgname, names, lengths, text, struct.Struct(cls.unpacker.format), cls.crc_extra)
 
 
 LAYOUTS: dict[int, Layout] = {msg_id: _layout(cls) for msg_id, cls in _classes.items()}

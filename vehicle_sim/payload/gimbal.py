@@ -139,9 +139,7 @@ class Gimbal:
         elif any(math.isfinite(each) for each in rates_rad_s[1:]):
             self._want_rates(rates_rad_s[1], rates_rad_s[2])
 
-    def set_manual(
-        self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float
-    ) -> None:
+    def set_manual(self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float) -> None:
         """GIMBAL_MANAGER_SET_MANUAL_CONTROL: -1..1 of the full range or of MNT_RATE_*."""
         parameter = self._body.parameter
         self.set_pitch_yaw(

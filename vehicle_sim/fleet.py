@@ -1,0 +1,105 @@
+"""N simulated PX4 vehicles as a thing one can feed bytes, step and drain: no sockets, no wall clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.node import Node
+from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.simulation import Home, Simulation
+
+AUTOPILOT_EVERY_STEPS = 5
+"""50 Hz at the simulation's 250 Hz."""
+DEFAULT_BOOT_TIME_UNIX_S = 1_790_000_000.0
+"""UTC at boot where nobody says otherwise: a fixed one keeps runs alike."""
+
+
+class VehicleSim:
+    """A fleet on a clock that only `step` moves.
+
+    Args:
+        count: how many vehicles.
+        first_instance: PX4's instance number of the first; system id is instance + 1.
+        parameters: overrides for all vehicles, as if set before boot.
+        stores: ready parameter stores instead (one each).
+        links: (name, profile) of the links each vehicle has from the start.
+        seed: of the sensor noise.
+        home: where the first vehicle stands.
+        boot_time_unix_s: UTC at boot.
+    """
+
+    def __init__(
+        self,
+        count: int = 1,
+        *,
+        first_instance: int = 0,
+        parameters: Mapping[str, ParameterValue] | None = None,
+        stores: Sequence[Parameters] | None = None,
+        links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
+        seed: int = 0,
+        home: Home | None = None,
+        boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
+    ) -> None:
+        if stores is None:
+            stores = [Parameters(parameters) for _ in range(count)]
+        self.simulation = Simulation(count, parameters=stores, seed=seed, home=home)
+        self.autopilots = [Autopilot(Body(self.simulation, row, boot_time_unix_s)) for row in range(count)]
+        self.nodes = [
+            Node(autopilot, first_instance + row + 1, first_instance + row)
+            for row, autopilot in enumerate(self.autopilots)
+        ]
+        self._links: list[dict[str, Link]] = [{} for _ in range(count)]
+        for row in range(count):
+            for name, profile in links:
+                self.add_link(row, name, profile)
+        self._debt_s = 0.0
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since boot."""
+        return self.simulation.time_s
+
+    def add_link(self, instance: int, name: str, profile: str) -> Link:
+        """Open a link (replacing one of that name), which starts to stream."""
+        self.remove_link(instance, name)
+        link = Link(name, profile, self.nodes[instance].system_id)
+        self._links[instance][name] = link
+        self.nodes[instance].add_link(link)
+        return link
+
+    def remove_link(self, instance: int, name: str) -> None:
+        """Close a link."""
+        link = self._links[instance].pop(name, None)
+        if link is not None:
+            self.nodes[instance].remove_link(link)
+
+    def feed(self, instance: int, link: str, data: bytes) -> None:
+        """Bytes that arrived for vehicle `instance` (row, from 0) on one of its links."""
+        self.nodes[instance].receive(self._links[instance][link], data)
+
+    def drain(self, instance: int, link: str) -> bytes:
+        """Bytes the vehicle has sent on this link since the last call."""
+        return b"".join(self._links[instance][link].drain())
+
+    def frames(self, instance: int, link: str) -> list[bytes]:
+        """The same as whole frames."""
+        return self._links[instance][link].drain()
+
+    def step(self, dt_s: float) -> None:
+        """Let `dt_s` pass; what does not fill a simulation step is kept for the next call."""
+        self._debt_s += dt_s
+        step_s = self.simulation.dt_s
+        while self._debt_s >= step_s * 0.999:
+            self._debt_s -= step_s
+            self._step_once()
+
+    def _step_once(self) -> None:
+        self.simulation.step()
+        if self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0:
+            for autopilot in self.autopilots:
+                autopilot.update()
+        for node in self.nodes:
+            node.step()

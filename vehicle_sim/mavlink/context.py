@@ -1,0 +1,66 @@
+"""What every MAVLink service is handed: the vehicle, its links, and how to answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.mavlink.dialect import Message, pack
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.telemetry import Telemetry
+
+AUTOPILOT_COMPONENT = 1
+
+
+class Context:
+    """One vehicle's MAVLink identity."""
+
+    def __init__(self, autopilot: Autopilot, system_id: int) -> None:
+        self.autopilot = autopilot
+        self.body = autopilot.body
+        self.system_id = system_id
+        self.links: list[Link] = []
+        self.telemetry = Telemetry(autopilot, system_id)
+        self._later: list[Callable[[], None]] = []
+        self._timers: list[tuple[float, Callable[[], None]]] = []
+
+    @property
+    def own(self) -> tuple[int, int]:
+        """(system id, component id)."""
+        return self.system_id, AUTOPILOT_COMPONENT
+
+    def is_for_me(self, message: Message) -> bool:
+        """Whether target system and component mean this autopilot."""
+        values = message.values
+        return values.get("target_system") == self.system_id and values.get("target_component") in (
+            AUTOPILOT_COMPONENT,
+            0,
+        )
+
+    def broadcast(self, name: str, /, **fields: Any) -> None:
+        """Send on every link."""
+        layout, payload = pack(name, **fields)
+        for link in self.links:
+            link.send_payload(layout, payload)
+
+    def later(self, action: Callable[[], None]) -> None:
+        """Run before the next tick: PX4's commander answers from its own loop, milliseconds later."""
+        self._later.append(action)
+
+    def after(self, seconds: float, action: Callable[[], None]) -> None:
+        """Run once, this much simulated time from now."""
+        self._timers.append((self.body.time_s + seconds, action))
+
+    def run_due(self) -> None:
+        """Run what was put off."""
+        if self._later:
+            actions, self._later = self._later, []
+            for action in actions:
+                action()
+        if self._timers:
+            now_s = self.body.time_s
+            due = [action for at_s, action in self._timers if at_s <= now_s]
+            self._timers = [(at_s, action) for at_s, action in self._timers if at_s > now_s]
+            for action in due:
+                action()

@@ -1,0 +1,117 @@
+"""One MAVLink channel of one vehicle: its sequence numbers, its parser, its stream schedule, its outbox."""
+
+from __future__ import annotations
+
+import heapq
+from typing import Any
+
+from vehicle_sim.mavlink.dialect import BY_NAME, Layout, Message, pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.mavlink.rates import PROFILES, RESTORED
+
+OUTBOX_LIMIT_BYTES = 4_000_000
+"""Nobody reads: older bytes are dropped, as a full UDP buffer would."""
+
+
+class Link:
+    """A channel named `name` that streams by `profile` ("gcs" or "api")."""
+
+    def __init__(self, name: str, profile: str, system_id: int) -> None:
+        self.name = name
+        self.profile = profile
+        self.system_id = system_id
+        self.parser = FrameParser()
+        self.heard_gcs = False
+        self.sent_frames = 0
+        self.sent_bytes = 0
+        self.received_bytes = 0
+        self.tx_rate = 0
+        self.rx_rate = 0
+        self.ping_sequence = 0
+        self._sequence = 0
+        self._outbox: list[bytes] = []
+        self._outbox_bytes = 0
+        self._intervals_us: dict[int, int] = {}
+        self._schedule: list[tuple[int, int, int]] = []
+        """(due, message id, generation)."""
+        self._generation = 0
+        self._generations: dict[int, int] = {}
+        self._dropped_bytes = 0
+        for name_, hz in PROFILES[profile].items():
+            self.set_interval(BY_NAME[name_].id, round(1e6 / hz), 0)
+
+    # --- sending ---------------------------------------------------------------------------------------
+
+    def send(self, name: str, /, **fields: Any) -> None:
+        """Queue one message."""
+        layout, payload = pack(name, **fields)
+        self.send_payload(layout, payload)
+
+    def send_payload(self, layout: Layout, payload: bytes) -> None:
+        """Queue a packed payload."""
+        self.send_raw(frame_v2(layout, payload, self._sequence, self.system_id, 1))
+        self._sequence = (self._sequence + 1) & 0xFF
+
+    def send_raw(self, frame: bytes) -> None:
+        """Queue bytes as they are (forwarded frames keep their sender)."""
+        if self._outbox_bytes > OUTBOX_LIMIT_BYTES:
+            self._dropped_bytes += self._outbox_bytes
+            self._outbox.clear()
+            self._outbox_bytes = 0
+        self._outbox.append(frame)
+        self._outbox_bytes += len(frame)
+        self.sent_frames += 1
+        self.sent_bytes += len(frame)
+
+    def drain(self) -> list[bytes]:
+        """Take all queued frames."""
+        out, self._outbox, self._outbox_bytes = self._outbox, [], 0
+        return out
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Bytes in, messages out."""
+        self.received_bytes += len(data)
+        return self.parser.feed(data)
+
+    # --- streams ---------------------------------------------------------------------------------------
+
+    def interval_us(self, msg_id: int) -> int:
+        """Interval of a stream; 0: not streamed."""
+        return self._intervals_us.get(msg_id, 0)
+
+    def set_interval(self, msg_id: int, interval_us: int, now_us: int) -> None:
+        """Stream at this interval; 0 or less switches the stream off."""
+        self._generation += 1
+        self._generations[msg_id] = self._generation
+        if interval_us <= 0:
+            self._intervals_us.pop(msg_id, None)
+            return
+        self._intervals_us[msg_id] = interval_us
+        heapq.heappush(self._schedule, (now_us + interval_us, msg_id, self._generation))
+
+    def streamed(self) -> frozenset[int]:
+        """Ids of all messages streamed here."""
+        return frozenset(self._intervals_us)
+
+    def restore_interval(self, name: str, now_us: int) -> None:
+        """Back to PX4's default for this link."""
+        hz = RESTORED.get(name, PROFILES[self.profile].get(name, 0.0))
+        self.set_interval(BY_NAME[name].id, round(1e6 / hz) if hz else 0, now_us)
+
+    def due(self, now_us: int) -> list[int]:
+        """Message ids whose time has come; each is scheduled again."""
+        schedule = self._schedule
+        if not schedule or schedule[0][0] > now_us:
+            return []
+        out: list[int] = []
+        while schedule and schedule[0][0] <= now_us:
+            due_us, msg_id, generation = heapq.heappop(schedule)
+            interval = self._intervals_us.get(msg_id)
+            if interval is None or self._generations[msg_id] != generation:
+                continue
+            out.append(msg_id)
+            next_us = due_us + interval
+            if next_us <= now_us:
+                next_us = now_us + min(interval, 4000)
+            heapq.heappush(schedule, (next_us, msg_id, generation))
+        return out

@@ -1,0 +1,121 @@
+"""One vehicle on MAVLink: messages of all links to the services, streams to all links."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import BY_NAME, Message
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.services.commands import CommandService
+from vehicle_sim.mavlink.services.ftp import FtpService
+from vehicle_sim.mavlink.services.gimbal import GimbalService
+from vehicle_sim.mavlink.services.mission import MissionService
+from vehicle_sim.mavlink.services.offboard import OffboardService
+from vehicle_sim.mavlink.services.params import ParamService
+from vehicle_sim.mavlink.services.requests import RequestService
+from vehicle_sim.mavlink.services.texts import TextService
+from vehicle_sim.mavlink.services.time import TimeService
+
+MAV_TYPE_GCS = 6
+
+
+class Node:
+    """The MAVLink side of one vehicle."""
+
+    def __init__(self, autopilot: Autopilot, system_id: int, instance: int) -> None:
+        self.context = Context(autopilot, system_id)
+        self._texts = TextService(self.context)
+        self._time = TimeService(self.context)
+        self._params = ParamService(self.context)
+        self._mission = MissionService(self.context)
+        requests = RequestService(self.context, instance)
+        gimbal = GimbalService(self.context)
+        commands = CommandService(self.context, {**requests.commands, **gimbal.commands})
+        self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
+        services = (
+            self._texts, self._time, self._params, self._mission, gimbal, commands,
+            OffboardService(self.context), FtpService(self.context),
+        )  # fmt: skip
+        for service in services:
+            self._handlers |= service.handlers
+        self._streamers: dict[int, Callable[[Link], None]] = {
+            BY_NAME["PING"].id: self._time.send_ping,
+            BY_NAME["TIMESYNC"].id: self._time.send_timesync,
+            BY_NAME["LINK_NODE_STATUS"].id: requests.send_link_node_status,
+            BY_NAME["MISSION_CURRENT"].id: self._mission.send_current,
+            BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.current_sequence,
+        }
+        self._rated_at_s = 0.0
+        self._rated: dict[str, tuple[int, int]] = {}
+
+    @property
+    def system_id(self) -> int:
+        """Of the vehicle."""
+        return self.context.system_id
+
+    def add_link(self, link: Link) -> None:
+        """Start talking on a link."""
+        now_us = self.context.body.time_boot_us()
+        for msg_id in list(link.streamed()):
+            link.set_interval(msg_id, link.interval_us(msg_id), now_us)
+        self.context.links.append(link)
+
+    def remove_link(self, link: Link) -> None:
+        """Stop talking on a link."""
+        if link in self.context.links:
+            self.context.links.remove(link)
+
+    def receive(self, link: Link, data: bytes) -> None:
+        """Bytes that arrived on a link; garbage is skipped."""
+        for message in link.feed(data):
+            handler = self._handlers.get(message.name)
+            if handler is not None:
+                handler(link, message)
+            self._forward(link, message)
+
+    def step(self) -> None:
+        """After each simulation step: answers put off, then whatever streams are due."""
+        self.context.run_due()
+        self._params.step()
+        self._mission.step()
+        now_us = self.context.body.time_boot_us()
+        telemetry, streamers = self.context.telemetry, self._streamers
+        for link in self.context.links:
+            for msg_id in link.due(now_us):
+                streamer = streamers.get(msg_id)
+                if streamer is not None:
+                    streamer(link)
+                    continue
+                built = telemetry.payload(msg_id)
+                if built is not None:
+                    link.send_payload(*built)
+        self._rate()
+
+    def _rate(self) -> None:
+        now_s = self.context.body.time_s
+        if now_s - self._rated_at_s < 1.0:
+            return
+        for link in self.context.links:
+            sent, received = self._rated.get(link.name, (0, 0))
+            link.tx_rate, link.rx_rate = link.sent_bytes - sent, link.received_bytes - received
+            self._rated[link.name] = (link.sent_bytes, link.received_bytes)
+        self._rated_at_s = now_s
+
+    def _heartbeat(self, link: Link, message: Message) -> None:
+        if message.type == MAV_TYPE_GCS:
+            link.heard_gcs = True
+            self.context.autopilot.commander.gcs_heard_at_s = self.context.body.time_s
+
+    def _forward(self, link: Link, message: Message) -> None:
+        if message.system_id == self.system_id and message.component_id == 1:
+            return
+        if (
+            message.values.get("target_system", 0) == self.system_id
+            and message.values.get("target_component") == 1
+        ):
+            return
+        for other in self.context.links:
+            if other is not link:
+                other.send_raw(message.frame)

@@ -1,0 +1,267 @@
+"""COMMAND_LONG, COMMAND_INT and SET_MODE: what PX4 answers, and what the commander then does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from vehicle_sim.autopilot.modes import STANDARD_MODES, NavState, UnsupportedAutoMode, from_numbers
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import Message
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.services.command_types import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    IN_PROGRESS,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+    Command,
+)
+
+Handler = Callable[[Command], int | None]
+
+NO_ANSWER = frozenset({0, 203, 206, 214, 243, 311, 420, 521, 530, 531, 2003, 2511, 42600})
+"""PX4 acknowledges none of these here: nobody handles them, or who does stays silent."""
+ALWAYS_ACCEPTED = frozenset({186, 2510})
+ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
+TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
+REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
+RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST, CALIBRATION = 401, 245, 246, 310, 241
+GRIPPER, EXTERNAL_WIND = 211, 43004
+FORCE = 21196
+GRIPPER_S = 0.33
+GLOBAL_RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
+LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
+INT32_MAX = 0x7FFFFFFF
+REPOSITION_CHANGE_MODE, REPOSITION_RELATIVE_YAW = 1, 2
+
+
+class CommandService:
+    """All commands; those of other services come in as `others`."""
+
+    def __init__(self, context: Context, others: Mapping[int, Handler]) -> None:
+        self._context = context
+        self._commander = context.autopilot.commander
+        self._navigator = context.autopilot.navigator
+        self._announcer = context.autopilot.announcer
+        self.handlers = {
+            "COMMAND_LONG": self.command_long,
+            "COMMAND_INT": self.command_int,
+            "SET_MODE": self.set_mode_message,
+        }
+        self._commands: dict[int, Handler] = {
+            **dict.fromkeys(NO_ANSWER, lambda c: None),
+            **dict.fromkeys(ALWAYS_ACCEPTED, lambda c: ACCEPTED),
+            ARM_DISARM: self._arm,
+            SET_MODE: self._set_mode,
+            SET_STANDARD_MODE: self._set_standard_mode,
+            TAKEOFF: self._takeoff,
+            LAND: self._land,
+            RETURN: self._return,
+            PRECISION_LAND: self._precision_land,
+            ORBIT: self._orbit,
+            FIGURE_EIGHT: self._figure_eight,
+            REPOSITION: self._reposition,
+            CHANGE_SPEED: self._change_speed,
+            SET_HOME: self._set_home,
+            TERMINATE: self._terminate,
+            MISSION_START: self._mission_start,
+            RUN_PREARM_CHECKS: self._checks,
+            STORAGE: self._storage,
+            REBOOT: lambda c: ACCEPTED if c.p1 == 0.0 else DENIED,
+            ACTUATOR_TEST: lambda c: DENIED if self._commander.armed else ACCEPTED,
+            CALIBRATION: lambda c: TEMPORARILY_REJECTED if self._commander.armed else FAILED,
+            GRIPPER: self._gripper,
+            EXTERNAL_WIND: self._external_wind,
+            **others,
+        }
+
+    # --- arrival ---------------------------------------------------------------------------------------
+
+    def command_long(self, link: Link, m: Message) -> None:
+        """COMMAND_LONG; wrong targets get no reply."""
+        if self._context.is_for_me(m):
+            self._run(
+                Command(m.command, m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7,
+                        m.sender, link.name)
+            )  # fmt: skip
+
+    def command_int(self, link: Link, m: Message) -> None:
+        """COMMAND_INT; 1e7 degrees become degrees, altitudes above home become AMSL."""
+        if not self._context.is_for_me(m):
+            return
+        scale = 1.0 if m.frame in LOCAL_FRAMES else 1e-7
+        x = math.nan if m.x == INT32_MAX else m.x * scale
+        y = math.nan if m.y == INT32_MAX else m.y * scale
+        z = m.z
+        if m.frame in GLOBAL_RELATIVE_FRAMES and self._context.autopilot.home.valid:
+            z += self._context.autopilot.home.alt_amsl_m
+        self._run(Command(m.command, m.param1, m.param2, m.param3, m.param4, x, y, z, m.sender, link.name))
+
+    def set_mode_message(self, link: Link, m: Message) -> None:
+        """The old SET_MODE: one acknowledgement that says nothing."""
+        if m.target_system != self._context.system_id:
+            return
+        main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
+        command = Command(SET_MODE, float(m.base_mode), float(main), float(sub), 0, 0, 0, 0, m.sender,
+                          link.name)  # fmt: skip
+        self._acknowledge(command, ACCEPTED)
+        self._context.later(lambda: self._quietly(command))
+
+    def _quietly(self, command: Command) -> None:
+        self._switch_by_numbers(command)
+
+    def _run(self, command: Command) -> None:
+        if command.number == SET_MODE:
+            # The receiver acknowledges at once, the commander a moment later: the second one counts.
+            self._acknowledge(command, ACCEPTED)
+            self._context.later(lambda: self._execute(command))
+            return
+        self._execute(command)
+
+    def _execute(self, command: Command) -> None:
+        handler = self._commands.get(command.number)
+        self._announcer.hold()
+        result = UNSUPPORTED if handler is None else handler(command)
+        if result is not None:
+            self._acknowledge(command, result)
+        self._announcer.release()
+
+    def _acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
+        self._context.broadcast(
+            "COMMAND_ACK", command=command.number, result=result, progress=progress,
+            target_system=command.sender[0], target_component=command.sender[1],
+        )  # fmt: skip
+
+    # --- arming and modes ------------------------------------------------------------------------------
+
+    def _arm(self, c: Command) -> int | None:
+        if math.isnan(c.p1) or int(c.p1) == 0:
+            done = self._commander.disarm(force=c.p2 == FORCE)
+            return ACCEPTED if done else TEMPORARILY_REJECTED
+        if int(c.p1) != 1:
+            self._announcer.both(
+                2, f"Unsupported ARM_DISARM param: {c.p1:.3f}", "commander_unsupported_arm_disarm_param",
+                "f", c.p1,
+            )  # fmt: skip
+            return None
+        return ACCEPTED if self._commander.arm() else TEMPORARILY_REJECTED
+
+    def _set_mode(self, c: Command) -> int:
+        return self._switch_by_numbers(c)
+
+    def _switch_by_numbers(self, c: Command) -> int:
+        base = int(c.p1) if math.isfinite(c.p1) else 0
+        if not base & 1:
+            return ACCEPTED
+        main = int(c.p2) if math.isfinite(c.p2) else 0
+        sub = int(c.p3) if math.isfinite(c.p3) else 0
+        try:
+            mode = from_numbers(main, sub)
+        except UnsupportedAutoMode:
+            self._announcer.both(2, "Unsupported auto mode", "commander_unsupported_auto_mode")
+            return TEMPORARILY_REJECTED
+        if mode is None:
+            return ACCEPTED
+        return self._switch(mode)
+
+    def _switch(self, mode: NavState) -> int:
+        return ACCEPTED if self._commander.set_mode(mode) else TEMPORARILY_REJECTED
+
+    def _set_standard_mode(self, c: Command) -> int:
+        mode = STANDARD_MODES.get(int(c.p1) if math.isfinite(c.p1) else 0)
+        return FAILED if mode is None else self._switch(mode)
+
+    # --- flying ----------------------------------------------------------------------------------------
+
+    def _takeoff(self, c: Command) -> int:
+        if self._commander.armed:
+            self._navigator.request_takeoff(c.p7)
+        return self._switch(NavState.TAKEOFF)
+
+    def _land(self, c: Command) -> int:
+        result = self._switch(NavState.LAND)
+        if result == ACCEPTED:
+            self._announcer.both(6, "Landing at current position", "commander_landing_current_pos")
+        return result
+
+    def _return(self, c: Command) -> int:
+        # PX4 says "Returning to launch" before the navigator says where to.
+        self._announcer.both(6, "Returning to launch", "commander_rtl")
+        return self._switch(NavState.RTL)
+
+    def _precision_land(self, c: Command) -> int:
+        result = self._switch(NavState.PRECISION_LAND)
+        if result == ACCEPTED:
+            self._announcer.both(6, "Precision landing", "commander_landing_prec_land")
+        return result
+
+    def _orbit(self, c: Command) -> int:
+        self._navigator.orbit(c.p5, c.p6, c.p1, c.p2)
+        return self._switch(NavState.ORBIT)
+
+    def _figure_eight(self, c: Command) -> int | None:
+        self._announcer.text(2, "Figure 8 command only available for fixed wing and vtol vehicles.")
+        return None
+
+    def _reposition(self, c: Command) -> int:
+        flags = int(c.p2) if math.isfinite(c.p2) else 0
+        if not flags & REPOSITION_CHANGE_MODE or flags & REPOSITION_RELATIVE_YAW:
+            return UNSUPPORTED
+        result = self._switch(NavState.HOLD)
+        if result == ACCEPTED and self._commander.armed:
+            self._navigator.goto(c.p5, c.p6, c.p7, c.p4)
+            if math.isfinite(c.p1) and c.p1 > 0.0:
+                self._navigator.cruise_m_s = c.p1
+        return result
+
+    def _change_speed(self, c: Command) -> int:
+        kind, speed = (int(c.p1) if math.isfinite(c.p1) else 0), c.p2
+        value = speed if math.isfinite(speed) and speed > 0.0 else math.nan
+        if kind in (0, 1):
+            self._navigator.cruise_m_s = value
+        elif kind == 2:
+            self._navigator.climb_m_s = value
+        elif kind == 3:
+            self._navigator.descent_m_s = value
+        return ACCEPTED
+
+    def _set_home(self, c: Command) -> int:
+        if c.p1 == 1.0:
+            return ACCEPTED if self._commander.set_home_here() else DENIED
+        if not all(math.isfinite(value) for value in (c.p5, c.p6, c.p7)):
+            return DENIED
+        self._commander.set_home(c.p5, c.p6, c.p7)
+        return ACCEPTED
+
+    def _terminate(self, c: Command) -> int:
+        if c.p1 > 0.5 and self._commander.terminate():
+            return ACCEPTED
+        return DENIED
+
+    def _mission_start(self, c: Command) -> int:
+        self._announcer.both(
+            2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
+        )
+        return DENIED
+
+    # --- the rest --------------------------------------------------------------------------------------
+
+    def _checks(self, c: Command) -> int:
+        self._commander.run_checks()
+        return ACCEPTED
+
+    def _storage(self, c: Command) -> int | None:
+        if c.p1 < 0:
+            return None
+        return TEMPORARILY_REJECTED if self._commander.armed else ACCEPTED
+
+    def _gripper(self, c: Command) -> int | None:
+        self._acknowledge(c, IN_PROGRESS, progress=255)
+        self._context.after(GRIPPER_S, lambda: self._acknowledge(c, ACCEPTED))
+        return None
+
+    def _external_wind(self, c: Command) -> int:
+        self._acknowledge(c, ACCEPTED)
+        return UNSUPPORTED

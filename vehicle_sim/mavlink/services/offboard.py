@@ -1,0 +1,48 @@
+"""SET_POSITION_TARGET_* and SET_ATTITUDE_TARGET to the offboard receiver."""
+
+from __future__ import annotations
+
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import Message
+from vehicle_sim.mavlink.link import Link
+
+
+class OffboardService:
+    """Set points from any link; system 0 and component 0 mean everybody."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.handlers = {
+            "SET_POSITION_TARGET_LOCAL_NED": self.local,
+            "SET_POSITION_TARGET_GLOBAL_INT": self.global_int,
+            "SET_ATTITUDE_TARGET": self.attitude,
+        }
+
+    def _mine(self, message: Message) -> bool:
+        return message.target_system in (0, self._context.system_id) and message.target_component in (0, 1)
+
+    def local(self, link: Link, m: Message) -> None:
+        """Local NED or body frame."""
+        if self._mine(m):
+            self._context.autopilot.offboard.local(
+                m.coordinate_frame, m.type_mask, (m.x, m.y, m.z), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz),
+                m.yaw, m.yaw_rate,
+            )  # fmt: skip
+
+    def global_int(self, link: Link, m: Message) -> None:
+        """Latitude, longitude, altitude."""
+        if self._mine(m):
+            self._context.autopilot.offboard.global_int(
+                m.coordinate_frame, m.type_mask, (m.lat_int / 1e7, m.lon_int / 1e7, m.alt),
+                self._context.autopilot.home.alt_amsl_m, (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
+                m.yaw_rate,
+            )  # fmt: skip
+
+    def attitude(self, link: Link, m: Message) -> None:
+        """Attitude or body rates, with thrust."""
+        if self._mine(m):
+            q = tuple(m.q)
+            self._context.autopilot.offboard.attitude(
+                m.type_mask, (q[0], q[1], q[2], q[3]), (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate),
+                m.thrust,
+            )  # fmt: skip

@@ -1,0 +1,156 @@
+"""REQUEST_MESSAGE, message intervals, and the messages that are only sent when asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from vehicle_sim.autopilot.modes import LISTED
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.rates import EVENT_DRIVEN
+from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, FAILED, Command
+
+REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
+REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520, 519, 528
+REQUEST_CAMERA_INFORMATION = 521
+CAPABILITIES = 321791
+VERSION_1_16_0 = 17826047
+GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
+UID_BASE = 0x5349_4D50_5834_0000
+"""Distinct from any real vehicle's; the instance is added."""
+NOT_ON_REQUEST = frozenset({"GPS_RAW_INT", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"})
+"""PX4 denies these although it streams them: no newer sample at the moment of the request."""
+
+
+class RequestService:
+    """Commands 510, 511, 512 and the old single requests."""
+
+    def __init__(self, context: Context, instance: int) -> None:
+        self._context = context
+        self._instance = instance
+        self._senders: dict[int, Callable[[Link, Command], bool]] = {
+            BY_NAME["AUTOPILOT_VERSION"].id: self._autopilot_version,
+            BY_NAME["PROTOCOL_VERSION"].id: self._protocol_version,
+            BY_NAME["AVAILABLE_MODES"].id: self._available_modes,
+            BY_NAME["FLIGHT_INFORMATION"].id: self._flight_information,
+            BY_NAME["LINK_NODE_STATUS"].id: self._link_node_status,
+        }
+        self.commands: dict[int, Callable[[Command], int | None]] = {
+            REQUEST_MESSAGE: self.request,
+            SET_INTERVAL: self.set_interval,
+            GET_INTERVAL: self.get_interval,
+            REQUEST_CAPABILITIES: lambda c: self._one("AUTOPILOT_VERSION", c),
+            REQUEST_PROTOCOL_VERSION: lambda c: self._one("PROTOCOL_VERSION", c),
+            REQUEST_FLIGHT_INFORMATION: lambda c: self._one("FLIGHT_INFORMATION", c),
+            REQUEST_CAMERA_INFORMATION: lambda c: None,
+        }
+
+    def _link(self, command: Command) -> Link:
+        return next(link for link in self._context.links if link.name == command.link)
+
+    def _one(self, name: str, command: Command) -> int:
+        self._senders[BY_NAME[name].id](self._link(command), command)
+        return ACCEPTED
+
+    def request(self, command: Command) -> int:
+        """Send the message, then accept; deny what is unknown or has nothing new."""
+        msg_id = int(command.p1) if math.isfinite(command.p1) else -1
+        link = self._link(command)
+        sender = self._senders.get(msg_id)
+        if sender is not None:
+            return ACCEPTED if sender(link, command) else DENIED
+        layout = LAYOUTS.get(msg_id)
+        if layout is None or layout.name in NOT_ON_REQUEST:
+            return DENIED
+        built = self._context.telemetry.payload(msg_id)
+        if built is None:
+            return DENIED
+        link.send_payload(*built)
+        return ACCEPTED
+
+    def set_interval(self, command: Command) -> int:
+        """-1 off, 0 default, else microseconds; any other way of saying off is off too."""
+        if command.p7 != 0.0 and math.isfinite(command.p7):
+            return FAILED
+        msg_id = int(command.p1) & 0xFFFF if math.isfinite(command.p1) else 0
+        if msg_id == 0 and command.p1 != 0.0:
+            return ACCEPTED
+        layout = LAYOUTS.get(msg_id)
+        streamable = {
+            BY_NAME[name].id for name in ("TIMESYNC", "PING", "MISSION_CURRENT", "LINK_NODE_STATUS")
+        }
+        if layout is None or layout.name in EVENT_DRIVEN:
+            return FAILED
+        if msg_id not in self._context.telemetry.ids and msg_id not in streamable:
+            return FAILED
+        link, now_us = self._link(command), self._context.body.time_boot_us()
+        interval = command.p2
+        if interval == 0.0:
+            link.restore_interval(layout.name, now_us)
+        elif not math.isfinite(interval) or interval < 0.0:
+            link.set_interval(msg_id, 0, now_us)
+        else:
+            link.set_interval(msg_id, max(4000, int(interval)), now_us)
+        return ACCEPTED
+
+    def get_interval(self, command: Command) -> int:
+        """MESSAGE_INTERVAL, 0 for what is not streamed, before the acknowledgement."""
+        msg_id = int(command.p1) if math.isfinite(command.p1) else 0
+        link = self._link(command)
+        link.send("MESSAGE_INTERVAL", message_id=msg_id & 0xFFFF, interval_us=link.interval_us(msg_id))
+        return ACCEPTED
+
+    # --- messages on request ---------------------------------------------------------------------------
+
+    def _autopilot_version(self, link: Link, command: Command) -> bool:
+        link.send(
+            "AUTOPILOT_VERSION",
+            capabilities=CAPABILITIES,
+            flight_sw_version=VERSION_1_16_0,
+            middleware_sw_version=VERSION_1_16_0,
+            os_sw_version=101854463,
+            board_version=1,
+            flight_custom_version=GIT_HASH,
+            middleware_custom_version=GIT_HASH,
+            uid=UID_BASE + self._instance + 1,
+        )
+        return True
+
+    def _protocol_version(self, link: Link, command: Command) -> bool:
+        link.send("PROTOCOL_VERSION", version=200, min_version=100, max_version=200)
+        return True
+
+    def _available_modes(self, link: Link, command: Command) -> bool:
+        wanted = int(command.p2) if math.isfinite(command.p2) else 0
+        modes = [mode for mode in LISTED if wanted in (0, mode.index)]
+        for mode in modes:
+            link.send(
+                "AVAILABLE_MODES", number_modes=len(LISTED), mode_index=mode.index,
+                standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, properties=mode.properties,
+                mode_name=mode.listed_name,
+            )  # fmt: skip
+        return bool(modes)
+
+    def _flight_information(self, link: Link, command: Command) -> bool:
+        link.send("FLIGHT_INFORMATION", time_boot_ms=self._context.body.time_boot_ms())
+        return True
+
+    def _link_node_status(self, link: Link, command: Command) -> bool:
+        self.send_link_node_status(link)
+        return True
+
+    def send_link_node_status(self, link: Link) -> None:
+        """How the link does, 1 Hz."""
+        counts = link.parser.counts
+        link.send(
+            "LINK_NODE_STATUS",
+            timestamp=self._context.body.time_boot_us(),
+            tx_rate=link.tx_rate,
+            rx_rate=link.rx_rate,
+            rx_parse_err=min(65535, counts.bad_crc),
+            messages_sent=link.sent_frames,
+            messages_received=counts.frames,
+            messages_lost=counts.lost,
+        )

@@ -1,0 +1,68 @@
+"""Status texts and events to the links; REQUEST_EVENT for what a receiver missed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vehicle_sim.autopilot.announcer import Event, StatusText
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import Message
+from vehicle_sim.mavlink.link import Link
+
+CHUNK = 50
+
+
+class TextService:
+    """STATUSTEXT, EVENT, CURRENT_EVENT_SEQUENCE, REQUEST_EVENT."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        context.autopilot.announcer.add_listener(self._tell)
+        self.handlers = {"REQUEST_EVENT": self.request}
+
+    def _tell(self, item: StatusText | Event) -> None:
+        if isinstance(item, Event):
+            self._context.broadcast("EVENT", **_event_fields(item))
+            return
+        chunks = [item.text[at : at + CHUNK] for at in range(0, len(item.text), CHUNK)] or [""]
+        for link in self._context.links:
+            if not link.heard_gcs:
+                continue
+            for number, chunk in enumerate(chunks):
+                link.send(
+                    "STATUSTEXT", severity=item.severity, text=chunk, chunk_seq=number,
+                    id=item.id,
+                )  # fmt: skip
+
+    def request(self, link: Link, message: Message) -> None:
+        """Send stored events again, or say which are gone."""
+        if not self._context.is_for_me(message):
+            return
+        recent = self._context.autopilot.announcer.recent
+        stored = {event.sequence: event for event in recent}
+        oldest = recent[0].sequence if recent else 0
+        span = (message.last_sequence - message.first_sequence) & 0xFFFF
+        for offset in range(min(span, 100) + 1):
+            sequence = (message.first_sequence + offset) & 0xFFFF
+            if sequence in stored:
+                link.send("EVENT", **_event_fields(stored[sequence]))
+            else:
+                link.send(
+                    "RESPONSE_EVENT_ERROR", target_system=message.system_id,
+                    target_component=message.component_id, sequence=sequence,
+                    sequence_oldest_available=oldest,
+                )  # fmt: skip
+
+    def current_sequence(self, link: Link) -> None:
+        """CURRENT_EVENT_SEQUENCE: lets a receiver notice a gap."""
+        link.send("CURRENT_EVENT_SEQUENCE", sequence=self._context.autopilot.announcer.sequence)
+
+
+def _event_fields(event: Event) -> dict[str, Any]:
+    return {
+        "id": event.id,
+        "event_time_boot_ms": event.time_boot_ms,
+        "sequence": event.sequence,
+        "log_levels": event.log_levels,
+        "arguments": event.arguments,
+    }

@@ -1,0 +1,40 @@
+"""TIMESYNC and PING: the clocks of both ends, and the way between them."""
+
+from __future__ import annotations
+
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import Message
+from vehicle_sim.mavlink.link import Link
+
+
+class TimeService:
+    """Answers TIMESYNC and PING, and sends its own."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.handlers = {"TIMESYNC": self.timesync, "PING": self.ping}
+
+    def timesync(self, link: Link, message: Message) -> None:
+        """Give our time (nanoseconds) to who asks with tc1 = 0."""
+        if message.tc1 == 0:
+            link.send(
+                "TIMESYNC", tc1=self._context.body.time_boot_us() * 1000, ts1=message.ts1,
+                target_system=message.system_id, target_component=message.component_id,
+            )  # fmt: skip
+
+    def ping(self, link: Link, message: Message) -> None:
+        """Echo a ping request back to its sender."""
+        if message.target_system == 0 and message.target_component == 0:
+            link.send(
+                "PING", time_usec=message.time_usec, seq=message.seq, target_system=message.system_id,
+                target_component=message.component_id,
+            )  # fmt: skip
+
+    def send_timesync(self, link: Link) -> None:
+        """Ask for the other end's time."""
+        link.send("TIMESYNC", ts1=self._context.body.time_boot_us() * 1000)
+
+    def send_ping(self, link: Link) -> None:
+        """Ask for an echo."""
+        link.send("PING", time_usec=self._context.body.time_boot_us(), seq=link.ping_sequence)
+        link.ping_sequence += 1
