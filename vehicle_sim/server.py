@@ -1,0 +1,142 @@
+"""The loop around a fleet: sockets in, simulated time forward at the wished speed, sockets out."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
+
+TURN_S = 0.008
+"""How often the sockets are looked at: two simulation steps."""
+MAX_TURN_S = 0.1
+"""Simulated time a turn may catch up at once; a machine too slow falls behind instead of freezing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Ports of instance 0; instance N uses the ones N higher, but for the GCS's own port. 0: none."""
+
+    gcs_local: int = 18570
+    gcs_remote: int = 14550
+    api_local: int = 14580
+    api_remote: int = 14540
+    tcp: int = 5760
+
+
+@dataclass(slots=True)
+class VehiclePorts:
+    """What one vehicle got."""
+
+    transports: dict[str, UdpTransport | TcpServer] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+class SimServer:
+    """Vehicles with their sockets. `fleet` must have been made without links."""
+
+    def __init__(
+        self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
+    ) -> None:
+        self.fleet = fleet
+        self.vehicles = [
+            self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
+        ]
+        self._stopping = False
+        self.behind_s = 0.0
+        """Real time that could not be kept up with, all together."""
+
+    def _open(self, row: int, n: int, ports: Ports, bind: str, gcs_host: str) -> VehiclePorts:
+        vehicle = VehiclePorts()
+
+        def attempt(name: str, make: Callable[[], UdpTransport | TcpServer]) -> None:
+            try:
+                vehicle.transports[name] = make()
+            except PortTaken as problem:
+                vehicle.problems.append(str(problem))
+                return
+            if name != "tcp":
+                self.fleet.add_link(row, name, name)
+
+        if ports.gcs_remote:
+            local = ports.gcs_local + n if ports.gcs_local else 0
+            attempt("gcs", lambda: UdpTransport(bind, local, (gcs_host, ports.gcs_remote)))
+        if ports.api_remote:
+            local_api = ports.api_local + n if ports.api_local else 0
+            attempt("api", lambda: UdpTransport(bind, local_api, (gcs_host, ports.api_remote + n)))
+        if ports.tcp:
+            attempt(
+                "tcp",
+                lambda: TcpServer(
+                    bind,
+                    ports.tcp + n,
+                    lambda: self.fleet.add_link(row, "tcp", "gcs") and None,
+                    lambda: self.fleet.remove_link(row, "tcp"),
+                ),
+            )
+        return vehicle
+
+    def stop(self) -> None:
+        """Let `run` return."""
+        self._stopping = True
+
+    def run(self, speed: float) -> None:
+        """Simulate until stopped; `speed` 1 is real time."""
+        started = time.monotonic()
+        begun_s = self.fleet.time_s
+        while not self._stopping:
+            wanted_s = begun_s + (time.monotonic() - started) * speed
+            owed_s = wanted_s - self.fleet.time_s
+            if owed_s > MAX_TURN_S * max(1.0, speed):
+                lost_s = owed_s - MAX_TURN_S * max(1.0, speed)
+                self.behind_s += lost_s / speed
+                begun_s -= lost_s
+                owed_s -= lost_s
+            self._receive()
+            steps = int(owed_s / self.fleet.simulation.dt_s)
+            if steps > 0:
+                self.fleet.step(steps * self.fleet.simulation.dt_s)
+            self._send()
+            used_s = time.monotonic() - started
+            wait_s = (self.fleet.time_s + TURN_S * min(1.0, speed) - begun_s) / speed - used_s
+            self._wait(max(0.0, min(TURN_S, wait_s)))
+
+    def close(self) -> None:
+        """Give all ports back."""
+        for vehicle in self.vehicles:
+            for transport in vehicle.transports.values():
+                transport.close()
+
+    def _wait(self, seconds: float) -> None:
+        # Woken early only by what could be answered at once: bytes on UDP.
+        sockets: list[socket.socket] = [
+            transport.socket
+            for vehicle in self.vehicles
+            for transport in vehicle.transports.values()
+            if isinstance(transport, UdpTransport)
+        ]
+        if seconds <= 0.0:
+            return
+        if len(sockets) > 64:
+            time.sleep(seconds)
+            return
+        select.select(sockets, [], [], seconds)
+
+    def _receive(self) -> None:
+        for row, vehicle in enumerate(self.vehicles):
+            for name, transport in vehicle.transports.items():
+                data = transport.receive()
+                if data and not (isinstance(transport, TcpServer) and not transport.connected):
+                    self.fleet.feed(row, name, data)
+
+    def _send(self) -> None:
+        for row, vehicle in enumerate(self.vehicles):
+            for name, transport in vehicle.transports.items():
+                if isinstance(transport, UdpTransport) or transport.connected:
+                    frames = self.fleet.frames(row, name)
+                    if frames:
+                        transport.send(frames)
