@@ -105,6 +105,11 @@ class ViserHost:
             await asyncio.to_thread(server.stop)
         self._remove_folder()
 
+    @property
+    def is_running(self) -> bool:
+        """Whether viser is up."""
+        return self._server is not None
+
     def clients(self) -> dict[int, viser.ClientHandle]:
         """The browsers that look on now, by viser's own number."""
         return self._server.get_clients() if self._server is not None else {}

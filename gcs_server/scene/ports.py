@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from gcs_server.vehicle.samples import Sample, Vector3
 
@@ -37,8 +36,7 @@ class SceneFleet(Protocol):
     def get(self, vehicle_id: str) -> SceneVehicle: ...
 
 
-@dataclass(frozen=True, slots=True)
-class OffboardTarget:
+class OffboardTarget(NamedTuple):
     """What our own stream asks of a vehicle now; the vehicle's local NED frame."""
 
     position_ned_m: Vector3 | None = None
@@ -46,8 +44,8 @@ class OffboardTarget:
     yaw_ned_rad: float | None = None
 
 
-OffboardTargets = Callable[[str], OffboardTarget | None]
-"""From a vehicle's id to what we stream to it; None while we stream nothing."""
+OffboardTargets = Callable[[str], tuple[Vector3 | None, Vector3 | None, float | None] | None]
+"""From a vehicle's id to what we stream to it (the fields of OffboardTarget); None while we stream nothing."""
 
 
 def value_of(vehicle: SceneVehicle, topic: str, kind: type[T]) -> T | None:

@@ -112,6 +112,8 @@ def scene_router(host: ViserHost, set_view: Callable[[str, ViewRequest], View]) 
 
     @router.get("/")
     async def program(request: Request) -> Response:
+        if not host.is_running:
+            return Response("The 3D view is not running; flying is not affected.", status_code=503)
         document = page()
         headers = {
             "Content-Security-Policy": content_policy(

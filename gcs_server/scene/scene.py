@@ -15,8 +15,8 @@ from gcs_server.clock import Clock
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.placement import Placement
-from gcs_server.scene.ports import OffboardTargets, SceneFleet
-from gcs_server.scene.pose import VehiclePose, pose_of
+from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet
+from gcs_server.scene.pose import pose_of
 from gcs_server.scene.proxy import TOKEN, ViewRequest, scene_router
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.stage import Stage
@@ -134,9 +134,9 @@ class Scene:
             if place.known:
                 track.trail.add(place.position_enu_m)
             if drawn:
-                target = self._offboard(vehicle.id) if self._offboard is not None else None
-                pose: VehiclePose = pose_of(vehicle, place, target, now_s)
-                track.smoother.step(pose, dt_s)
+                asked = self._offboard(vehicle.id) if self._offboard is not None else None
+                target = OffboardTarget(*asked) if asked is not None else None
+                track.smoother.step(pose_of(vehicle, place, target, now_s), dt_s)
 
     def _set_view(self, token: str, wanted: ViewRequest) -> View:
         if wanted.vehicle is not None:
@@ -166,6 +166,9 @@ class Scene:
 
 def _view_from_query(query: dict[str, str]) -> View:
     """What cannot be understood falls back to the default: a picture is better than an error here."""
-    mode: Mode = next((m for m in CAMERAS if m == query.get("mode")), "chase")
+    mode: Mode = "chase"
+    for known in CAMERAS:
+        if known == query.get("mode"):
+            mode = known
     theme: Theme = "light" if query.get("theme") == "light" else "dark"
     return View(mode=mode, vehicle=query.get("vehicle") or None, theme=theme)

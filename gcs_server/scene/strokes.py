@@ -11,7 +11,7 @@ from gcs_server.scene.model import Points, ring_segments
 
 # Each glyph is polylines in a box of width 0.6 and height 1.
 _GLYPHS: dict[str, str] = {
-    "0": "0,0 .6,0 .6,1 0,1 0,0",
+    "0": ".15,0 .45,0 .6,.2 .6,.8 .45,1 .15,1 0,.8 0,.2 .15,0",
     "1": ".1,.75 .35,1 .35,0",
     "2": "0,.8 .1,1 .5,1 .6,.8 .6,.6 0,0 .6,0",
     "3": "0,1 .6,1 .3,.58 .6,.4 .6,.15 .45,0 .1,0 0,.15",

@@ -1,6 +1,31 @@
-"""The fakes, for the tests beside them (each test module is imported on its own)."""
+"""What the tests of the 3D view share: each is imported on its own, so its helpers go on the path."""
 
+import asyncio
 import sys
+import threading
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from scene_running import Running, serving
+
+
+@pytest.fixture(scope="module")
+def running():
+    """One server for the module, in a thread with a loop of its own."""
+    it, ready, done = Running(), threading.Event(), threading.Event()
+
+    async def live() -> None:
+        async with serving(it):
+            ready.set()
+            await asyncio.to_thread(done.wait)
+
+    thread = threading.Thread(target=lambda: asyncio.run(live()))
+    thread.start()
+    assert ready.wait(15)
+    yield it
+    done.set()
+    thread.join(15)
+    assert not thread.is_alive()

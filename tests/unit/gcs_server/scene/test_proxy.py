@@ -4,31 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import stat
-import threading
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.request import Request, urlopen
 
 import httpx
 import msgspec
 import pytest
-import uvicorn
 import viser
 import websockets
 from fastapi import FastAPI, HTTPException
-from fastapi.responses import JSONResponse
-from scene_fakes import FakeFleet, flying
+from scene_fakes import FakeFleet
+from scene_running import Running, eventually
 from starlette.datastructures import Headers
 from viser import _messages
 from websockets.asyncio.client import connect, unix_connect
 
 from gcs_server.clock import SystemClock
-from gcs_server.errors import Refused, UnknownVehicle
 from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import camera_message, is_same_origin
 from gcs_server.scene.scene import MAX_VIEWS, Scene
-from gcs_server.supervise import Supervisor
 
 PROTOCOL = f"viser-v{viser.__version__}"
 CAMERA = {
@@ -43,80 +39,6 @@ CAMERA = {
     "look_at": (0.0, 0.0, 0.0),
     "up_direction": (0.0, 0.0, 1.0),
 }
-
-
-class Running:
-    """A scene behind a server of its own, on a free port."""
-
-    def __init__(self) -> None:
-        self.fleet = FakeFleet([flying("1"), flying("2")])
-        self.scene = Scene(self.fleet, SystemClock())
-        self.port = 0
-        self.shares: list[str] = []
-
-    @property
-    def host(self) -> ViserHost:
-        return self.scene._host
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}/scene/"
-
-    @property
-    def stream(self) -> str:
-        return f"ws://127.0.0.1:{self.port}/scene/"
-
-
-@asynccontextmanager
-async def serving(running: Running):
-    clock = SystemClock()
-    supervisor = Supervisor(clock)
-    app = FastAPI()
-    app.include_router(running.scene.router())
-    app.exception_handler(UnknownVehicle)(lambda _r, e: JSONResponse({"detail": str(e)}, 404))
-    app.exception_handler(Refused)(lambda _r, e: JSONResponse({"detail": str(e)}, 409))
-    server = uvicorn.Server(
-        uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=1)
-    )
-    server.install_signal_handlers = lambda: None
-    task = supervisor.spawn("http", server.serve())
-    await running.scene.start()
-    supervisor.start("scene", running.scene.run)
-    while not server.started:  # noqa: ASYNC110 uvicorn has no event for it
-        await asyncio.sleep(0.01)
-    running.port = server.servers[0].sockets[0].getsockname()[1]
-    try:
-        yield running
-    finally:
-        server.should_exit = True
-        await task
-        await supervisor.close()
-        await running.scene.stop()
-
-
-@pytest.fixture(scope="module")
-def running():
-    """One server for the module, in a thread with a loop of its own."""
-    it, ready, done = Running(), threading.Event(), threading.Event()
-
-    async def live() -> None:
-        async with serving(it):
-            ready.set()
-            await asyncio.to_thread(done.wait)
-
-    thread = threading.Thread(target=lambda: asyncio.run(live()))
-    thread.start()
-    assert ready.wait(15)
-    yield it
-    done.set()
-    thread.join(15)
-    assert not thread.is_alive()
-
-
-async def eventually(condition, seconds: float = 5.0):
-    async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 what is waited for has no event
-            await asyncio.sleep(0.02)
 
 
 def open_stream(running: Running, query: str = "", **options):
@@ -428,16 +350,17 @@ def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
         asyncio.run(ViserHost().start())
 
 
-def test_before_the_start_the_stream_is_refused_and_the_program_served():
+def test_before_the_start_it_says_so():
     async def look():
-        fleet, scene = FakeFleet(), None
-        scene = Scene(fleet, SystemClock())
+        scene = Scene(FakeFleet(), SystemClock())
         app = FastAPI()
         app.include_router(scene.router())
         async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://gcs") as client:
-            return (await client.get("/scene/")).status_code
+            return await client.get("/scene/")
 
-    assert asyncio.run(look()) == 200
+    answer = asyncio.run(look())
+    assert answer.status_code == 503
+    assert "flying is not affected" in answer.text
     with pytest.raises(SceneError):
         _ = ViserHost().socket_path
 

@@ -1,0 +1,59 @@
+"""What only a browser can tell: that viser's program runs inside our port and reaches nothing else."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+]
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
+    asked: list[str] = []
+    errors: list[str] = []
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = browser.new_page(viewport={"width": 372, "height": 250})
+        page.on("request", lambda r: asked.append(r.url))
+        page.on("websocket", lambda w: asked.append(w.url))
+        page.on("pageerror", lambda e: errors.append(str(e)))
+        page.route(
+            running.url.replace("/scene/", "/host"),
+            lambda route: route.fulfill(
+                content_type="text/html",
+                body='<iframe src="/scene/?view=frame&theme=dark" style="width:350px;height:230px"></iframe>',
+            ),
+        )
+        page.goto(running.url.replace("/scene/", "/host"))
+        frame = page.frame_locator("iframe")
+        tag = frame.locator(".gcs-tags span", has_text="1 · 10.0 m")
+        tag.wait_for(state="visible", timeout=15_000)
+        assert "simulated" in tag.inner_text()
+        # The tag stands over the middle of the frame, where the chased vehicle is.
+        box = tag.bounding_box()
+        assert abs(box["x"] + box["width"] / 2 - (8 + 175)) < 60
+        assert frame.locator(".mantine-Paper-root:visible").count() == 0
+        page.evaluate(
+            "body => fetch('/scene/view/frame', {method: 'POST', body, headers: {'Content-Type': 'application/json'}})",
+            json.dumps({"theme": "light"}),
+        )
+        frame.locator('html[data-gcs-theme="light"]').wait_for(state="attached", timeout=8_000)
+        browser.close()
+    ours = f"127.0.0.1:{running.port}/"
+    strangers = [
+        u for u in asked if not u.startswith(("data:", "blob:")) and u.split("://", 1)[1].find(ours) != 0
+    ]
+    assert strangers == []
+    assert any(u.startswith("ws://") for u in asked)
+    assert errors == []
