@@ -7,8 +7,8 @@ import sys
 
 from fastapi import APIRouter, FastAPI
 
-from gcs_server.version import __version__
 from gcs_server.api import gimbal_routes, offboard_routes, problems, station_routes, vehicle_routes
+from gcs_server.version import __version__
 
 API = "/api/v1"
 

@@ -6,12 +6,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 
-from gcs_server.version import __version__
 from gcs_server.api import models, responses
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import ClientDep, Station, StationDep, journaled
 from gcs_server.telemetry.wire import SCHEMA_VERSION
+from gcs_server.version import __version__
 
 router = APIRouter(tags=["station"])
 

@@ -1,32 +1,40 @@
-"""The Python client: httpx and websockets, nothing else of ours.
+"""The Python client, asynchronous and plain; needs nothing else of the server's code.
 
-    async with Gcs() as gcs:
-        drone = await gcs.wait_for_vehicle(ready=True)
-        async with drone.offboard(position_ned_m=(0, 0, -5)) as offboard:
-            await drone.arm()
-            await offboard.position_ned(0, 0, -5)
-
-`SyncGcs` is the same without `await`.
+with SyncGcs() as gcs:
+    drone = gcs.wait_for_vehicle(ready=True)
+    with drone.offboard(position_ned_m=(0, 0, -5)) as stream:
+        drone.arm()
+        stream.fly_to(0, 0, -5)
+        drone.land()
+    drone.wait_until_disarmed()
 """
 
-from gcs_server.client.aio import Gcs, Gimbal, Offboard, Vehicle
-from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
-from gcs_server.client.errors import ApiError, Invalid, NoReply, Refused, Timeout, Unknown, Unreachable
+from gcs_server.client.errors import (
+    GaveUp,
+    GcsClientError,
+    Invalid,
+    NoReply,
+    NotFound,
+    Refused,
+    RequestFailed,
+    Unreachable,
+)
+from gcs_server.client.gcs import Gcs, Offboard, Vehicle
+from gcs_server.client.sync import SyncGcs, SyncOffboard, SyncVehicle
 
 __all__ = [
-    "ApiError",
+    "GaveUp",
     "Gcs",
-    "Gimbal",
+    "GcsClientError",
     "Invalid",
     "NoReply",
+    "NotFound",
     "Offboard",
     "Refused",
+    "RequestFailed",
     "SyncGcs",
-    "SyncGimbal",
     "SyncOffboard",
     "SyncVehicle",
-    "Timeout",
-    "Unknown",
     "Unreachable",
     "Vehicle",
 ]

@@ -1,0 +1,180 @@
+"""The whole server as one application: what is built when it starts, and taken down in which order."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.responses import PlainTextResponse, Response
+from fastapi.staticfiles import StaticFiles
+from starlette.requests import Request
+from starlette.types import Scope
+
+from gcs_server.api.guard import OriginGuard
+from gcs_server.api.schema import bare_app
+from gcs_server.api.station import Station, client_name
+from gcs_server.clock import Clock, SystemClock
+from gcs_server.control.journal import Journal
+from gcs_server.errors import GcsError
+from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.scene import OffboardTarget, Scene
+from gcs_server.settings import Settings
+from gcs_server.simulator_process import SimulatorProcess
+from gcs_server.storage.folder import DataFolder
+from gcs_server.streamer.offboard import Streamer
+from gcs_server.supervise import Supervisor
+from gcs_server.telemetry.hub import Hub
+from gcs_server.vehicle.fleet import Fleet, Notice
+
+log = logging.getLogger(__name__)
+
+COMPONENT_ID = 190
+STATIC = Path(__file__).resolve().parent / "static"
+NO_PAGE = """The page has not been built yet.
+
+Build it with `make web` (or start the server with `make run`, which does), then reload.
+The API works without it: /api/v1/docs describes it.
+"""
+
+
+class Server:
+    """Builds everything once the event loop runs, and takes it down in the opposite order."""
+
+    def __init__(self, settings: Settings, clock: Clock, *, more_links: tuple[str, ...] = ()) -> None:
+        self._settings = settings
+        folder = DataFolder(settings.data)
+        self._simulator = SimulatorProcess(clock, settings.sim, folder) if settings.sim else None
+        self.supervisor = Supervisor(clock)
+        self.router = Router(
+            clock,
+            self.supervisor,
+            RouterSettings(
+                system_id=settings.system_id,
+                component_id=COMPONENT_ID,
+                recording_dir=folder.recordings if settings.record else None,
+            ),
+        )
+        self.fleet = Fleet(clock, self.supervisor, self.router)
+        self.streamer = Streamer(clock, server_silent_limit_s=settings.server_silent_limit_s)
+        self.fleet.on_vehicle_added(self.streamer.attach)
+        self.scene = Scene(self.fleet, clock, self._offboard_target) if settings.scene else None
+        self.station = Station(
+            clock=clock,
+            router=self.router,
+            fleet=self.fleet,
+            hub=Hub(clock, self.fleet),
+            journal=Journal(clock, folder.journal),
+            started_s=clock.monotonic_s(),
+            own_ids=(settings.system_id, COMPONENT_ID),
+            has_scene=self.scene is not None,
+            simulator=self._simulator is not None,
+        )
+        self._links = (*settings.links, *more_links)
+        self._link_errors: list[Notice] = []
+        self.station.more_warnings.append(lambda: list(self._link_errors))
+        if self._simulator is not None:
+            self.station.more_warnings.append(self._simulator.warnings)
+        if not settings.loopback_only:
+            text = f"The server listens on {settings.host}: everybody who can reach it can command vehicles."
+            self.station.more_warnings.append(lambda: [Notice("exposed", text)])
+
+    async def start(self) -> None:
+        """Everything that runs; a link that cannot be opened is a warning."""
+        self.station.journal.start(self.supervisor)
+        self.router.start()
+        self.fleet.start()
+        for url in self._links:
+            try:
+                self.router.add_link(url)
+            except GcsError as error:
+                log.warning("link %s: %s", url, error)
+                self._link_errors.append(Notice("link", f"{url}: {error.message}", link=url))
+        self.streamer.start(self.supervisor)
+        if self.scene is not None:
+            self.supervisor.start("scene", self.scene.run)
+        if self._simulator is not None:
+            self._simulator.start()
+            self.supervisor.start("simulator", self._simulator.watch)
+        for notice in self.station.warnings():
+            log.warning(notice.text)
+
+    async def stop(self) -> None:
+        """Vehicles into Hold first, the simulator last."""
+        await self.streamer.stop_all()
+        self.streamer.close()
+        self.station.hub.close()
+        if self.scene is not None:
+            await self.scene.stop()
+        await self.fleet.close()
+        await self.supervisor.close()
+        await self.router.close()
+        self.station.journal.flush()
+        if self._simulator is not None:
+            await self._simulator.stop()
+
+    def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
+        target = self.streamer.target(vehicle_id)
+        return None if target is None else OffboardTarget(*target)
+
+
+class Page(StaticFiles):
+    """The built page: the browser keeps files with a hash in their name and asks for index.html anew."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        response = await super().get_response(path, scope)
+        hashed = path.startswith("assets/")
+        response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if hashed else "no-cache"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        return response
+
+
+def create_app(
+    settings: Settings, clock: Clock | None = None, *, more_links: tuple[str, ...] = (), static: Path = STATIC
+) -> FastAPI:
+    """The application.
+
+    Args:
+        settings: what the operator chose.
+        clock: the machine's own unless given.
+        more_links: opened beside the settings' own (a replay).
+        static: where the built page lies.
+    """
+    app = bare_app()
+    server = Server(settings, clock or SystemClock(), more_links=more_links)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
+        await server.start()
+        try:
+            yield
+        finally:
+            await server.stop()
+
+    app.router.lifespan_context = lifespan
+    app.state.station = server.station
+    app.state.server = server
+
+    def note_invalid(request: Request, detail: str) -> None:
+        if request.method in ("POST", "PUT"):
+            vehicle = request.path_params.get("v")
+            command = request.url.path.partition(f"/vehicles/{vehicle}/")[2] or request.url.path
+            server.station.journal.add(
+                client_name(request), command, vehicle, {}, "invalid_request", detail, 0.0
+            )
+
+    app.state.note_invalid = note_invalid
+    app.add_middleware(OriginGuard, loopback_only=settings.loopback_only)
+    if server.scene is not None:
+        app.include_router(server.scene.router())
+    if (static / "index.html").is_file():
+        app.mount("/", Page(directory=static, html=True), name="page")
+    else:
+
+        @app.get("/", include_in_schema=False)
+        async def no_page() -> PlainTextResponse:
+            return PlainTextResponse(NO_PAGE, status_code=503)
+
+    return app

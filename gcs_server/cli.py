@@ -1,0 +1,191 @@
+"""The command `gcs`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import logging
+import os
+import socket
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+import uvicorn
+
+from gcs_server.app import create_app
+from gcs_server.errors import GcsError
+from gcs_server.settings import Settings, load
+from gcs_server.storage.folder import DataFolder
+from gcs_server.version import __version__
+
+COMMANDS = ("serve", "sim", "replay")
+EXIT_CANNOT_START = 2
+
+_EPILOG = """\
+examples:
+  gcs                                      server, page and one simulated vehicle on http://localhost:8080
+  gcs serve --sim 3                        the same with three vehicles
+  gcs serve --no-sim --link udpin://0.0.0.0:14550        listen for real vehicles on all addresses
+  gcs serve --no-sim --link serial:/dev/ttyUSB0:57600    a telemetry radio
+  gcs replay flight.tlog --speed 2         look at a recording
+  gcs sim --help                           the simulated PX4 by itself
+
+Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_DATA,
+GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with `schema_version = 1`.
+Flags go before environment, environment before file.
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """All commands and their flags."""
+    parser = argparse.ArgumentParser(
+        prog="gcs",
+        description="A web ground-control station for PX4, with an offboard planner and its own simulator.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"gcs {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,replay}")
+    serve = commands.add_parser(
+        "serve",
+        help="run the server (the default)",
+        description="Runs the server, and a simulated vehicle unless told otherwise.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _serving_flags(serve)
+    serve.add_argument(
+        "--link",
+        "--links",
+        dest="links",
+        action="append",
+        metavar="URL",
+        help="MAVLink link to open instead of udpin://127.0.0.1:14550; may be given several times",
+    )
+    simulated = serve.add_mutually_exclusive_group()
+    simulated.add_argument("--sim", type=int, metavar="N", help="simulated vehicles to start (default 1)")
+    simulated.add_argument("--no-sim", dest="sim", action="store_const", const=0, help="start none")
+    replay = commands.add_parser(
+        "replay", help="serve a recording", description="Serves a recorded tlog; nothing can be commanded."
+    )
+    replay.add_argument("file", type=Path, help="the .tlog")
+    replay.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
+    _serving_flags(replay)
+    commands.add_parser(
+        "sim", help="run the simulated PX4 by itself", description="Passes everything on to vehicle_sim."
+    )
+    return parser
+
+
+def _serving_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--host", help="address to listen on (default 127.0.0.1: this machine only)")
+    parser.add_argument("--port", type=int, help="port of the page and the API (default 8080)")
+    parser.add_argument("--data", type=Path, metavar="FOLDER", help="data folder: journal, recordings")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="TOML file with settings")
+    parser.add_argument("--system-id", type=int, metavar="ID", help="our MAVLink system id (default 255)")
+    parser.add_argument("--no-record", dest="record", action="store_false", default=None)
+    parser.add_argument("--no-scene", dest="scene", action="store_false", default=None)
+    parser.add_argument("--verbose", action="store_true", help="log more")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command; returns the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["sim"]:
+        command = [sys.executable, "-m", "vehicle_sim", *arguments[1:]]
+        os.execv(sys.executable, command)
+    if not arguments or (arguments[0].startswith("-") and arguments[0] not in ("-h", "--help", "--version")):
+        arguments.insert(0, "serve")
+    options = vars(build_parser().parse_args(arguments))
+    command = options.pop("command")
+    config = options.pop("config")
+    verbose = options.pop("verbose")
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.INFO, format="%(levelname)s %(name)s: %(message)s"
+    )
+    for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+    more_links: tuple[str, ...] = ()
+    try:
+        if command == "replay":
+            more_links = (_replay_link(options.pop("file"), options.pop("speed")),)
+            options |= {"sim": 0, "links": [], "record": False}
+        settings = load({k: v for k, v in options.items() if v is not None}, config=config)
+        return serve(settings, more_links)
+    except GcsError as error:
+        print(f"gcs: {error.message}" + (f" {error.remedy}" if error.remedy else ""), file=sys.stderr)
+        return EXIT_CANNOT_START
+
+
+def _replay_link(file: Path, speed: float) -> str:
+    if not file.is_file():
+        raise GcsError(f"There is no recording {file}.", remedy="Give the path of a .tlog file.")
+    return f"tlog:{quote(str(file.resolve()))}?speed={speed:g}"
+
+
+def listen(settings: Settings) -> socket.socket:
+    """The server's own socket.
+
+    Raises:
+        GcsError: the port is taken, or the address is not ours.
+    """
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((settings.host, settings.port))
+        listener.listen(128)
+    except OSError as error:
+        listener.close()
+        raise GcsError(
+            f"Port {settings.port} on {settings.host} cannot be used: {error.strerror or error}.",
+            remedy=(
+                "Is another ground station running? End it, or choose another port with --port (GCS_PORT)."
+            ),
+        ) from error
+    listener.setblocking(False)
+    return listener
+
+
+class _Announcing(uvicorn.Server):
+    """Says the address once everything is up."""
+
+    address = ""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            print(f"Ready: {self.address}", flush=True)
+
+
+def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
+    """Runs the server until it is told to end."""
+    DataFolder(settings.data).prepare()
+    listener = listen(settings)
+    port = listener.getsockname()[1]
+    if not settings.loopback_only:
+        bar = "!" * 78
+        print(
+            f"{bar}\nListening on {settings.host}, not only on this machine: everybody who can reach\n"
+            f"port {port} can command the vehicles. There is no password yet.\n{bar}",
+            file=sys.stderr,
+            flush=True,
+        )
+    config = uvicorn.Config(
+        create_app(settings, more_links=more_links),
+        log_level="warning",
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,
+        ws_max_size=1 << 20,
+        access_log=False,
+        timeout_graceful_shutdown=3,
+        lifespan="on",
+    )
+    server = _Announcing(config)
+    name = "localhost" if settings.loopback_only or settings.host in ("0.0.0.0", "::") else settings.host
+    server.address = f"http://{name}:{port}"
+    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again once it has shut down
+        server.run(sockets=[listener])
+    return 0 if server.started else 1

@@ -1,0 +1,124 @@
+"""What the operator may choose, and where from: command line, then environment, then file, then default."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gcs_server.errors import InvalidRequest
+from gcs_server.storage.folder import default_folder
+
+SETTINGS_SCHEMA_VERSION = 1
+ENVIRONMENT_PREFIX = "GCS_"
+LISTS = frozenset({"links"})
+
+
+class Settings(BaseModel):
+    """All settings of a server."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    host: str = Field(default="127.0.0.1", description="Address to listen on.")
+    port: int = Field(default=8080, ge=0, le=65535, description="Port of the page and the API; 0 takes any.")
+    links: tuple[str, ...] = Field(
+        default=("udpin://127.0.0.1:14550",), description="MAVLink links to open, as URLs."
+    )
+    sim: int = Field(default=1, ge=0, le=50, description="Simulated vehicles to start; 0 starts none.")
+    data: Path = Field(default_factory=default_folder, description="Data folder: journal, recordings.")
+    system_id: int = Field(default=255, ge=1, le=255, description="Our MAVLink system id.")
+    record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")
+    scene: bool = Field(default=True, description="Serve the 3D view.")
+    server_silent_limit_s: float = Field(
+        default=1.5,
+        ge=0.5,
+        le=30,
+        description="Silence of the event loop [s] after which setpoint streams stop.",
+    )
+
+    @property
+    def loopback_only(self) -> bool:
+        """Whether nobody outside this machine can reach the server."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+
+def read_file(path: Path) -> dict[str, Any]:
+    """Settings of a TOML file.
+
+    Raises:
+        InvalidRequest: not readable, of another schema version, or with a key we do not know.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidRequest("config", f"{path} cannot be read: {error.strerror or error}.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidRequest("config", f"{path} is not TOML: {error}.") from error
+    version = values.pop("schema_version", None)
+    if version != SETTINGS_SCHEMA_VERSION:
+        raise InvalidRequest(
+            "schema_version",
+            f"{path}: schema_version is {version!r}, and this server reads {SETTINGS_SCHEMA_VERSION}.",
+            remedy=f"Begin the file with: schema_version = {SETTINGS_SCHEMA_VERSION}",
+        )
+    unknown = sorted(set(values) - set(Settings.model_fields))
+    if unknown:
+        raise InvalidRequest(
+            unknown[0],
+            f"{path}: unknown setting {', '.join(unknown)}.",
+            remedy=f"Known settings: {', '.join(sorted(Settings.model_fields))}.",
+        )
+    return values
+
+
+def read_environment(environment: Mapping[str, str]) -> dict[str, Any]:
+    """`GCS_HOST`, `GCS_PORT`, …; lists separated by commas or blanks."""
+    values: dict[str, Any] = {}
+    for name in Settings.model_fields:
+        text = environment.get(ENVIRONMENT_PREFIX + name.upper())
+        if text is None or text == "":
+            continue
+        values[name] = tuple(text.replace(",", " ").split()) if name in LISTS else text
+    return values
+
+
+def load(
+    flags: Mapping[str, Any], environment: Mapping[str, str] | None = None, config: Path | None = None
+) -> Settings:
+    """Puts the sources together.
+
+    Args:
+        flags: what was given on the command line.
+        environment: the process's own unless given.
+        config: the TOML file; else `GCS_CONFIG` names one.
+
+    Raises:
+        InvalidRequest: names the setting at fault and where it comes from.
+    """
+    env = dict(os.environ) if environment is None else environment
+    if config is None and env.get("GCS_CONFIG"):
+        config = Path(env["GCS_CONFIG"])
+    from_file = read_file(config) if config is not None else {}
+    from_env = read_environment(env)
+    try:
+        return Settings.model_validate({**from_file, **from_env, **flags})
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = str(first["loc"][0])
+        if name in flags:
+            source = f"--{name.replace('_', '-')}"
+        elif name in from_env:
+            source = ENVIRONMENT_PREFIX + name.upper()
+        else:
+            source = f"{name} in {config}"
+        raise InvalidRequest(name, f"{source}: {first['msg']} (given: {first['input']!r}).") from error

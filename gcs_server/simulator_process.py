@@ -1,0 +1,157 @@
+"""The simulated vehicle as a process of its own: it flies on when the server is killed, as a vehicle would.
+
+A restarted server finds it by the port that PX4's first ground-station link holds (18570), which only one
+process can bind, and by the note in the data folder that says who it is; it then starts no second one. A
+server that ends cleanly ends the simulator that it started or took over; one that is killed leaves it flying.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+from gcs_server.clock import Clock
+from gcs_server.storage.folder import DataFolder
+from gcs_server.vehicle.fleet import Notice
+
+log = logging.getLogger(__name__)
+
+PX4_GCS_LOCAL_PORT = 18570
+"""PX4 SITL instance N sends from 18570 + N."""
+TERM_WAIT_S = 3.0
+WATCH_PERIOD_S = 0.5
+
+
+def port_is_held(port: int) -> bool:
+    """Whether some process has this loopback UDP port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
+def is_simulator(pid: int) -> bool:
+    """Whether the process lives and is one of ours: a pid may have been given to another one since."""
+    try:
+        command = Path(f"/proc/{pid}/cmdline").read_bytes()
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return b"vehicle_sim" in command and state != "Z"
+
+
+class SimulatorProcess:
+    """Starts, finds, watches and ends it.
+
+    Args:
+        count: simulated vehicles.
+        folder: for its log and the note of who it is.
+        command: what to run; the default is the simulator in this installation.
+        probe_port: which port tells that a simulator runs.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        count: int,
+        folder: DataFolder,
+        *,
+        command: list[str] | None = None,
+        probe_port: int = PX4_GCS_LOCAL_PORT,
+    ) -> None:
+        self._clock = clock
+        self._folder = folder
+        self._command = command or [sys.executable, "-m", "vehicle_sim", "--count", str(count)]
+        self._probe_port = probe_port
+        self._child: subprocess.Popen[bytes] | None = None
+        self._pid: int | None = None
+        self._warning: str | None = None
+        self.found = False
+        """True where it ran already."""
+
+    @property
+    def pid(self) -> int | None:
+        """The process, where it is ours."""
+        return self._pid
+
+    def start(self) -> None:
+        """Finds the one that runs, else starts one; what goes wrong becomes a warning, not an error."""
+        if port_is_held(self._probe_port):
+            self.found = True
+            self._pid = self._noted_pid()
+            who = f"process {self._pid}" if self._pid else "not started by this data folder's server"
+            log.info("a simulated vehicle runs already (%s); it is used, no second one is started", who)
+            return
+        try:
+            with self._folder.simulator_log.open("ab") as output:
+                self._child = subprocess.Popen(
+                    self._command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                )
+        except OSError as error:
+            self._warn(f"The simulator could not be started: {error.strerror or error}.")
+            return
+        self._pid = self._child.pid
+        with contextlib.suppress(OSError):
+            note = {"pid": self._pid, "command": self._command, "started_unix_s": self._clock.unix_s()}
+            self._folder.simulator_pid.write_text(json.dumps(note))
+
+    async def watch(self) -> None:
+        """Until the simulator dies, which becomes a warning."""
+        while self._pid is not None:
+            await self._clock.sleep(WATCH_PERIOD_S)
+            code = self._child.poll() if self._child is not None else None
+            if code is not None or not is_simulator(self._pid):
+                ended = f" with exit code {code}" if code is not None else ""
+                self._warn(f"The simulator ended by itself{ended}; see {self._folder.simulator_log}.")
+                self._forget()
+
+    def warnings(self) -> list[Notice]:
+        """What stands now."""
+        return [] if self._warning is None else [Notice("simulator", self._warning)]
+
+    async def stop(self) -> None:
+        """Ends it, kindly first; one that is not ours is left alone."""
+        pid = self._pid
+        if pid is None or not is_simulator(pid):
+            self._forget()
+            return
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGTERM)
+            for _ in range(int(TERM_WAIT_S / 0.05)):
+                await self._clock.sleep(0.05)
+                if (self._child is not None and self._child.poll() is not None) or not is_simulator(pid):
+                    break
+            else:
+                os.kill(pid, signal.SIGKILL)
+                if self._child is not None:
+                    self._child.wait()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._pid = None
+        with contextlib.suppress(OSError):
+            self._folder.simulator_pid.unlink(missing_ok=True)
+
+    def _noted_pid(self) -> int | None:
+        try:
+            pid = json.loads(self._folder.simulator_pid.read_text())["pid"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return pid if isinstance(pid, int) and is_simulator(pid) else None
+
+    def _warn(self, text: str) -> None:
+        self._warning = text
+        log.warning(text)
