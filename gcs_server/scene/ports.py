@@ -45,7 +45,7 @@ class OffboardTarget(NamedTuple):
 
 
 OffboardTargets = Callable[[str], tuple[Vector3 | None, Vector3 | None, float | None] | None]
-"""From a vehicle's id to what we stream to it (the fields of OffboardTarget); None while we stream nothing."""
+"""From a vehicle's id to what we stream to it (an OffboardTarget); None while we stream nothing."""
 
 
 def value_of(vehicle: SceneVehicle, topic: str, kind: type[T]) -> T | None:
