@@ -1,40 +1,32 @@
-"""The Python client, asynchronous and plain; needs nothing else of the server's code.
+"""The Python client: httpx and websockets, nothing else of ours.
 
-with SyncGcs() as gcs:
-    drone = gcs.wait_for_vehicle(ready=True)
-    with drone.offboard(position_ned_m=(0, 0, -5)) as stream:
-        drone.arm()
-        stream.fly_to(0, 0, -5)
-        drone.land()
-    drone.wait_until_disarmed()
+    async with Gcs() as gcs:
+        drone = await gcs.wait_for_vehicle(ready=True)
+        async with drone.offboard(position_ned_m=(0, 0, -5)) as offboard:
+            await drone.arm()
+            await offboard.position_ned(0, 0, -5)
+
+`SyncGcs` is the same without `await`.
 """
 
-from gcs_server.client.errors import (
-    GaveUp,
-    GcsClientError,
-    Invalid,
-    NoReply,
-    NotFound,
-    Refused,
-    RequestFailed,
-    Unreachable,
-)
-from gcs_server.client.gcs import Gcs, Offboard, Vehicle
-from gcs_server.client.sync import SyncGcs, SyncOffboard, SyncVehicle
+from gcs_server.client.aio import Gcs, Gimbal, Offboard, Vehicle
+from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
+from gcs_server.client.errors import ApiError, Invalid, NoReply, Refused, Timeout, Unknown, Unreachable
 
 __all__ = [
-    "GaveUp",
+    "ApiError",
     "Gcs",
-    "GcsClientError",
+    "Gimbal",
     "Invalid",
     "NoReply",
-    "NotFound",
     "Offboard",
     "Refused",
-    "RequestFailed",
     "SyncGcs",
+    "SyncGimbal",
     "SyncOffboard",
     "SyncVehicle",
+    "Timeout",
+    "Unknown",
     "Unreachable",
     "Vehicle",
 ]

@@ -1,63 +1,68 @@
-"""What a call may raise, with the server's own words."""
+"""What the server or the vehicle said no to, as exceptions.
+
+ApiError                    any answer that is not a success
+├── Invalid                 422: a field is missing, not finite or out of range
+├── Unknown                 404: no such vehicle, link or parameter
+├── Refused                 409: our checks or the vehicle said no, with the vehicle's own reasons
+└── NoReply                 504: the vehicle did not answer
+Unreachable                 the server itself did not answer
+Timeout                     what was waited for did not happen
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import httpx
 
 
-class GcsClientError(Exception):
-    """Root of all errors of this client."""
+class ApiError(Exception):
+    """The server's problem+json, readable."""
 
-
-class Unreachable(GcsClientError):
-    """The server did not answer: the command may or may not have reached the vehicle."""
-
-
-class RequestFailed(GcsClientError):
-    """The server answered with a problem; `str()` is what happened, why, and what to do."""
-
-    def __init__(self, status: int, body: dict[str, Any]) -> None:
+    def __init__(self, status: int, problem: dict[str, object]) -> None:
+        reasons = problem.get("reasons")
         self.status = status
-        self.code = str(body.get("code", f"http_{status}"))
-        self.detail = str(body.get("detail", f"The server answered {status}."))
-        self.remedy: str | None = body.get("remedy")
-        self.field: str | None = body.get("field")
-        self.reasons: tuple[str, ...] = tuple(body.get("reasons") or ())
+        self.code = str(problem.get("code", "error"))
+        self.detail = str(problem.get("detail", problem.get("title", f"HTTP {status}")))
+        self.remedy = str(problem["remedy"]) if problem.get("remedy") else None
+        self.reasons = [str(reason) for reason in reasons] if isinstance(reasons, list) else []
         """The vehicle's own words."""
-        parts = [self.detail, *(r for r in self.reasons if r not in self.detail), self.remedy or ""]
-        super().__init__(" ".join(part for part in parts if part))
+        self.field = str(problem["field"]) if problem.get("field") else None
+        super().__init__(" ".join(part for part in (self.detail, self.remedy) if part))
 
 
-class Refused(RequestFailed):
-    """409: this server or the vehicle said no."""
+class Invalid(ApiError):
+    """A value was not acceptable; `field` names it."""
 
 
-class Invalid(RequestFailed):
-    """422: a value is missing, not finite or out of range; `field` names it."""
+class Unknown(ApiError):
+    """There is no such thing."""
 
 
-class NotFound(RequestFailed):
-    """404: no such vehicle or link."""
+class Refused(ApiError):
+    """Not done: the server's checks or the vehicle itself said no."""
 
 
-class NoReply(RequestFailed):
-    """503 and 504: the vehicle did not answer or was lost."""
+class NoReply(ApiError):
+    """The vehicle did not answer in time."""
 
 
-class GaveUp(GcsClientError):
-    """What was waited for did not come in time."""
+class Unreachable(Exception):
+    """The server did not answer; what was asked may or may not have been done."""
 
 
-_BY_STATUS: dict[int, type[RequestFailed]] = {
-    404: NotFound,
-    409: Refused,
-    422: Invalid,
-    503: NoReply,
-    504: NoReply,
-}
+class Timeout(Exception):
+    """What was waited for did not happen in time."""
 
 
-def failed(status: int, body: object) -> RequestFailed:
-    """The exception for an answer."""
-    kind = _BY_STATUS.get(status, RequestFailed)
-    return kind(status, body if isinstance(body, dict) else {})
+_BY_STATUS: dict[int, type[ApiError]] = {404: Unknown, 409: Refused, 422: Invalid, 504: NoReply}
+
+
+def raise_for(response: httpx.Response) -> None:
+    """Raises the `ApiError` that an unsuccessful answer stands for."""
+    if response.is_success:
+        return
+    try:
+        body: object = response.json()
+    except ValueError:
+        body = response.text or response.reason_phrase
+    problem: dict[str, object] = dict(body) if isinstance(body, dict) else {"detail": str(body)}
+    raise _BY_STATUS.get(response.status_code, ApiError)(response.status_code, problem)

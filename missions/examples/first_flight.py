@@ -1,34 +1,41 @@
-"""Offboard in ten lines: arm, climb to 5 m with the nose to the east, land, end disarmed."""
+"""Take off by offboard setpoints, 5 m up facing east, and land.
+
+`python -m missions.examples.first_flight`. The position is sent ten times a second and counts for half a
+second: if this program dies, the server holds the vehicle where it is, then hands it to PX4's Hold mode.
+"""
 
 from __future__ import annotations
 
-import argparse
+import asyncio
 import math
 
-from gcs_server.client import SyncGcs
+from gcs_server.client import Gcs, Offboard, Vehicle
+from missions.examples.arguments import parse
 
 UP_5_M = (0.0, 0.0, -5.0)
-EAST_RAD = math.radians(90)
+EAST_RAD = math.pi / 2
+ARRIVED_M = 0.25
 
 
-def fly(server: str, vehicle: str | None) -> None:
-    """The whole flight; whatever is refused ends it with the vehicle's own reason."""
-    with SyncGcs(server, client="first_flight") as gcs:
-        drone = gcs.wait_for_vehicle(vehicle, ready=True, timeout_s=60)
-        with drone.offboard(position_ned_m=UP_5_M, yaw_ned_rad=EAST_RAD, valid_for_s=5) as stream:
-            print("If this program dies:", "hold, then Hold mode. If the stream stops:")
-            print(" ", stream.started["if_stream_stops"])
-            drone.arm()
-            reached = stream.fly_to(*UP_5_M, yaw_ned_rad=EAST_RAD, within_m=0.3)
-            print(f"At {-reached['position_ned_m'][2]:.1f} m; landing.")
-            drone.land()
-        drone.wait_until_disarmed()
-        print("Landed and disarmed.")
+async def fly(server: str, vehicle: str | None) -> None:
+    """The flight, from ready to disarmed."""
+    async with Gcs(server, client="first_flight") as gcs:
+        drone = await gcs.wait_for_vehicle(vehicle, ready=True)
+        async with drone.offboard(position_ned_m=UP_5_M, yaw_ned_rad=EAST_RAD, valid_for_s=0.5) as offboard:
+            print(offboard.started["if_stream_stops"])
+            await asyncio.gather(drone.arm(), climb(drone, offboard))
+            await drone.land()
+        await drone.until_disarmed()
+    print("Landed and disarmed.")
+
+
+async def climb(drone: Vehicle, offboard: Offboard) -> None:
+    """Keeps the setpoint alive until the vehicle is there."""
+    while (await drone.position_ned_m())[2] > UP_5_M[2] + ARRIVED_M:
+        await offboard.position_ned(*UP_5_M, yaw_ned_rad=EAST_RAD)
+        await asyncio.sleep(0.1)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--server", default="http://localhost:8080", help="the ground station's address")
-    parser.add_argument("--vehicle", default=None, help="the vehicle's id; the first one unless given")
-    arguments = parser.parse_args()
-    fly(arguments.server, arguments.vehicle)
+    arguments = parse("Arm, climb to 5 m facing east, land.")
+    asyncio.run(fly(arguments.server, arguments.vehicle))
