@@ -78,7 +78,7 @@ class Airframe:
         )
 
     def wrench_table(self) -> FloatArray:
-        """(4, 4): rotor thrust parts (0..1) times this give total thrust [N] and roll, pitch, yaw moments [N m]."""
+        """(4, 4): rotor thrust parts (0..1) times this are thrust [N] and roll, pitch, yaw moments [N m]."""
         thrust = self.rotor_thrust_max_n
         return np.stack(
             [

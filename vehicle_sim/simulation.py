@@ -45,6 +45,7 @@ FloatArray = NDArray[np.float64]
 
 STEP_S = 0.004
 """PX4's SIH runs at 250 Hz."""
+BATTERY_EVERY_STEPS = 5
 
 
 class Simulation:
@@ -89,7 +90,7 @@ class Simulation:
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
         self._bodies = RigidBodies(count, STEP_S)
-        self._batteries = Batteries(count, STEP_S)
+        self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
         self._sensors = SensorSuite(count, STEP_S, self.home, seed=seed, noise=sensor_noise)
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
@@ -145,7 +146,8 @@ class Simulation:
         self._estimator.update(self._sensors.state)
         self._cascade.update(self.setpoints, self._estimator.state)
         self._bodies.step(self._cascade.motor_signal)
-        self._batteries.step(self.setpoints.armed)
+        if self._steps % BATTERY_EVERY_STEPS == 0:
+            self._batteries.step(self.setpoints.armed)
         self._steps += 1
 
     def reset_vehicle(self, i: int) -> None:

@@ -24,6 +24,9 @@ BoolArray = NDArray[np.bool_]
 
 OUTER_EVERY_STEPS = 2
 HOVER_EVERY_OUTER = 5
+# Plain numbers: NumPy compares with an enumeration member ten times slower.
+_DISARMED, _RATES, _ATTITUDE, _TRAJECTORY = (int(level) for level in ControlLevel)
+
 MOTOR_DISARMED_US = 900.0
 MOTOR_MIN_US = 1000.0
 MOTOR_SPAN_US = 1000.0
@@ -107,8 +110,8 @@ class Cascade:
 
     def _outer(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         target = self.target
-        level = np.where(setpoints.armed, setpoints.level, ControlLevel.DISARMED)
-        self._powered = level > ControlLevel.DISARMED
+        level = np.where(setpoints.armed, setpoints.level, _DISARMED)
+        self._powered = level > _DISARMED
         if not self._powered.all():
             idle = ~self._powered
             self._rate.reset(idle)
@@ -118,7 +121,7 @@ class Cascade:
         grounded = ~setpoints.armed | setpoints.landed | setpoints.ramp_thrust
         if grounded.any():
             self._hover.reset(grounded)
-        trajectory = level == ControlLevel.TRAJECTORY
+        trajectory = level == _TRAJECTORY
         if trajectory.any():
             fresh = trajectory & (~self._was_trajectory | setpoints.landed)
             if fresh.any():
@@ -128,16 +131,16 @@ class Cascade:
             np.copyto(self._thrust, self._position.thrust, where=trajectory)
         self._was_trajectory = trajectory
         self._take_lower_levels(level, setpoints)
-        if (level >= ControlLevel.ATTITUDE).any():
+        if (level >= _ATTITUDE).any():
             rates = self._attitude.update(estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s)
-            np.copyto(target.rates_frd_rad_s, rates, where=(level >= ControlLevel.ATTITUDE)[:, None])
+            np.copyto(target.rates_frd_rad_s, rates, where=(level >= _ATTITUDE)[:, None])
         np.copyto(target.thrust, self._thrust)
         if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
             self._learn_hover(trajectory & ~grounded, estimate)
 
     def _take_lower_levels(self, level: FloatArray, setpoints: Setpoints) -> None:
         """Attitude, rate and thrust setpoints of the vehicles that are flown by them."""
-        by_attitude, by_rates = level == ControlLevel.ATTITUDE, level == ControlLevel.RATES
+        by_attitude, by_rates = level == _ATTITUDE, level == _RATES
         if not (by_attitude | by_rates).any():
             return
         np.copyto(self.target.q_ned_frd, setpoints.q_ned_frd, where=by_attitude[:, None])

@@ -226,7 +226,7 @@ def _add_finite(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _constrain_xy(first: FloatArray, second: FloatArray, limit: FloatArray) -> FloatArray:
-    """`first` + as much of `second` as keeps the length within `limit` (N, 1); `first` is cut if alone too long."""
+    """`first` and as much of `second` as keeps the length within `limit` (N, 1)."""
     first_norm = np.sqrt((first * first).sum(axis=1, keepdims=True))
     second_norm = np.maximum(np.sqrt((second * second).sum(axis=1, keepdims=True)), _TINY)
     unit = second / second_norm
@@ -238,7 +238,7 @@ def _constrain_xy(first: FloatArray, second: FloatArray, limit: FloatArray) -> F
 
 
 def _attitude(body_z: FloatArray, thrust: FloatArray, yaw_ned_rad: FloatArray) -> FloatArray:
-    """Attitude whose lift points along `thrust` (`body_z` where there is none) with the nose towards the yaw."""
+    """Attitude that lifts along `thrust` (`body_z` where there is none), nose towards the yaw."""
     norm = np.sqrt((thrust * thrust).sum(axis=1, keepdims=True))
     z = np.where(norm > _TINY, -thrust / np.maximum(norm, _TINY), body_z)
     sin_yaw, cos_yaw = np.sin(yaw_ned_rad), np.cos(yaw_ned_rad)

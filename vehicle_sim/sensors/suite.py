@@ -1,9 +1,9 @@
 """IMU, magnetometer, barometer and GPS of N vehicles; all noise of the simulator lives here.
 
 Rates and noise are those measured on PX4's SIH (baselines of the recordings, disarmed and armed): an IMU
-that shakes ten times as much once motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and 0.06 to 0.16 m/s,
-barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white and comes from one
-seeded generator.
+that shakes ten times as much once motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and
+0.06 to 0.16 m/s, barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white
+and comes from one seeded generator.
 """
 
 from __future__ import annotations

@@ -1,0 +1,130 @@
+"""The parameter store: PX4's types, order and hash, and a file that survives a restart."""
+
+import json
+import math
+import struct
+
+import pytest
+
+from vehicle_sim.parameters import Parameters, UnknownParameterError, is_volatile
+
+
+def test_has_px4s_list_in_its_order():
+    parameters = Parameters()
+    assert len(parameters) == 929
+    assert parameters.name_at(0) == "ASPD_SCALE_1"
+    assert parameters.name_at(928) == "WV_YRATE_MAX"
+    assert parameters.name_at(929) is None
+    assert list(parameters.names) == sorted(parameters.names)
+    assert parameters.index_of("WV_YRATE_MAX") == 928
+
+
+def test_boots_as_the_recordings_did():
+    parameters = Parameters()
+    assert parameters.get("MNT_MODE_IN") == 4
+    assert parameters.get("MNT_MODE_OUT") == 0
+    assert parameters.get("MAV_SYS_ID") == 1
+    assert parameters.type_of("MAV_SYS_ID") == "INT32"
+    assert parameters.get("MPC_XY_P") == pytest.approx(0.95, abs=1e-6)
+
+
+def test_live_values_of_the_real_vehicle(shared):
+    live = json.loads((shared / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
+    parameters = Parameters()
+    for name, entry in live.items():
+        assert parameters.index_of(name) == entry["index"]
+        assert parameters.type_of(name) == entry["type"].upper()
+        if name != "MAV_SYS_ID":
+            assert parameters.get(name) == pytest.approx(entry["value"], rel=1e-6), name
+
+
+def test_floats_are_single_precision_and_integers_wrap():
+    parameters = Parameters()
+    assert parameters.set("MPC_XY_P", 0.1) == struct.unpack("<f", struct.pack("<f", 0.1))[0]
+    assert parameters.set("MAV_SYS_ID", 2**31) == -(2**31)
+    assert parameters.set("MAV_SYS_ID", 7.0) == 7
+    assert isinstance(parameters.get("MAV_SYS_ID"), int)
+
+
+@pytest.mark.parametrize("value", [500.0, math.inf, -math.inf])
+def test_nothing_is_range_checked(value):
+    parameters = Parameters()
+    parameters.set("MPC_XY_VEL_MAX", value)
+    assert parameters.get("MPC_XY_VEL_MAX") == value
+
+
+def test_an_integer_cannot_be_nan():
+    with pytest.raises(ValueError, match="MAV_SYS_ID is an integer"):
+        Parameters().set("MAV_SYS_ID", math.nan)
+
+
+def test_unknown_names_are_named():
+    with pytest.raises(UnknownParameterError, match="'NO_SUCH'"):
+        Parameters().get("NO_SUCH")
+    with pytest.raises(UnknownParameterError):
+        Parameters().set("NO_SUCH", 1)
+
+
+def test_listeners_hear_changes_only():
+    parameters = Parameters()
+    heard = []
+    remove = parameters.add_listener(lambda name, value: heard.append((name, value)))
+    parameters.set("MPC_XY_CRUISE", 5.0)
+    parameters.set("MPC_XY_CRUISE", 6.0)
+    parameters.set("MPC_XY_CRUISE", math.nan)
+    parameters.set("MPC_XY_CRUISE", math.nan)
+    remove()
+    parameters.set("MPC_XY_CRUISE", 7.0)
+    assert heard[0] == ("MPC_XY_CRUISE", 6.0)
+    assert len(heard) == 2
+
+
+def test_changed_and_reset():
+    parameters = Parameters({"MPC_XY_CRUISE": 6.0, "MAV_SYS_ID": 3})
+    assert parameters.changed() == ("MAV_SYS_ID", "MPC_XY_CRUISE")
+    parameters.reset("MAV_SYS_ID")
+    assert parameters.get("MAV_SYS_ID") == 1
+    parameters.reset()
+    assert parameters.changed() == ()
+
+
+def test_hash_is_a_raw_crc_over_names_and_values():
+    parameters = Parameters()
+    first = parameters.hash()
+    crc = 0
+    for name, value in parameters.items():
+        if not is_volatile(name):
+            kind = "<i" if parameters.type_of(name) == "INT32" else "<f"
+            for byte in name.encode() + struct.pack(kind, value):
+                crc ^= byte
+                for _ in range(8):
+                    crc = (crc >> 1) ^ (0xEDB88320 if crc & 1 else 0)
+    assert first == crc
+    parameters.set("LND_FLIGHT_T_LO", 12345)
+    assert parameters.hash() == first, "flight time is volatile"
+    parameters.set("MPC_XY_CRUISE", 6.0)
+    assert parameters.hash() != first
+    parameters.reset()
+    assert parameters.hash() == first
+
+
+def test_changes_survive_a_restart(tmp_path):
+    storage = tmp_path / "vehicle" / "parameters.json"
+    parameters = Parameters(storage=storage)
+    parameters.set("MPC_XY_CRUISE", 6.0)
+    parameters.set("MPC_XY_VEL_MAX", math.inf)
+    again = Parameters(storage=storage)
+    assert again.get("MPC_XY_CRUISE") == 6.0
+    assert again.get("MPC_XY_VEL_MAX") == math.inf
+    assert again.changed() == ("MPC_XY_CRUISE", "MPC_XY_VEL_MAX")
+    again.reset()
+    assert Parameters(storage=storage).changed() == ()
+    assert [path.name for path in storage.parent.iterdir()] == ["parameters.json"]
+
+
+@pytest.mark.parametrize("content", ["{broken", "[1, 2]"])
+def test_a_broken_file_is_named(tmp_path, content):
+    storage = tmp_path / "parameters.json"
+    storage.write_text(content)
+    with pytest.raises(ValueError, match=r"parameters\.json"):
+        Parameters(storage=storage)
