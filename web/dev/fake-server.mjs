@@ -44,7 +44,7 @@ class Fake {
       home: { ...HOME, position_ned_m: [0, 0, 0] }, hud: { groundspeed_m_s: Math.hypot(v[0], v[1]), airspeed_m_s: 0, climb_m_s: -v[2], throttle_percent: 49 },
       health: { sensors_present: 1, sensors_enabled: 1, sensors_healthy: 1, ready_to_arm: true, cpu_load: 0.3 }, identity: this.identity(),
       gimbal: { gimbal_device_id: 1, roll_rad: 0, pitch_rad: this.gimbal.p, yaw_frd_rad: this.gimbal.y, yaw_ned_rad: this.gimbal.y + this.yaw, q: [1, 0, 0, 0], yaw_in_earth_frame: false, yaw_lock: this.gimbal.lock, primary_control: this.gimbal.owner, secondary_control: null, flags: 0, pitch_min_rad: -1.92, pitch_max_rad: 0.5, yaw_min_rad: -2.6, yaw_max_rad: 2.6 },
-      offboard: this.stream ? { state: 'streaming', streaming: true, rate_hz: 50, rate_achieved_hz: 49.8 + Math.random() * 0.4, setpoint: this.stream.setpoint, valid_for_s: this.stream.valid, valid_left_s: this.stream.until - t, on_expiry: this.stream.on_expiry, if_stream_stops: 'the vehicle lands where it is after 1.0 s', client: 'page' } : { state: 'idle', streaming: false },
+      offboard: this.stream ? { state: 'streaming', streaming: true, rate_hz: 50, rate_achieved_hz: 49.8 + Math.random() * 0.4, setpoint: this.stream.setpoint, valid_for_s: this.stream.valid, valid_left_s: this.stream.until - t, on_expiry: this.stream.on_expiry, if_stream_stops: '1 s after the last setpoint the vehicle lands where it is (COM_OBL_RC_ACT 0, no transmitter is heard).', client: 'page' } : { state: 'idle', streaming: false },
     };
     return Object.entries(all).map(([topic, value]) => ({ vehicle: this.id, topic, vehicle_time_boot_s: t - this.start, received_unix_s: t, value }));
   }
@@ -81,11 +81,13 @@ function post(v, what, body) {
 
 async function api(request, path) {
   const [, kind, id, ...rest] = path.split('/');
-  if (kind === 'links') return { status: 200, body: { links: [{ name: 'udpin-14550', url: 'udpin://127.0.0.1:14550', open: true, loss_percent: 0, recording: true, recording_file: 'flight-0007.tlog' }] } };
+  if (kind === 'links') return { status: 200, body: { links: [{ name: 'udpin-14550', url: 'udpin://127.0.0.1:14550', state: 'open', detail: '', replay: false, forward: false, peers: ['127.0.0.1:18570'], bytes_received: 1234567, bytes_sent: 4000, bytes_dropped: 0 }] } };
+  if (kind === 'warnings') return { status: 200, body: { warnings: [] } };
   if (kind !== 'vehicles') return { status: 200, body: {} };
   if (!id) return { status: 200, body: { vehicles: [...vehicles.values()].map((v) => ({ id: v.id, identity: v.identity(), topics: Object.fromEntries(v.samples().map((s) => [s.topic, s])) })) } };
   const v = vehicles.get(id);
   if (!v) return refuse(404, { title: 'Unknown vehicle', detail: id });
+  if (request.method === 'GET' && rest[0] === 'gimbal') return { status: 200, body: { in_control: v.gimbal.owner !== null } };
   if (request.method === 'GET') return { status: 200, body: rest[0] === 'messages' ? { messages: messages.filter((m) => m.vehicle === id) } : { samples: [] } };
   let text = '';
   for await (const chunk of request) text += chunk;
@@ -124,7 +126,7 @@ event('1', 'status_text', 'Ready for takeoff');
 if (scenario === 'flying') {
   Object.assign(one, { armed: true, mode: 'offboard', pos: [2, 3, -8], goal: [12, 40.5, -12.5], yaw: 0.7 });
   one.gimbal.owner = [255, 190];
-  one.stream = { setpoint: { type: 'position', position_ned_m: [12, 40.5, -12.5], yaw_ned_rad: 1.29 }, until: now() + 60, valid: 60, on_expiry: { action: 'hold', hold_for_s: 5 } };
+  one.stream = { setpoint: { type: 'position', position_ned_m: [12, 40.5, -12.5], yaw_ned_rad: 1.29 }, until: now() + 3600, valid: 3600, on_expiry: { action: 'hold', hold_for_s: 5 } };
   event('1', 'status_text', 'Takeoff detected');
   event('1', 'status_text', 'High wind: landing is advised', 4);
   event('1', 'event', 'Navigation failure: check the magnetometer', 3);

@@ -3,7 +3,7 @@
 import { ActionController } from '../features/actions/controller.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
 import { OffboardControl } from '../features/offboard/control.svelte';
-import { pollLinks } from '../features/topbar/links.svelte';
+import { links } from '../features/topbar/links.svelte';
 import { page } from './page.svelte';
 
 const nowS = (): number => performance.now() / 1000;
@@ -17,6 +17,6 @@ export const gimbal = new GimbalControl(page.api, actions);
 export function start(): void {
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
   page.onPaint.push(() => actions.paint(page.selectedId));
-  pollLinks(page.api);
+  links.poll(page.api);
   page.start();
 }

@@ -21,6 +21,8 @@ export class GimbalControl {
   /** Yaw stays where it points while the vehicle turns. Null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
+  /** Whether this server is in control, by vehicle and holder as the server was last asked. */
+  private mine = $state.raw<{ key: string; mine: boolean }>({ key: '', mine: false });
   private readonly sender: LatestSender<Order>;
   private turning = false;
 
@@ -31,6 +33,18 @@ export class GimbalControl {
     this.sender = new LatestSender((order) =>
       this.actions.attempt('Gimbal', order.facts, 'gimbal', () => this.api.post(`${base(order.facts)}/${order.path}`, order.body)),
     );
+  }
+
+  /** Whether the holder now reported is this server; false until the server has said so. */
+  inControl(facts: VehicleFacts): boolean {
+    return this.mine.mine && this.mine.key === holderKey(facts);
+  }
+
+  /** Asks the server whose id the holder's is; called when the holder changes. */
+  async askHolder(facts: VehicleFacts): Promise<void> {
+    const key = holderKey(facts);
+    const answer = await this.api.get<{ in_control: boolean }>(base(facts));
+    if (answer.ok) this.mine = { key, mine: answer.value.in_control };
   }
 
   lock(facts: VehicleFacts): boolean {
@@ -77,6 +91,11 @@ export class GimbalControl {
   private rates(facts: VehicleFacts, pitch: number, yaw: number): void {
     this.sender.push({ facts, path: 'rates', body: { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) } });
   }
+}
+
+/** Changes when the vehicle or its gimbal's holder does. */
+export function holderKey(facts: VehicleFacts): string {
+  return `${facts.id}/${facts.gimbal?.value.primary_control?.join('.') ?? 'nobody'}`;
 }
 
 function base(facts: VehicleFacts): string {

@@ -1,17 +1,20 @@
-/** Who steers the gimbal, in words. Station ids follow the MAVLink habit: 255 and near it are ground stations. */
+/** Who steers the gimbal, in words. */
 
 export interface Owner {
   who: 'station' | 'other' | 'vehicle' | 'nobody';
   text: string;
 }
 
-/** The MAVLink ids this server sends as, until it has said otherwise. */
-export const OWN_SYSTEM_ID = 255;
-export const OWN_COMPONENT_ID = 190;
+/** MAV_COMP_ID_AUTOPILOT1. */
+const AUTOPILOT = 1;
 
-export function owner(primary: readonly [number, number] | null, own: readonly [number, number] = [OWN_SYSTEM_ID, OWN_COMPONENT_ID]): Owner {
+/**
+ * @param primary (system id, component id) in control, as the gimbal manager says.
+ * @param inControl whether that is this server, as the server says.
+ */
+export function owner(primary: readonly [number, number] | null, inControl: boolean): Owner {
   if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'nobody steers' };
-  if (primary[0] === own[0] && primary[1] === own[1]) return { who: 'station', text: 'this station' };
-  if (primary[1] === 1) return { who: 'vehicle', text: 'the vehicle itself' };
+  if (inControl) return { who: 'station', text: 'this station' };
+  if (primary[1] === AUTOPILOT) return { who: 'vehicle', text: 'the vehicle itself' };
   return { who: 'other', text: `system ${primary[0]}, component ${primary[1]}` };
 }

@@ -6,6 +6,7 @@ import type { PositionSetpoint } from './setpoint';
 export interface OffboardStatus {
   /** The server sends setpoints to this vehicle. */
   streaming: boolean;
+  /** idle, starting, streaming, holding, to_hold, landing. */
   state: string;
   type: string | null;
   position_ned_m: MaybeVector3 | null;
@@ -19,9 +20,9 @@ export interface OffboardStatus {
   ifStreamStops: string | null;
   onExpiry: string | null;
   client: string | null;
+  /** Why the last stream ended. */
+  ended: string | null;
 }
-
-const IDLE_STATES = new Set(['idle', 'off', 'stopped', 'inactive', 'none', 'ended']);
 
 type Raw = Record<string, unknown>;
 
@@ -29,20 +30,14 @@ function object(value: unknown): Raw | null {
   return typeof value === 'object' && value !== null && !Array.isArray(value) ? (value as Raw) : null;
 }
 
-function number(raw: Raw | null, ...names: string[]): number | null {
-  for (const name of names) {
-    const value = raw?.[name];
-    if (typeof value === 'number' && Number.isFinite(value)) return value;
-  }
-  return null;
+function number(raw: Raw | null, name: string): number | null {
+  const value = raw?.[name];
+  return typeof value === 'number' && Number.isFinite(value) ? value : null;
 }
 
-function text(raw: Raw | null, ...names: string[]): string | null {
-  for (const name of names) {
-    const value = raw?.[name];
-    if (typeof value === 'string' && value !== '') return value;
-  }
-  return null;
+function text(raw: Raw | null, name: string): string | null {
+  const value = raw?.[name];
+  return typeof value === 'string' && value !== '' ? value : null;
 }
 
 function triple(raw: Raw | null, name: string): MaybeVector3 | null {
@@ -66,23 +61,32 @@ export function readOffboard(value: unknown): OffboardStatus | null {
   if (raw === null) return null;
   const setpoint = object(raw['setpoint']);
   const state = text(raw, 'state') ?? 'idle';
-  const streaming = raw['streaming'];
   return {
-    streaming: typeof streaming === 'boolean' ? streaming : !IDLE_STATES.has(state),
+    streaming: raw['streaming'] === true,
     state,
     type: text(setpoint, 'type'),
     position_ned_m: triple(setpoint, 'position_ned_m'),
     velocity_ned_m_s: triple(setpoint, 'velocity_ned_m_s'),
     yaw_ned_rad: number(setpoint, 'yaw_ned_rad'),
     yaw_rate_ned_rad_s: number(setpoint, 'yaw_rate_ned_rad_s'),
-    rate_hz: number(raw, 'rate_achieved_hz', 'achieved_rate_hz'),
+    rate_hz: number(raw, 'rate_achieved_hz'),
     rateAsked_hz: number(raw, 'rate_hz'),
-    validFor_s: number(raw, 'valid_for_s') ?? number(setpoint, 'valid_for_s'),
-    validLeft_s: number(raw, 'valid_left_s', 'validity_left_s'),
+    validFor_s: number(raw, 'valid_for_s'),
+    validLeft_s: number(raw, 'valid_left_s'),
     ifStreamStops: text(raw, 'if_stream_stops'),
-    onExpiry: expiryWords(object(raw['on_expiry']) ?? object(setpoint?.['on_expiry'])),
+    onExpiry: expiryWords(object(raw['on_expiry'])),
     client: text(raw, 'client'),
+    ended: text(raw, 'ended'),
   };
+}
+
+const STATES: Readonly<Record<string, string>> = {
+  starting: 'starting', holding: 'expired: holding the place', to_hold: 'expired: going to Hold', landing: 'expired: landing',
+};
+
+/** What the stream is, for the card's corner. */
+export function streamWords(status: OffboardStatus): string {
+  return STATES[status.state] ?? `${status.type ?? 'setpoints'}, local NED`;
 }
 
 /** Distance from the target [m]; null where the target is no full position. */

@@ -1,12 +1,24 @@
-/** Which view fills the stage; the 3D one only if it answers. */
+/** Which view fills the stage, and what the 3D one shows: its camera, its vehicle, its theme. */
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
 
+export const CAMERAS = ['chase', 'free', 'gimbal', 'top'] as const;
+export type Camera = (typeof CAMERAS)[number];
+
+export interface SceneView {
+  mode: Camera;
+  vehicle: string | null;
+  theme: 'light' | 'dark';
+}
+
 const RETRY_MS = 5000;
-export const SCENE_URL = '/scene/';
+const SCENE_URL = '/scene/';
 
 class StageState {
   scene = $state.raw<SceneState>({ phase: 'asking' });
+  camera = $state<Camera>('chase');
+  /** Under this name the server keeps what this page's 3D view shows. */
+  readonly token = `page-${Math.random().toString(36).slice(2, 12)}`;
   private wantsMap = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.wantsMap ? 'scene' : 'map');
 
@@ -14,15 +26,29 @@ class StageState {
     if (this.scene.phase === 'there') this.wantsMap = !this.wantsMap;
   }
 
-  /** Asks for the 3D view until it is there, and watches that it stays. */
+  /** The frame's address, with what it shows first. */
+  address(view: SceneView): string {
+    const query = new URLSearchParams({ view: this.token, mode: view.mode, theme: view.theme });
+    if (view.vehicle !== null) query.set('vehicle', view.vehicle);
+    return `${SCENE_URL}?${query}`;
+  }
+
+  /** Tells the running 3D view; that it fails is seen, not worth a message. */
+  async show(view: SceneView): Promise<void> {
+    const { mode, theme, vehicle } = view;
+    const body = JSON.stringify(vehicle === null ? { mode, theme } : { mode, theme, vehicle });
+    await fetch(`${SCENE_URL}view/${this.token}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
+  }
+
+  /** Asks for the 3D view until it is there. */
   watch(): () => void {
     let ended = false;
     let timer: ReturnType<typeof setTimeout> | undefined;
     const ask = async (): Promise<void> => {
       const found = await probe();
       if (ended) return;
-      if (found.phase !== this.scene.phase || found.phase === 'absent') this.scene = found;
-      timer = setTimeout(() => void ask(), RETRY_MS);
+      this.scene = found;
+      if (found.phase !== 'there') timer = setTimeout(() => void ask(), RETRY_MS);
     };
     void ask();
     return () => {
@@ -34,11 +60,11 @@ class StageState {
 
 async function probe(): Promise<SceneState> {
   try {
-    const response = await fetch(SCENE_URL, { signal: AbortSignal.timeout(4000), headers: { Accept: 'text/html' } });
+    const response = await fetch(SCENE_URL, { signal: AbortSignal.timeout(6000), headers: { Accept: 'text/html' } });
+    void response.body?.cancel();
     if (!response.ok) return { phase: 'absent', why: `it answers ${response.status}` };
-    const text = await response.text();
-    return text.includes('<html') || text.includes('<!doctype') || text.includes('<!DOCTYPE')
-      ? { phase: 'there' } : { phase: 'absent', why: 'what answers is no page' };
+    const isPage = response.headers.get('content-type')?.includes('text/html') === true;
+    return isPage ? { phase: 'there' } : { phase: 'absent', why: 'what answers is no page' };
   } catch {
     return { phase: 'absent', why: 'it does not answer' };
   }

@@ -1,18 +1,28 @@
-/** The server's links, asked for every few seconds: they change rarely and are no telemetry. */
+/** The station's links and warnings, asked for every few seconds: they change rarely and are no telemetry. */
 
 import type { ApiClient } from '../../api/client';
-import { readLinks, type LinkLine } from './links';
+import type { LinkLine, StationNotice } from './links';
 
 const EVERY_MS = 3000;
 
-export const links = $state<{ list: LinkLine[]; known: boolean }>({ list: [], known: false });
+class Links {
+  list = $state.raw<LinkLine[]>([]);
+  notices = $state.raw<StationNotice[]>([]);
+  known = $state(false);
 
-export function pollLinks(api: ApiClient): void {
-  const ask = async (): Promise<void> => {
-    const answer = await api.get<unknown>('/links');
-    links.known = answer.ok;
-    links.list = answer.ok ? readLinks(answer.value) : [];
-    setTimeout(() => void ask(), EVERY_MS);
-  };
-  void ask();
+  poll(api: ApiClient): void {
+    const ask = async (): Promise<void> => {
+      const [links, warnings] = await Promise.all([
+        api.get<{ links: LinkLine[] }>('/links'),
+        api.get<{ warnings: StationNotice[] }>('/warnings'),
+      ]);
+      this.known = links.ok && warnings.ok;
+      this.list = links.ok ? (links.value.links ?? []) : [];
+      this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];
+      setTimeout(() => void ask(), EVERY_MS);
+    };
+    void ask();
+  }
 }
+
+export const links = new Links();

@@ -1,66 +1,59 @@
-/** Links and recordings as the server lists them (`GET /links`), as words for the top bar. */
+/** Links, recordings and what the station warns of (`GET /links`, `GET /warnings`), as words for the page. */
 
-import { fixed, join, UNKNOWN } from '../../ui/format';
+import { join, UNKNOWN } from '../../ui/format';
 import type { Indicator } from './indicators';
 
 export interface LinkLine {
   name: string;
   url: string;
-  open: boolean | null;
-  error: string | null;
-  recording: boolean | null;
-  recordingError: string | null;
-  recordingFile: string | null;
-  loss_percent: number | null;
+  /** connecting, open, waiting, closed, ended. */
+  state: string;
+  detail: string;
+  replay: boolean;
+  forward: boolean;
+  peers: string[];
+  bytes_received: number;
+  bytes_dropped: number;
 }
 
-type Raw = Record<string, unknown>;
-
-function object(value: unknown): Raw | null {
-  return typeof value === 'object' && value !== null && !Array.isArray(value) ? (value as Raw) : null;
+export interface StationNotice {
+  kind: string;
+  text: string;
+  link: string | null;
+  vehicle: string | null;
 }
 
-function text(value: unknown): string | null {
-  return typeof value === 'string' && value !== '' ? value : null;
-}
+const STATES: Readonly<Record<string, string>> = { connecting: 'connecting', open: 'open', waiting: 'waiting to try again', closed: 'closed', ended: 'replay ended' };
 
-export function readLinks(answer: unknown): LinkLine[] {
-  const list = Array.isArray(answer) ? answer : object(answer)?.['links'];
-  if (!Array.isArray(list)) return [];
-  return list.map(object).filter((raw): raw is Raw => raw !== null).map(readLink);
-}
-
-function readLink(raw: Raw): LinkLine {
-  const info = object(raw['info']) ?? raw;
-  const recording = raw['recording'] ?? info['recording'];
-  const told = object(recording);
-  const state = text(info['state']);
-  const file = text(recording) ?? text(told?.['path']) ?? text(told?.['file']) ?? text(raw['recording_file']);
-  return {
-    name: text(raw['name']) ?? '?',
-    url: text(raw['url']) ?? '',
-    open: typeof info['open'] === 'boolean' ? info['open'] : state === null ? null : state === 'open' || state === 'up' || state === 'connected',
-    error: text(info['error']) ?? text(info['last_error']),
-    recording: typeof recording === 'boolean' ? recording : told !== null && typeof told['active'] === 'boolean' ? told['active'] : file === null ? null : true,
-    recordingError: text(told?.['error']) ?? text(raw['recording_error']),
-    recordingFile: file,
-    loss_percent: typeof info['loss_percent'] === 'number' ? info['loss_percent'] : null,
-  };
+/** Bytes as a person reads them. */
+export function bytesText(bytes: number): string {
+  if (bytes < 1000) return `${bytes} B`;
+  if (bytes < 999_500) return `${(bytes / 1000).toFixed(0)} kB`;
+  return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
 export function linkDetails(links: readonly LinkLine[]): { details: [string, string][]; text: string | null } {
-  const details = links.map((l): [string, string] => [l.name, join([l.url, l.error ?? (l.open === false ? 'closed' : null), l.loss_percent === null ? null : `${fixed(l.loss_percent, 1)} % lost`])]);
-  const loss = links.map((l) => l.loss_percent).filter((v): v is number => v !== null);
-  return { details, text: loss.length === 0 ? null : `${fixed(Math.max(...loss), 0)} % lost` };
+  const details = links.map((l): [string, string] => [
+    l.name,
+    join([STATES[l.state] ?? l.state, l.peers.length === 0 ? null : l.peers.join(', '), `${bytesText(l.bytes_received)} in`,
+      l.bytes_dropped > 0 ? `${bytesText(l.bytes_dropped)} not sent` : null, l.detail]),
+  ]);
+  const open = links.filter((l) => l.state === 'open' && !l.forward);
+  const text = open.length === 0 ? null : open.length === 1 ? (open[0]?.url.split(':')[0] ?? null) : `${open.length} links`;
+  return { details, text };
 }
 
-export function recordingIndicator(links: readonly LinkLine[], known: boolean): Indicator {
+/** Every link that is no replay is recorded unless the station warns of it. */
+export function recordingIndicator(links: readonly LinkLine[], notices: readonly StationNotice[], known: boolean): Indicator {
   const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
-  const told = links.filter((l) => l.recording !== null);
-  if (!known || told.length === 0) return { ...base, text: UNKNOWN, details: [['', known ? 'No link that is recorded.' : 'The server has not said yet.']] };
-  const details = told.map((l): [string, string] => [l.name, l.recordingError ?? l.recordingFile ?? (l.recording === true ? 'being recorded' : 'not recorded')]);
-  const on = told.filter((l) => l.recording === true).length;
-  if (on === told.length) return { ...base, text: 'On', details };
-  const stopped = told.some((l) => l.recordingError !== null);
-  return { ...base, text: on === 0 ? 'Off' : `${on} of ${told.length}`, word: stopped ? 'stopped' : '', severity: stopped ? 'danger' : 'none', details };
+  const recorded = links.filter((l) => !l.replay);
+  if (!known) return { ...base, text: UNKNOWN, details: [['', 'The station has not said yet.']] };
+  const stopped = notices.filter((n) => n.kind === 'recording');
+  if (stopped.length > 0) {
+    return { ...base, text: 'Stopped', word: 'not saved', severity: 'danger', details: stopped.map((n): [string, string] => [n.link ?? '', n.text]) };
+  }
+  if (recorded.length === 0) return { ...base, text: 'None', details: [['', 'Only recordings are replayed; nothing is recorded.']] };
+  const flowing = recorded.some((l) => l.bytes_received > 0);
+  const details = recorded.map((l): [string, string] => [l.name, l.bytes_received > 0 ? 'every frame, both ways' : 'begins with the first frame']);
+  return { ...base, text: flowing ? 'On' : 'Waiting', details };
 }

@@ -1,0 +1,48 @@
+import { describe, expect, it } from 'vitest';
+import { ApiClient, pageName } from './client';
+import { furtherReasons, parseProblem } from './problems';
+
+describe('problems', () => {
+  it('reads the vehicle’s words and what to do', () => {
+    const problem = parseProblem(409, {
+      title: 'The vehicle refused', code: 'rejected', detail: 'Arming denied: Resolve system health failures first', remedy: 'Wait for GPS.',
+      reasons: ['Preflight Fail: ekf2 missing data', 'Arming denied: Resolve system health failures first'],
+    });
+    expect(problem).toMatchObject({ title: 'The vehicle refused', code: 'rejected', status: 409, remedy: 'Wait for GPS.' });
+    expect(furtherReasons(problem)).toEqual(['Preflight Fail: ekf2 missing data']);
+  });
+  it('names the field of a malformed request', () => {
+    const problem = parseProblem(422, { title: 'Not possible as asked', code: 'invalid_request', detail: 'alt_home_m: too high', field: 'alt_home_m' });
+    expect(problem.field).toBe('alt_home_m');
+    const plain = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
+    expect(plain).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });
+  });
+  it('says something where the body says nothing', () => {
+    for (const body of [null, 'oops', [], {}]) {
+      expect(parseProblem(502, body)).toMatchObject({ title: 'The server answered 502', detail: 'The server gave no reason.', reasons: [] });
+    }
+  });
+});
+
+describe('client', () => {
+  it('names itself, sends JSON, returns the answer', async () => {
+    let seen: RequestInit = {};
+    const client = new ApiClient('page-7', (_, init) => {
+      seen = init;
+      return Promise.resolve(new Response('{"ok":true}'));
+    });
+    expect(await client.post('/vehicles/1/takeoff', { alt_home_m: 10 })).toEqual({ ok: true, value: { ok: true } });
+    expect(seen.headers).toMatchObject({ 'X-Client': 'page-7', 'Content-Type': 'application/json' });
+    expect(seen.body).toBe('{"alt_home_m":10}');
+  });
+  it('turns a refusal and a dead server into problems', async () => {
+    const refused = new ApiClient('p', () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
+    expect(await refused.post('/x')).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
+    const dead = new ApiClient('p', () => Promise.reject(new TypeError('failed')));
+    expect(await dead.post('/x')).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
+  });
+  it('tells two pages apart', () => {
+    expect(pageName(() => 0)).toBe('page-0000');
+    expect(pageName(() => 0.999999)).toBe('page-fffe');
+  });
+});

@@ -1,0 +1,247 @@
+import { describe, expect, it } from 'vitest';
+import type { Status } from '../live/topics';
+import { call, question, unavailable, type ActionFacts, type ActionName } from './actions/actions';
+import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S } from './actions/confirmation';
+import { LatestSender } from './gimbal/latest';
+import { owner } from './gimbal/owner';
+import { clamp, limits, toAngles, toPoint } from './gimbal/pad';
+import { horizonTransform, tapeTicks } from './instruments/attitude';
+import { severityWord, shown } from './messages/messages';
+import { SetpointKeeper } from './offboard/keeper';
+import { nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
+import { error_m, nudgeBase, readOffboard } from './offboard/view';
+import { eastNorth, fromPixel, groundDistance_m, niceLength_m, toPixel, zoomAt } from './stage/geo';
+import { batteryIndicator, gpsIndicator } from './topbar/indicators';
+import { linkDetails, recordingIndicator, type LinkLine } from './topbar/links';
+import { statusWords, type StatusFacts } from './topbar/status-words';
+
+const status = (over: Partial<Status> = {}): Status => ({
+  armed: true, mode: 'hold', mode_label: 'Hold', custom_mode: 1, intended_custom_mode: null, landed_state: 'in_air',
+  system_status: 4, link_lost: false, last_heartbeat_age_s: 0.2, ...over,
+});
+const words = (over: Partial<StatusFacts>) =>
+  statusWords({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
+
+describe('status words', () => {
+  it('says who makes it fly', () => {
+    expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
+      title: 'Offboard', who: 'server streams position, 50 Hz', tone: 'target',
+    });
+    expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
+    expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
+    expect(words({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
+  });
+  it('does not call ready what has not said so', () => {
+    const down = status({ armed: false, landed_state: 'on_ground' });
+    expect(words({ status: down, ready: true }).title).toBe('Ready');
+    expect(words({ status: down, ready: false })).toMatchObject({ title: 'Not ready', tone: 'caution' });
+    expect(words({ status: down }).title).toBe('Disarmed');
+    expect(words({ status: null }).title).toBe('No vehicle state');
+  });
+  it('puts lost, replay and failsafe before the mode', () => {
+    expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Lost', who: 'silent for 7 s · last: Hold, armed', tone: 'danger' });
+    expect(words({ replayed: true }).title).toBe('Replay');
+    expect(words({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
+  });
+});
+
+const facts: ActionFacts = {
+  vehicleId: '1', vehicleName: '1 Quad', armed: true, inAir: true, alt_home_m: 12.44, fromHome_m: 48.2, mode: 'offboard', streaming: true,
+  takeoffAlt_home_m: 10, battery_percent: 82,
+};
+
+describe('actions', () => {
+  it('name vehicle, action and effect with numbers', () => {
+    expect(question('rtl', facts)).toMatchObject({ title: 'Return 1 Quad', effect: expect.stringContaining('48.2 m back') });
+    expect(question('rtl', facts)?.effect).toContain('Offboard ends.');
+    expect(question('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
+    expect(question('land', { ...facts, fromHome_m: null })?.effect).toContain('an unknown distance');
+  });
+  it('say that the vehicle falls, and confirm in the words the server wants', () => {
+    expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
+    expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
+    expect(call('kill', { ...facts, vehicleId: '1~2' })).toEqual({ path: '/vehicles/1~2/kill', body: { confirm: 'motors stop, vehicle 1~2 falls' } });
+  });
+  it('never ask before Hold and never disable it or Stop motors', () => {
+    expect(question('hold', facts)).toBeNull();
+    const worst = { ...facts, lost: true, replayed: true };
+    for (const action of ['hold', 'kill'] as ActionName[]) expect(unavailable(action, worst)).toBeNull();
+    expect(unavailable('land', worst)).not.toBeNull();
+    expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('It is in the air.');
+  });
+});
+
+describe('confirmation', () => {
+  it('expires after five seconds untouched', () => {
+    const c = new Confirmation(false, 100);
+    expect(c.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
+    expect(c.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
+  });
+  it('needs the key held to its end, longer for what is dangerous', () => {
+    const c = new Confirmation(false, 0);
+    c.press(1);
+    c.press(1.5); // the keyboard repeats
+    expect(c.tick(1 + HOLD_S - 0.01)).toBe('asking');
+    expect(c.tick(1 + HOLD_S)).toBe('confirmed');
+    const kill = new Confirmation(true, 0);
+    kill.press(0);
+    expect(kill.tick(HOLD_S)).toBe('asking');
+    expect(kill.tick(HOLD_DANGER_S)).toBe('confirmed');
+  });
+  it('starts over when let go early, and does not expire under the finger', () => {
+    const c = new Confirmation(true, 0);
+    c.press(4.5);
+    expect(c.tick(5.5)).toBe('asking');
+    c.release(5.6);
+    expect(c.progress(5.7)).toBe(0);
+    expect(c.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
+    const dropped = new Confirmation(false, 0);
+    dropped.press(0);
+    dropped.drop(10);
+    expect(dropped.tick(10.1)).toBe('asking');
+  });
+  it('is done only by the whole way of the knob', () => {
+    const c = new Confirmation(false, 0);
+    c.slide(0.98, 1);
+    c.letGo(1.1);
+    expect(c.tick(1.2)).toBe('asking');
+    expect(c.progress(1.2)).toBe(0);
+    c.slide(1.2, 2);
+    expect(c.tick(2)).toBe('confirmed');
+    c.cancel();
+    expect(c.phase).toBe('confirmed');
+  });
+});
+
+describe('offboard', () => {
+  const raw = {
+    streaming: true, state: 'streaming', client: 'page-1', rate_hz: 50, rate_achieved_hz: 49.9, age_s: 0.1, valid_for_s: 10, valid_left_s: 8.2,
+    setpoint: { type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 }, on_expiry: { action: 'hold', hold_for_s: 5 }, if_stream_stops: 'it lands', sends_failed: 0, ended: null,
+  };
+  it('reads the server’s stream and how far the vehicle is off', () => {
+    const stream = readOffboard(raw);
+    expect(stream).toMatchObject({ streaming: true, type: 'position', rate_hz: 49.9, validLeft_s: 8.2, onExpiry: 'holds 5 s, then Hold mode', ifStreamStops: 'it lands' });
+    expect(stream && error_m(stream, [1, 2, 1])).toBe(4);
+    expect(stream && error_m(stream, null)).toBeNull();
+    expect(readOffboard({ streaming: false, state: 'idle', setpoint: null })).toMatchObject({ streaming: false, type: null, rate_hz: null });
+    expect(readOffboard(null)).toBeNull();
+  });
+  it('nudges from what is streamed: up is negative down, yaw wraps', () => {
+    const stream = readOffboard(raw);
+    const from = stream && nudgeBase(stream, [9, 9, 9], 3);
+    expect(from).toEqual({ type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 });
+    const [, one, five] = STEPS;
+    if (!from || !one || !five) throw new Error('no steps');
+    expect(nudge(from, 'up', 1, one).position_ned_m).toEqual([1, 2, -4]);
+    expect(nudge(from, 'north', -1, five).position_ned_m).toEqual([-4, 2, -3]);
+    expect(nudge({ ...from, yaw_ned_rad: 3 }, 'yaw', 1, five).yaw_ned_rad).toBeCloseTo(3 + Math.PI / 4 - 2 * Math.PI);
+  });
+  it('says a setpoint again in time, and stops when the stream or the server says no', async () => {
+    const said: PositionSetpoint[] = [];
+    let accepted = true;
+    const keeper = new SetpointKeeper((s) => {
+      said.push(s);
+      return Promise.resolve(accepted);
+    });
+    const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
+    keeper.keep(setpoint, 0);
+    keeper.tick(2.9, true);
+    expect(said).toHaveLength(0);
+    keeper.tick(3, true);
+    keeper.tick(3.1, true);
+    expect(said).toHaveLength(1);
+    await Promise.resolve();
+    accepted = false;
+    keeper.tick(6.1, true);
+    await Promise.resolve();
+    expect(keeper.setpoint).toBeNull();
+    keeper.keep(setpoint, 10);
+    keeper.tick(14, false);
+    expect(keeper.setpoint).toBeNull();
+    expect(said).toHaveLength(2);
+  });
+});
+
+describe('gimbal', () => {
+  const l = limits(null);
+  it('pad and angles are inverse inside the limits', () => {
+    const back = toAngles(toPoint({ pitch_deg: -32, yaw_deg: 34 }, l), l);
+    expect(back.pitch_deg).toBeCloseTo(-32);
+    expect(back.yaw_deg).toBeCloseTo(34);
+    expect(clamp({ pitch_deg: -150, yaw_deg: 0 }, l).pitch_deg).toBe(-90);
+    expect(toAngles({ x: -50, y: 999 }, l)).toEqual({ pitch_deg: -90, yaw_deg: -180 });
+  });
+  it('says who steers', () => {
+    expect(owner(null, false).who).toBe('nobody');
+    expect(owner([255, 190], true).text).toBe('this station');
+    expect(owner([1, 1], false).who).toBe('vehicle');
+    expect(owner([254, 191], false).text).toContain('254');
+  });
+  it('sends one at a time and never loses the last: the stop', async () => {
+    const sent: number[] = [];
+    const free: (() => void)[] = [];
+    const sender = new LatestSender<number>((v) => {
+      sent.push(v);
+      return new Promise<void>((resolve) => free.push(resolve));
+    });
+    for (const v of [1, 2, 3, 0]) sender.push(v);
+    expect(sent).toEqual([1]);
+    free.shift()?.();
+    await new Promise((r) => setTimeout(r));
+    expect(sent).toEqual([1, 0]);
+  });
+});
+
+describe('instruments, messages, indicators', () => {
+  it('tilts the horizon against the roll', () => {
+    expect(horizonTransform(Math.PI / 18, 0, 62, 62)).toBe('rotate(-10.00 62 62) translate(0 0.00)');
+  });
+  it('names the marks of the tape through north', () => {
+    const named = tapeTicks(350, 196, 1.5).filter((t) => t.label !== '').map((t) => t.label);
+    expect(named).toEqual(['NW', 'N', 'NE'].filter((n) => named.includes(n)));
+    expect(named).toContain('N');
+  });
+  it('gives what matters a word, and leaves debug out', () => {
+    expect(severityWord(2)).toEqual({ word: 'Critical', tone: 'danger' });
+    expect(severityWord(6).word).toBe('');
+    const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });
+    expect(shown([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
+  });
+  it('shows severity with a word, and unknown as unknown', () => {
+    const reading = (remaining_percent: number | null) => ({ value: { remaining_percent, voltage_v: null, current_a: null, consumed_mah: null, time_remaining_s: null }, age_s: 0, stale: false });
+    expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: 'empty', text: '9 %' });
+    expect(batteryIndicator(reading(null)).text).toBe('–');
+    expect(batteryIndicator(null).text).toBe('–');
+    expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({ text: '3 · no fix', severity: 'danger' });
+  });
+  it('says that a recording stopped, and does not claim one that nobody told of', () => {
+    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_dropped: 0 };
+    expect(recordingIndicator([], [], false).text).toBe('–');
+    expect(recordingIndicator([link], [], true).text).toBe('On');
+    expect(recordingIndicator([{ ...link, replay: true }], [], true).text).toBe('None');
+    expect(recordingIndicator([link], [{ kind: 'recording', text: 'disk full', link: 'a', vehicle: null }], true)).toMatchObject({ text: 'Stopped', severity: 'danger' });
+    expect(linkDetails([link, { ...link, state: 'waiting', detail: 'port taken' }]).details[1]?.[1]).toContain('port taken');
+  });
+});
+
+describe('map', () => {
+  const here = { lat_deg: 47.4, lon_deg: 8.5 };
+  it('measures in metres, over the date line too', () => {
+    expect(eastNorth(here, { lat_deg: 47.401, lon_deg: 8.5 }).north_m).toBeCloseTo(111.2, 0);
+    expect(groundDistance_m({ lat_deg: 0, lon_deg: 179.9995 }, { lat_deg: 0, lon_deg: -179.9995 })).toBeCloseTo(111.2, 0);
+  });
+  it('keeps the point under the pointer while zooming', () => {
+    const view = { centre: { east_m: 5, north_m: -3 }, scale: 4, width: 800, height: 600 };
+    const at = { x: 700, y: 50 };
+    const zoomed = zoomAt(view, at, 2.5);
+    const back = toPixel(zoomed, fromPixel(view, at));
+    expect(back.x).toBeCloseTo(at.x);
+    expect(back.y).toBeCloseTo(at.y);
+    expect(zoomAt(view, at, 1e9).scale).toBe(60);
+  });
+  it('has round scale bars', () => {
+    expect(niceLength_m(4, 110)).toBe(20);
+    expect(niceLength_m(0.1, 110)).toBe(1000);
+    expect(niceLength_m(60, 110)).toBe(1);
+  });
+});

@@ -1,0 +1,126 @@
+import { describe, expect, it } from 'vitest';
+import { ageText, learnPeriod, staleAfterS } from './age';
+import { advance, NO_FLIGHT } from './flight-time';
+import { TelemetryStore } from './store';
+import type { Status } from './topics';
+import { Trail } from './trail';
+import { severityNumber } from './vehicle-state';
+import { parseFrame, type WireSample } from './wire';
+
+const status = (over: Partial<Status> = {}): Status => ({
+  armed: false, mode: 'hold', mode_label: 'Hold', custom_mode: 1, intended_custom_mode: null, landed_state: 'on_ground',
+  system_status: 3, link_lost: false, last_heartbeat_age_s: 0, ...over,
+});
+const sample = (topic: string, value: unknown, at: number, vehicle = '1'): WireSample => ({
+  vehicle, topic, value, received_unix_s: at, vehicle_time_boot_s: null,
+});
+
+describe('age', () => {
+  it('is stale after three of the measured periods, not before', () => {
+    expect(staleAfterS('battery', 2)).toBe(6);
+    expect(staleAfterS('battery', null)).toBe(6);
+    expect(staleAfterS('attitude', 0.02)).toBe(1);
+  });
+  it('learns a period and ignores a pause', () => {
+    const learnt = [1, 1, 1, 60].reduce<number | null>(learnPeriod, null);
+    expect(learnt).toBe(1);
+    expect(learnPeriod(1, 2)).toBeCloseTo(1.2);
+  });
+  it('says an age as a person does', () => {
+    expect(ageText(4.02)).toBe('4.0 s');
+    expect(ageText(75)).toBe('75 s');
+    expect(ageText(600)).toBe('10 min');
+    expect(ageText(NaN)).toBe('–');
+  });
+});
+
+describe('flight time', () => {
+  it('runs from leaving the ground to being back, and keeps the last one', () => {
+    let clock = advance(NO_FLIGHT, status(), 10);
+    clock = advance(clock, status({ armed: true, landed_state: 'taking_off' }), 20);
+    expect(clock.airborneSince_unix_s).toBeNull();
+    clock = advance(clock, status({ armed: true, landed_state: 'in_air' }), 22);
+    expect(clock).toMatchObject({ airborneSince_unix_s: 22, exact: true });
+    clock = advance(clock, status({ armed: true, landed_state: 'on_ground' }), 82);
+    expect(clock).toMatchObject({ airborneSince_unix_s: null, last_s: 60 });
+  });
+  it('is a lower bound where we came in the middle', () => {
+    expect(advance(NO_FLIGHT, status({ armed: true, landed_state: 'in_air' }), 5).exact).toBe(false);
+  });
+});
+
+describe('store', () => {
+  it('judges age by the server’s clock, not by ours', () => {
+    const store = new TelemetryStore(() => 1000);
+    store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 5000 });
+    store.apply({ type: 'samples', samples: [sample('status', status(), 4998)] });
+    expect(store.vehicle('1').read('status', store.nowUnixS())?.age_s).toBeCloseTo(2);
+  });
+  it('corrects its idea of the server’s clock by a sample from its future', () => {
+    const store = new TelemetryStore(() => 1000);
+    store.apply({ type: 'samples', samples: [sample('status', status(), 1003)] });
+    expect(store.nowUnixS()).toBe(1003);
+  });
+  it('keeps the newest of a topic whatever the order', () => {
+    const store = new TelemetryStore(() => 100);
+    store.apply({ type: 'samples', samples: [sample('status', status({ mode: 'land' }), 90), sample('status', status(), 80)] });
+    expect(store.vehicle('1').read('status', 100)?.value.mode).toBe('land');
+  });
+  it('calls a vehicle lost when it, or the silence, says so', () => {
+    const store = new TelemetryStore(() => 100);
+    store.apply({ type: 'samples', samples: [sample('status', status(), 99.5)] });
+    const vehicle = store.vehicle('1');
+    expect(vehicle.lost(100)).toBe(false);
+    expect(vehicle.lost(106)).toBe(true);
+    store.apply({ type: 'samples', samples: [sample('status', status({ link_lost: true }), 100)] });
+    expect(vehicle.lost(100)).toBe(true);
+  });
+  it('marks stale what stopped, with its age', () => {
+    const store = new TelemetryStore(() => 100);
+    const hud = { groundspeed_m_s: 1, airspeed_m_s: 0, climb_m_s: 0, throttle_percent: 1 };
+    for (const at of [97, 97.5, 98]) store.apply({ type: 'samples', samples: [sample('hud', hud, at)] });
+    expect(store.vehicle('1').read('hud', 99)?.stale).toBe(false);
+    expect(store.vehicle('1').read('hud', 100)).toMatchObject({ stale: true, age_s: 2 });
+    expect(store.vehicle('1').read('gps', 100)).toBeNull();
+  });
+  it('forgets removed vehicles and sorts ids as numbers', () => {
+    const store = new TelemetryStore(() => 100);
+    for (const id of ['10', '2', '1~2']) store.vehicle(id);
+    expect(store.ids()).toEqual(['1~2', '2', '10']);
+    store.apply({ type: 'event', event: { kind: 'vehicle_removed', vehicle: '2', unix_s: 1, severity: 6, text: 'gone' } });
+    store.keepOnly(['10', '3']);
+    expect(store.ids()).toEqual(['3', '10']);
+  });
+  it('lists a message once, newest first, with a severity from number or word', () => {
+    const store = new TelemetryStore(() => 100);
+    const said = (unix_s: number, text: string) => ({ type: 'event' as const, event: { kind: 'status_text', vehicle: '1', unix_s, severity: 4, text } });
+    store.apply(said(10, 'a'));
+    store.apply(said(30, 'c'));
+    store.apply(said(20, 'b'));
+    store.apply(said(30, 'c'));
+    expect(store.vehicle('1').messages.map((m) => m.text)).toEqual(['c', 'b', 'a']);
+    expect([severityNumber('warning'), severityNumber(null), severityNumber(9)]).toEqual([4, 6, 7]);
+  });
+});
+
+describe('wire', () => {
+  it('takes the three frames and an error', () => {
+    expect(parseFrame('{"type":"hello","schema_version":1,"server_time_unix_s":5}')).toMatchObject({ type: 'hello' });
+    expect(parseFrame(JSON.stringify({ type: 'samples', samples: [sample('gps', {}, 1), { bad: 1 }] }))).toMatchObject({ samples: [{ topic: 'gps' }] });
+    expect(parseFrame('{"type":"error","detail":"rate_hz: from 0.1 to 100."}')).toEqual({ type: 'error', text: 'rate_hz: from 0.1 to 100.' });
+  });
+  it('ignores what it does not know or cannot read', () => {
+    for (const text of ['', '[]', 'null', '{"type":"later"}', '{"type":"event","event":{}}', '{"type":"hello"}']) expect(parseFrame(text)).toBeNull();
+  });
+});
+
+describe('trail', () => {
+  it('leaves out what is closer than its spacing and stays bounded', () => {
+    const trail = new Trail(0.3, 100);
+    expect(trail.add({ lat_deg: 47, lon_deg: 8 })).toBe(true);
+    expect(trail.add({ lat_deg: 47.000001, lon_deg: 8 })).toBe(false);
+    for (let i = 1; i < 1000; i++) trail.add({ lat_deg: 47 + i * 1e-5, lon_deg: 8 });
+    expect(trail.points.length).toBeLessThanOrEqual(100);
+    expect(trail.points.at(-1)?.lat_deg).toBeCloseTo(47.00999);
+  });
+});

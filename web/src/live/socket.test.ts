@@ -1,0 +1,102 @@
+import { describe, expect, it } from 'vitest';
+import { retryDelayMs, TelemetrySocket, type SocketLike, type SocketState } from './socket';
+import type { Frame } from './wire';
+
+class FakeSocket implements SocketLike {
+  sent: string[] = [];
+  closed = false;
+  onopen: (() => void) | null = null;
+  onmessage: ((event: { data: unknown }) => void) | null = null;
+  onclose: (() => void) | null = null;
+  send(data: string): void {
+    this.sent.push(data);
+  }
+  close(): void {
+    this.closed = true;
+  }
+}
+
+function rig() {
+  const sockets: FakeSocket[] = [];
+  const frames: Frame[] = [];
+  const states: SocketState[] = [];
+  let timers: { at: number; run: () => void }[] = [];
+  let now = 0;
+  const socket = new TelemetrySocket('ws://x', { vehicles: '*', topics: ['gps'], rate_hz: 25 }, (f) => frames.push(f), (s) => states.push(s), {
+    open: () => {
+      const one = new FakeSocket();
+      sockets.push(one);
+      return one;
+    },
+    nowMs: () => now,
+    setTimer: (run, ms) => {
+      const timer = { at: now + ms, run };
+      timers.push(timer);
+      return timer;
+    },
+    clearTimer: (timer) => (timers = timers.filter((t) => t !== timer)),
+  });
+  const pass = (ms: number): void => {
+    now += ms;
+    const due = timers.filter((t) => t.at <= now);
+    timers = timers.filter((t) => t.at > now);
+    for (const timer of due) timer.run();
+  };
+  return { socket, sockets, frames, states, pass };
+}
+
+const HELLO = '{"type":"hello","schema_version":1,"server_time_unix_s":5}';
+
+describe('telemetry socket', () => {
+  it('subscribes on opening and hands frames on', () => {
+    const { socket, sockets, frames } = rig();
+    socket.start();
+    sockets[0]?.onopen?.();
+    expect(JSON.parse(sockets[0]?.sent[0] ?? '')).toEqual({ type: 'subscribe', vehicles: '*', topics: ['gps'], rate_hz: 25 });
+    sockets[0]?.onmessage?.({ data: HELLO });
+    expect(socket.state.phase).toBe('open');
+    expect(frames).toHaveLength(1);
+  });
+  it('comes back by itself, waits longer each time, and says so', () => {
+    const { socket, sockets, states, pass } = rig();
+    socket.start();
+    sockets[0]?.onclose?.();
+    expect(states.at(-1)).toEqual({ phase: 'waiting', attempt: 2, retryAt_ms: 500 });
+    pass(500);
+    expect(sockets).toHaveLength(2);
+    sockets[1]?.onclose?.();
+    expect(states.at(-1)).toMatchObject({ phase: 'waiting', retryAt_ms: 1500 });
+    expect([1, 2, 3, 9].map(retryDelayMs)).toEqual([500, 1000, 2000, 8000]);
+  });
+  it('gives up a connection that never says hello', () => {
+    const { socket, sockets, pass } = rig();
+    socket.start();
+    pass(8000);
+    expect(sockets[0]?.closed).toBe(true);
+    expect(socket.state.phase).toBe('waiting');
+  });
+  it('tries at once when asked, and only then', () => {
+    const { socket, sockets } = rig();
+    socket.start();
+    socket.retryNow();
+    expect(sockets).toHaveLength(1);
+    sockets[0]?.onclose?.();
+    socket.retryNow();
+    expect(sockets).toHaveLength(2);
+  });
+  it('does not pretend to read another schema', () => {
+    const { socket, sockets, frames } = rig();
+    socket.start();
+    sockets[0]?.onmessage?.({ data: HELLO.replace('"schema_version":1', '"schema_version":2') });
+    expect(socket.state).toEqual({ phase: 'incompatible', schemaVersion: 2 });
+    expect(frames).toHaveLength(0);
+  });
+  it('stays closed once stopped', () => {
+    const { socket, sockets, pass } = rig();
+    socket.start();
+    socket.stop();
+    pass(60_000);
+    expect(sockets).toHaveLength(1);
+    expect(sockets[0]?.closed).toBe(true);
+  });
+});
