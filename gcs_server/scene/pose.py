@@ -87,9 +87,8 @@ def gimbal_in_body(gimbal: Gimbal | None, q_ned_frd: Quaternion, yaw_ned_rad: fl
     if gimbal is None or q is None:
         return None
     q_camera = q_ned_camera(q, yaw_in_earth_frame=gimbal.yaw_in_earth_frame, vehicle_yaw_ned_rad=yaw_ned_rad)
-    return multiply(
-        conjugate(q_enu_flu_from_q_ned_frd(q_ned_frd)),
-        q_enu_flu_from_q_ned_frd(q_camera),
+    return normalized(
+        multiply(conjugate(q_enu_flu_from_q_ned_frd(q_ned_frd)), q_enu_flu_from_q_ned_frd(q_camera))
     )
 
 

@@ -114,9 +114,10 @@ class Scene:
             token = known[0] if known is not None else self._token(client_id)
             view = self._views[token]
             if known is None or known[1].theme != view.theme:
-                if known is not None:
-                    known[1].close()
-                known = (token, Stage(client, view))
+                before = known[1] if known is not None else None
+                if before is not None:
+                    before.close()
+                known = (token, Stage(client, view, before))
                 self._stages[client_id] = known
             known[1].update(view, drawn, now_s)
 

@@ -35,16 +35,17 @@ class Stage:
     Args:
         client: viser's handle of it.
         view: what it asked for.
+        before: the stage it had until now (in another theme): the camera stays where the user has it.
     """
 
-    def __init__(self, client: viser.ClientHandle, view: View) -> None:
+    def __init__(self, client: viser.ClientHandle, view: View, before: Stage | None = None) -> None:
         self._client = client
         self._scene = client.scene
         self._palette: Palette = PALETTES[view.theme]
         self._shapes: Shapes = shapes()
         self._vehicles: dict[str, VehicleNode] = {}
-        self._world_pose = WorldPose()
-        self._mode: Mode | None = None
+        self._world_pose = before._world_pose if before is not None else WorldPose()
+        self._mode: Mode | None = before._mode if before is not None else None
         self._grid_step_m = 0.0
         self._next_grid_s = 0.0
         client.gui.configure_theme(
@@ -57,8 +58,9 @@ class Stage:
         self._scene.configure_default_lights(enabled=False)
         self.theme = view.theme
         with client.atomic():
-            self._world = self._scene.add_frame("/world", show_axes=False)
-            self._lights = self._scene.add_frame("/lights", show_axes=False)
+            p, q = self._world_pose.position_m, self._world_pose.q
+            self._world = self._scene.add_frame("/world", show_axes=False, position=p, wxyz=q)
+            self._lights = self._scene.add_frame("/lights", show_axes=False, wxyz=q)
             self._add_lights()
             self._grid = self._add_grid()
             self._marks: Any = None

@@ -62,6 +62,7 @@ def test_the_horizon_is_held_while_the_vehicle_leans():
 def test_no_gimbal_no_camera():
     assert gimbal_in_body(None, (1, 0, 0, 0), 0.0) is None
     assert gimbal_in_body(gimbal((0.0, 0.0, 0.0, 0.0), earth=True), (1, 0, 0, 0), 0.0) is None
+    assert gimbal_in_body(gimbal((1.0, 0.0, 0.0, 0.0), earth=False), (1, 0, 0, 0), math.nan) is None
 
 
 def test_motors_follow_the_outputs_and_stand_still_disarmed():

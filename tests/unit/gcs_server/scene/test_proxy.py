@@ -300,7 +300,10 @@ def test_a_new_theme_builds_the_scene_anew(running):
             async with httpx.AsyncClient() as client:
                 await client.post(running.url + "view/page2", json={"theme": "light"})
             stages = running.scene._stages
+            camera = next(iter(running.host.clients().values())).camera
+            was = tuple(camera.position)
             await eventually(lambda: all(s.theme == "light" for _, s in stages.values()) and stages)
+            assert tuple(camera.position) == was
 
     asyncio.run(look())
 
