@@ -80,7 +80,7 @@ class Link:
 
     def send(self, data: bytes, peer: Peer) -> bool:
         """Sends or queues; callable from any thread; False where the bytes were dropped."""
-        if self._state == "open" and self._write(data, peer):
+        if self._state == "open" and not self.replay and self._write(data, peer):
             self._bytes_sent += len(data)
             return True
         self._bytes_dropped += len(data)

@@ -29,6 +29,8 @@ class MemoryLink(Link):
 
     def inject(self, data: bytes, peer: Peer | str = "peer") -> None:
         """Bytes arrive from `peer`."""
+        if self._state != "open":
+            return
         if isinstance(peer, str):
             peer = Peer(peer)
         self._peers.setdefault(peer.name, peer)

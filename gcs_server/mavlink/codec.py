@@ -173,7 +173,7 @@ def decode(frame: Frame) -> MAVLink_message | None:
 
 def encode_payload(message: MAVLink_message) -> bytes:
     """A message's payload in wire order, in full length."""
-    layout = LAYOUTS[message.id]
+    layout = LAYOUTS[message.get_msgId()]
     values: list[Any] = []
     for name, length in zip(layout.attributes, layout.lengths, strict=True):
         value = getattr(message, name)

@@ -257,6 +257,9 @@ class Fleet(FrameSink):
         self._endpoints.pop((endpoint.connection, endpoint.peer.name, endpoint.system_id), None)
 
     def _ask_version(self, endpoint: Endpoint, now_s: float) -> None:
+        if endpoint.connection.link.replay:
+            endpoint.ask_next_s = float("inf")
+            return
         endpoint.asked += 1
         endpoint.ask_next_s = now_s + (ASK_EVERY_S if endpoint.asked < ASK_TIMES else ASK_RARELY_S)
         request = d.MAVLink_command_long_message(

@@ -124,7 +124,7 @@ class Vehicle:
 
     def send(self, message: MAVLink_message) -> bool:
         """Packs and sends on the vehicle's best link; from any thread; False: nothing went out."""
-        return self.send_payload(message.id, encode_payload(message))
+        return self.send_payload(message.get_msgId(), encode_payload(message))
 
     def send_payload(self, msg_id: int, payload: bytes) -> bool:
         """As `send`, for a payload already packed in wire order (the streamer's way)."""

@@ -220,7 +220,7 @@ class Transaction:
         self._next_ask_s = now_s + ASK_S if self._goal.asks else float("inf")
 
     def _take(self, message: Reply) -> None:
-        if message.id != d.MAVLINK_MSG_ID_COMMAND_ACK or self._request is None:
+        if message.get_msgId() != d.MAVLINK_MSG_ID_COMMAND_ACK or self._request is None:
             return
         if not is_our_ack(message, self._vehicle, self._request.command):
             return

@@ -1,0 +1,387 @@
+"""Commands against a scripted autopilot, with packets lost: the vehicle's state is the answer."""
+
+import asyncio
+import math
+import struct
+
+import pytest
+
+from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
+
+LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 5)]
+
+
+def flight(kit, jump, story, *, loss=0.0, seed=0):
+    async def run():
+        world = kit.World()
+        link = world.link()
+        pilot = world.pilot(link, loss=loss, seed=seed)
+        try:
+            vehicle = await world.ready()
+            await story(world, vehicle, pilot)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
+    async def story(world, vehicle, pilot):
+        async def within(seconds, call):
+            began = world.loop.time()
+            await call
+            assert world.loop.time() - began <= seconds
+
+        await within(6, vehicle.command.arm())
+        assert vehicle.status.armed
+        await within(6, vehicle.command.disarm())
+        assert not vehicle.status.armed
+        await within(20, vehicle.command.takeoff(10))
+        assert vehicle.status.armed
+        assert vehicle.status.mode == "takeoff"
+        assert pilot.target[2] == pytest.approx(499.0, abs=0.01)
+        assert len([m for m in pilot.commands(400) if m.param1 == 1]) >= 2
+        pilot.landed, pilot.position[2] = 2, 499.0
+        await within(6, vehicle.command.hold())
+        assert vehicle.status.mode == "hold"
+        await within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
+        assert pilot.target == pytest.approx((47.398, 8.546, 501.0))
+        sent = pilot.commands(192)[-1]
+        assert sent.get_type() == "COMMAND_INT"
+        assert sent.param4 == pytest.approx(math.pi / 2)
+        await within(6, vehicle.command.rtl())
+        assert vehicle.status.mode == "rtl"
+        await within(6, vehicle.command.land())
+        assert vehicle.status.mode == "land"
+        await within(6, vehicle.command.kill())
+        assert not vehicle.status.armed
+        assert pilot.commands(400)[-1].param2 == 21196
+
+    flight(kit, jump, story, loss=loss, seed=seed)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_twenty_percent_loss_never_fails_within_the_deadline(kit, jump, seed):
+    async def story(world, vehicle, pilot):
+        for _ in range(5):
+            await vehicle.command.arm()
+            await vehicle.command.set_mode("position")
+            await vehicle.command.set_mode("hold")
+            await vehicle.command.disarm()
+
+    flight(kit, jump, story, loss=0.2, seed=100 + seed)
+
+
+def test_confirmation_counts_up_and_nothing_is_sent_after_success(kit, jump):
+    async def story(world, vehicle, pilot):
+        dropped = []
+        pilot.handlers.append(
+            lambda m: (
+                m.get_type() == "COMMAND_LONG"
+                and m.command == 400
+                and len(dropped) < 2
+                and not dropped.append(m)
+            )
+        )
+        await vehicle.command.arm()
+        assert [m.confirmation for m in pilot.commands(400)] == [0, 1, 2]
+        await asyncio.sleep(10)
+        assert len(pilot.commands(400)) == 3
+
+    flight(kit, jump, story)
+
+
+@pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
+def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(kit, jump, loss, seed):
+    async def story(world, vehicle, pilot):
+        pilot.armed, pilot.landed = True, 2
+        await asyncio.sleep(4)
+        with pytest.raises(Rejected) as caught:
+            await vehicle.command.set_mode("manual")
+        if not loss:
+            assert caught.value.mav_result == 1
+            assert caught.value.reasons == ("Switching to Manual is currently not available",)
+        assert vehicle.status.mode == "hold"
+
+    flight(kit, jump, story, loss=loss, seed=seed)
+
+
+def test_arming_refused_carries_the_checks_that_fail(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.arm_denied = True
+        summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
+        pilot.event(27825120, 0x88, summary)
+        pilot.event(30612409, 0x33, struct.pack("<IB", 8257660, 17))
+        pilot.event(19865031, 0x33, struct.pack("<IB", 16384, 20))
+        pilot.event(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
+        pilot.event(18691879, 0x88)
+        await asyncio.sleep(1)
+        with pytest.raises(Rejected) as caught:
+            await vehicle.command.arm()
+        assert caught.value.mav_result == 1
+        assert caught.value.reasons == (
+            "Arming denied: Resolve system health failures first",
+            "there is no position estimate",
+        )
+        with pytest.raises(Rejected):
+            await vehicle.command.takeoff(5)
+        assert vehicle.status.mode == "hold"  # not left in Take off, where arming would climb
+
+    flight(kit, jump, story)
+
+
+def test_disarming_in_flight_is_refused(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.armed, pilot.landed = True, 2
+        await asyncio.sleep(3)
+        with pytest.raises(Rejected, match="not landed"):
+            await vehicle.command.disarm()
+
+    flight(kit, jump, story)
+
+
+def test_accepted_but_not_done_is_no_success(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.handlers.append(
+            lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 0)
+        )
+        with pytest.raises(Rejected, match="accepted to arm"):
+            await vehicle.command.arm()
+
+    flight(kit, jump, story)
+
+
+def test_done_without_any_acknowledgement_is_success(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.ack = lambda *_: None
+        await vehicle.command.arm()
+        await vehicle.command.set_mode("offboard")
+        assert vehicle.status.mode == "offboard"
+
+    flight(kit, jump, story)
+
+
+def test_silence_ends_at_the_deadline(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.silent_commands.add(400)
+        began = world.loop.time()
+        with pytest.raises(NoReply) as caught:
+            await vehicle.command.arm()
+        assert world.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
+
+    flight(kit, jump, story)
+
+
+def test_anothers_acknowledgement_is_not_ours(kit, jump):
+    async def story(world, vehicle, pilot):
+        def foreign(m):
+            if m.get_type() == "COMMAND_LONG" and m.command == 400:
+                pilot.send(kit.sim.MAVLink_command_ack_message(400, 2, 0, 0, 42, 1))
+                return True
+            return False
+
+        pilot.handlers.append(foreign)
+        with pytest.raises(NoReply):
+            await vehicle.command.arm()
+
+    flight(kit, jump, story)
+
+
+def test_progress_prolongs_the_wait(kit, jump):
+    async def story(world, vehicle, pilot):
+        told = []
+
+        def slow(m):
+            if m.get_type() != "COMMAND_LONG" or m.command != 400:
+                return False
+            for second in range(1, 15):
+                world.loop.call_later(second, pilot.ack, 400, 5, second * 6)
+            world.loop.call_later(15, lambda: setattr(pilot, "armed", True))
+            return True
+
+        pilot.handlers.append(slow)
+        await vehicle.command.arm(progress=lambda what, fraction: told.append(fraction))
+        assert vehicle.status.armed
+        assert 0.84 in told
+
+    flight(kit, jump, story)
+
+
+def test_the_other_form_is_tried_where_the_vehicle_wants_it(kit, jump):
+    async def story(world, vehicle, pilot):
+        def ints_only(m):
+            return m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 8)
+
+        pilot.handlers.append(ints_only)
+        await vehicle.command.arm()
+        assert [m.get_type() for m in pilot.commands(400)] == ["COMMAND_LONG", "COMMAND_INT"]
+
+    flight(kit, jump, story)
+
+
+def test_a_newer_command_ends_an_older_one(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.lift = lambda: None
+        takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))
+        await asyncio.sleep(3)
+        await vehicle.command.hold()
+        with pytest.raises(Refused, match="hold"):
+            await takeoff
+        assert vehicle.status.mode == "hold"
+
+    flight(kit, jump, story)
+
+
+def test_a_lost_link_fails_what_waits_at_once(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.silent_commands.add(400)
+        waiting = asyncio.ensure_future(vehicle.command.arm())
+        await asyncio.sleep(0.5)
+        began = world.loop.time()
+        await world.router.remove_link("memory")
+        with pytest.raises(Disconnected):
+            await waiting
+        assert world.loop.time() - began < 0.1
+        await asyncio.sleep(5)
+        assert vehicle.status.link_lost
+        with pytest.raises(Disconnected):
+            await vehicle.command.hold()
+        assert world.fleet.get("1") is vehicle
+
+    flight(kit, jump, story)
+
+
+@pytest.mark.parametrize(
+    ("call", "field"),
+    [
+        (lambda c: c.takeoff(math.nan), "alt_home_m"),
+        (lambda c: c.takeoff(0.2), "alt_home_m"),
+        (lambda c: c.takeoff(500), "alt_home_m"),
+        (lambda c: c.set_mode("fly"), "mode"),
+        (lambda c: c.set_mode("termination"), "mode"),
+        (lambda c: c.goto(math.nan, 8, alt_home_m=5), "lat_deg"),
+        (lambda c: c.goto(95, 8, alt_home_m=5), "lat_deg"),
+        (lambda c: c.goto(47, math.inf, alt_home_m=5), "lon_deg"),
+        (lambda c: c.goto(47, 8), "alt_amsl_m"),
+        (lambda c: c.goto(47, 8, alt_home_m=5, alt_amsl_m=500), "alt_amsl_m"),
+        (lambda c: c.goto(47, 8, alt_home_m=math.nan), "alt_home_m"),
+        (lambda c: c.goto(47, 8, alt_home_m=5, yaw_ned_deg=math.nan), "yaw_ned_deg"),
+        (lambda c: c.goto(47, 8, alt_home_m=5, max_distance_m=math.nan), "max_distance_m"),
+    ],
+)
+def test_bad_values_name_their_field_and_send_nothing(kit, jump, call, field):
+    async def story(world, vehicle, pilot):
+        before = len([m for m in pilot.heard if m.get_type().startswith("COMMAND_")])
+        with pytest.raises(InvalidRequest) as caught:
+            await call(vehicle.command)
+        assert caught.value.field == field
+        assert len([m for m in pilot.heard if m.get_type().startswith("COMMAND_")]) == before
+
+    flight(kit, jump, story)
+
+
+def test_our_own_checks_refuse_what_px4_would_take_blindly(kit, jump):
+    async def story(world, vehicle, pilot):
+        with pytest.raises(Refused, match="does not fly"):
+            await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
+        pilot.armed, pilot.landed = True, 2
+        await asyncio.sleep(3)
+        with pytest.raises(Refused, match="m away"):
+            await vehicle.command.goto(47.85, 8.5456, alt_home_m=10)
+        with pytest.raises(Refused, match="m away"):
+            await vehicle.command.goto(47.3978, 8.5456, alt_amsl_m=5000)
+        with pytest.raises(Refused, match="flies already"):
+            await vehicle.command.takeoff(10)
+        pilot.has_position, pilot.armed, pilot.landed = False, False, 1
+        await asyncio.sleep(5)
+        with pytest.raises(Refused, match="no global position"):
+            await vehicle.command.takeoff(10)
+        assert not [c for c in (192, 22) if pilot.commands(c)]
+
+    flight(kit, jump, story)
+
+
+@pytest.mark.parametrize(("autopilot", "kind"), [(3, 2), (12, 1), (12, 10)])
+def test_what_is_not_verified_is_shown_and_refuses(kit, jump, autopilot, kind):
+    async def story(world, vehicle, pilot):
+        pilot.autopilot, pilot.vehicle_type = autopilot, kind
+        await asyncio.sleep(2)
+        before = len(pilot.commands(400))
+        for call in (vehicle.command.arm, vehicle.command.kill, vehicle.gimbal.take_control):
+            with pytest.raises(NotVerified):
+                await call()
+        assert len(pilot.commands(400)) == before
+
+    flight(kit, jump, story)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
+    async def story(world, vehicle, pilot):
+        assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
+        assert (await vehicle.params.set("MPC_XY_VEL_MAX", 9.3)).value == pytest.approx(9.3, abs=1e-6)
+        for value in (-1, 0, 77, -8388607, 2**31 - 1):
+            param = await vehicle.params.set("NAV_DLL_ACT", value)
+            assert (param.value, param.is_integer) == (value, True)
+            assert pilot.params["NAV_DLL_ACT"] == (6, value)
+
+    flight(kit, jump, story, loss=loss, seed=seed)
+
+
+def test_parameter_refusals(kit, jump):
+    async def story(world, vehicle, pilot):
+        with pytest.raises(NoReply, match="NO_SUCH"):
+            await vehicle.params.get("NO_SUCH")
+        for name in ("", "WAY_TOO_LONG_FOR_A_NAME", "SPACE D", "Ä"):
+            with pytest.raises(InvalidRequest):
+                await vehicle.params.get(name)
+        for value in (math.nan, math.inf, 1.5, 2.0**40):
+            with pytest.raises(InvalidRequest):
+                await vehicle.params.set("NAV_DLL_ACT", value)
+        pilot.stored = lambda m: 12.0
+        with pytest.raises(Rejected, match="keeps MPC_XY_VEL_MAX at 12"):
+            await vehicle.params.set("MPC_XY_VEL_MAX", 50)
+
+    flight(kit, jump, story)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_the_gimbal_is_taken_pointed_and_released(kit, jump, loss, seed):
+    async def story(world, vehicle, pilot):
+        with pytest.raises(Refused, match="Nobody controls"):
+            await vehicle.gimbal.set_angles(-30, 0)
+        pilot.control = (7, 8)
+        with pytest.raises(Refused, match="system 7, component 8"):
+            await vehicle.gimbal.set_rates(5, 5)
+        await vehicle.gimbal.take_control()
+        assert pilot.control == (255, 190)
+        await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
+        sent = pilot.commands(1000)[-1]
+        assert (sent.param1, sent.param2, sent.param5) == (-30, pytest.approx(-170), 16)
+        await vehicle.gimbal.set_rates(10, -5)
+        sent = pilot.commands(1000)[-1]
+        assert (sent.param3, sent.param4) == (10, -5)
+        await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
+        assert pilot.gimbal_q[1] != 0
+        await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
+        assert pilot.commands(195)[-1].get_type() == "COMMAND_INT"
+        await vehicle.gimbal.clear_roi()
+        await vehicle.gimbal.release_control()
+        assert pilot.control == (0, 0)
+
+    flight(kit, jump, story, loss=loss, seed=seed)
+
+
+def test_gimbal_bad_values_and_no_gimbal(kit, jump):
+    async def story(world, vehicle, pilot):
+        for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
+            with pytest.raises(InvalidRequest):
+                await vehicle.gimbal.set_angles(pitch, yaw)
+        pilot.gimbal = False
+        with pytest.raises(NoReply, match="gimbal"):
+            await vehicle.gimbal.take_control()
+        with pytest.raises(NoReply, match="gimbal"):
+            await vehicle.gimbal.set_angles(0, 0)
+
+    flight(kit, jump, story)

@@ -1,0 +1,306 @@
+"""Who is who: system ids, uids, peers, links, recordings, other stations."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
+
+HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
+
+
+def told(world, story_jump):
+    async def run():
+        w = world()
+        try:
+            await story_jump(w)
+        finally:
+            await w.close()
+
+    return run
+
+
+def ids(world):
+    return [v.id for v in world.fleet.all()]
+
+
+def test_a_simulator_is_known_by_its_uid(kit, jump):
+    async def story(world):
+        pilot = world.pilot(world.link())
+        vehicle = await world.ready()
+        assert (vehicle.identity.simulated, vehicle.identity.replayed) == (True, False)
+        assert vehicle.identity.firmware == "1.16.0"
+        assert vehicle.identity.uid == "4954414c44494e4f"
+        assert len(pilot.commands(512)) >= 1
+        with pytest.raises(UnknownVehicle):
+            world.fleet.get("9")
+
+    jump(told(kit.World, story))
+
+
+def test_several_vehicles_share_a_link(kit, jump):
+    async def story(world):
+        link = world.link()
+        pilots = [world.pilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
+        await world.ready("3")
+        assert ids(world) == ["1", "2", "3"]
+        await world.fleet.get("2").command.arm()
+        assert [p.armed for p in pilots] == [False, True, False]
+        assert world.fleet.warnings() == []
+
+    jump(told(kit.World, story))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
+)
+def test_two_peers_that_claim_one_id_are_two_and_never_mixed(kit, jump, first, second):
+    async def story(world):
+        link = world.link()
+        one = world.pilot(link, peer="a", uid=first)
+        await world.ready("1")
+        two = world.pilot(link, peer="b", uid=second, boot_s=500.0)
+        two.position[2] = 600.0
+        other = await world.ready("1~2")
+        vehicle = world.fleet.get("1")
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            assert vehicle.topic("global_position").value.alt_amsl_m == pytest.approx(489.0)
+            assert other.topic("global_position").value.alt_amsl_m == pytest.approx(600.0)
+        await other.command.arm()
+        assert (one.armed, two.armed) == (False, True)
+        assert "system id 1" in vehicle.identity.warnings[0]
+        assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
+
+    jump(told(kit.World, story))
+
+
+def test_one_hardware_vehicle_on_two_links_is_one(kit, jump):
+    async def story(world):
+        cable, radio = world.link("cable"), world.link("radio")
+        world.pilot(cable, uid=HARDWARE_A)
+        second = world.pilot(radio, uid=HARDWARE_A)
+        vehicle = await world.ready()
+        await asyncio.sleep(5)
+        assert ids(world) == ["1"]
+        assert set(vehicle.links) == {"cable", "radio"}
+        await world.router.remove_link("cable")
+        await vehicle.command.arm()
+        assert second.armed
+        assert not vehicle.status.link_lost
+
+    jump(told(kit.World, story))
+
+
+@pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
+def test_simulators_on_two_links_are_told_apart_by_their_boot_time(kit, jump, other_boot_s, expected):
+    async def story(world):
+        world.pilot(world.link("gcs"))
+        await world.ready()
+        world.pilot(world.link("api"), boot_s=other_boot_s)
+        await asyncio.sleep(6)
+        assert ids(world) == expected
+
+    jump(told(kit.World, story))
+
+
+def test_without_uid_and_clock_two_are_shown_and_a_late_uid_joins_them(kit, jump):
+    async def story(world):
+        one = world.pilot(world.link("a"), uid=HARDWARE_A)
+        two = world.pilot(world.link("b"), uid=HARDWARE_A)
+        for pilot in (one, two):
+            pilot.version = pilot.has_position = False
+        await asyncio.sleep(8)
+        assert ids(world) == ["1", "1~2"]
+        one.version = two.version = True
+        await asyncio.sleep(65)
+        assert ids(world) == ["1"]
+        assert world.fleet.get("1").identity.warnings == ()
+        assert any(e.kind == "vehicle_removed" for e in world.fleet.events.since())
+
+    jump(told(kit.World, story))
+
+
+def test_a_vehicle_that_comes_back_from_another_port_is_the_same(kit, jump):
+    async def story(world):
+        link = world.link()
+        first = world.pilot(link, peer="a")
+        await world.ready()
+        first.alive = False
+        await asyncio.sleep(6)
+        assert world.fleet.get("1").status.link_lost
+        back = world.pilot(link, peer="b", boot_s=1010.0)
+        await asyncio.sleep(5)
+        assert ids(world) == ["1"]
+        await world.fleet.get("1").command.arm()
+        assert back.armed
+
+    jump(told(kit.World, story))
+
+
+def test_other_stations_and_companions_are_no_vehicles(kit, jump):
+    async def story(world):
+        link = world.link()
+        pilot = world.pilot(link)
+        vehicle = await world.ready()
+        for system, component in ((255, 190), (245, 191), (1, 191)):
+            mav = kit.sim.MAVLink(None, srcSystem=system, srcComponent=component)
+            link.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
+            link.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "peer")
+        assert ids(world) == ["1"]
+        assert vehicle.status.custom_mode == pilot.mode
+
+    jump(told(kit.World, story))
+
+
+def test_a_recording_is_shown_beside_the_real_one_and_refuses(kit, jump):
+    async def story(world):
+        world.pilot(world.link())
+        await world.ready()
+        replay = world.link("tape", replay=True)
+        world.pilot(replay)
+        vehicle = await world.ready("1~2")
+        assert (vehicle.identity.replayed, vehicle.identity.warnings) == (True, ())
+        for call in (
+            vehicle.command.arm(),
+            vehicle.command.kill(),
+            vehicle.gimbal.take_control(),
+            vehicle.params.get("A"),
+        ):
+            with pytest.raises(Refused, match="recording"):
+                await call
+        assert not vehicle.send(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        assert replay.sent == []
+        await world.router.remove_link("tape")
+        assert ids(world) == ["1"]
+
+    jump(told(kit.World, story))
+
+
+def test_heartbeats_go_out_once_a_second_to_every_peer(kit, jump):
+    async def story(world):
+        link = world.link()
+        pilots = [world.pilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
+        await world.ready("2")
+        before = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in pilots]
+        await asyncio.sleep(10)
+        after = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in pilots]
+        assert [a - b for a, b in zip(after, before, strict=True)] == pytest.approx([10, 10], abs=1)
+        assert (pilots[0].heard[-1].get_srcSystem(), pilots[0].heard[-1].get_srcComponent()) == (42, 190)
+        for pilot in pilots:  # numbered per peer, without gaps
+            seqs = [m.get_seq() for m in pilot.heard]
+            assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
+
+    jump(told(lambda: kit.World(system_id=42), story))
+
+
+def test_stream_rates_are_left_alone(kit, jump):
+    async def story(world):
+        pilot = world.pilot(world.link())
+        await world.ready()
+        await asyncio.sleep(30)
+        assert pilot.commands(511) == []
+        assert not [m for m in pilot.heard if m.get_type() == "REQUEST_DATA_STREAM"]
+
+    jump(told(kit.World, story))
+
+
+def test_another_station_gets_everything_and_reaches_its_target(kit, jump):
+    async def story(world):
+        link = world.link()
+        pilots = [world.pilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
+        station = world.link("qgc", forward=True)
+        qgc = kit.sim.MAVLink(None, srcSystem=255, srcComponent=190)
+        station.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
+        await world.ready("2")
+        seen = {codec_system(data) for data, _ in station.sent}
+        assert seen == {1, 2}
+        heard = [len(p.heard) for p in pilots]
+        before = [len(p.commands(400)) for p in pilots]
+        station.inject(
+            kit.sim.MAVLink_command_long_message(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
+        )
+        await asyncio.sleep(0.05)
+        assert [len(p.commands(400)) - b for p, b in zip(pilots, before, strict=True)] == [0, 1]
+        assert heard
+        fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # in a vehicle's name: no loop
+        heard = [len(p.heard) for p in pilots]
+        station.inject(kit.sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
+        await asyncio.sleep(0.02)
+        assert not [m for p in pilots for m in p.heard if m.get_type() == "PING"]
+        assert ids(world) == ["1", "2"]
+
+    jump(told(kit.World, story))
+
+
+def codec_system(data):
+    return data[5]
+
+
+def test_links_are_added_and_removed_by_name(kit, jump):
+    async def story(world):
+        world.link("one")
+        with pytest.raises(InvalidRequest, match="already"):
+            world.link("one")
+        with pytest.raises(UnknownLink):
+            await world.router.remove_link("two")
+        await world.router.remove_link("one")
+        assert world.router.links() == []
+
+    jump(told(kit.World, story))
+
+
+def test_texts_events_and_modes_become_one_line_each(kit, jump):
+    async def story(world):
+        pilot = world.pilot(world.link())
+        vehicle = await world.ready()
+        start = vehicle.events.last_index
+        pilot.text("A text without an event", 4)
+        pilot.text("x" * 60 + " end", 6, 9)
+        pilot.text("Takeoff detected\t", 6)
+        pilot.event(21054825, 0x66)
+        pilot.text("Only the text came\t", 4)
+        await asyncio.sleep(1)
+        pilot.event(99999, 0x44)
+        pilot.armed, pilot.mode = True, kit.TAKEOFF
+        await asyncio.sleep(2)
+        lines = [(e.kind, e.text) for e in vehicle.events.since(start)]
+        assert lines == [
+            ("status_text", "A text without an event"),
+            ("status_text", "x" * 60 + " end"),
+            ("event", "Takeoff detected"),
+            ("status_text", "Only the text came"),
+            ("event", "event 99999"),
+            *sorted(lines[5:]),
+        ]
+        assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}
+
+    jump(told(kit.World, story))
+
+
+def test_history_keeps_four_a_second_and_the_newest_five_minutes(kit, jump):
+    async def story(world):
+        world.pilot(world.link())
+        vehicle = await world.ready()
+        await asyncio.sleep(20)
+        samples = vehicle.history(("global_position",), world.clock.unix_s() - 10)
+        assert len(samples) == pytest.approx(40, abs=3)
+        times = [s.received_unix_s for s in samples]
+        assert times == sorted(times)
+        await asyncio.sleep(400)
+        oldest = vehicle.history(("global_position", "status"), 0)[0]
+        assert world.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
+
+    jump(told(kit.World, story))
+
+
+def test_topics_are_decoded_once_until_newer(kit, jump):
+    async def story(world):
+        world.pilot(world.link())
+        vehicle = await world.ready()
+        assert vehicle.topic("home") is vehicle.topic("home")
+        assert vehicle.topic("battery") is None
+        with pytest.raises(KeyError):
+            vehicle.topic("nothing")
+
+    jump(told(kit.World, story))
