@@ -70,7 +70,7 @@ class SimulatorProcess:
     ) -> None:
         self._clock = clock
         self._folder = folder
-        self._command = command or [sys.executable, "-m", "vehicle_sim", "--count", str(count)]
+        self._command = command or [sys.executable, "-m", "vehicle_sim", "--instances", str(count)]
         self._probe_port = probe_port
         self._child: subprocess.Popen[bytes] | None = None
         self._pid: int | None = None
