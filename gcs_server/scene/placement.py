@@ -1,8 +1,9 @@
 """One common ENU frame for vehicles whose local frames each start somewhere else.
 
 The world's origin is the first home (or, before one is known, the first global position): there the
-grid's zero and the ground lie. A vehicle's local origin is put into it from its home, or from one pair
-of global and local position; a vehicle without any geographic position shares the world's origin.
+grid's zero and the ground lie. A vehicle's local origin is put into it from its home, which it gives in
+both frames, else from one pair of global and local position; a vehicle without any geographic position
+shares the world's origin.
 """
 
 from __future__ import annotations
@@ -12,8 +13,13 @@ from dataclasses import dataclass
 
 from gcs_server.scene.frames import Vector3, enu_from_geodetic, enu_from_ned
 from gcs_server.scene.ports import SceneVehicle, value_of
-from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition
+from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition, Status
 
+STANDING_HEIGHT_M = 0.225
+"""From the body to the skids as drawn."""
+LANDED_WITHIN_M = 3.0
+"""A vehicle that says it is on the ground is drawn standing on it, if it believes to be this near; an
+estimate drifts by a metre in a flight. Farther off it has landed on a hill or a roof."""
 RELATCH_M = 5.0
 """Global and local position disagree this much: the local origin has moved (an estimator reset)."""
 
@@ -28,6 +34,8 @@ class Place:
     ground_z_m: float
     """Height of its home: what its altitude is counted from."""
     home_enu_m: Vector3 | None
+    height_m: float
+    """Above its home, as the vehicle believes; on the ground it may be some way off zero."""
     known: bool
     """False: it has told no position; it is drawn at the origin to show its attitude."""
 
@@ -69,11 +77,19 @@ class Placement:
             position = global_enu_m
         # Without a home the local frame starts where the vehicle was switched on: its ground.
         ground = home_enu_m or origin or (0.0, 0.0, 0.0)
+        height_m = position[2] - ground[2] if position is not None else 0.0
+        status = value_of(vehicle, "status", Status)
+        if status is not None and status.landed_state == "on_ground" and abs(height_m) < LANDED_WITHIN_M:
+            x, y, _ = position or ground
+            position_drawn = (x, y, ground[2] + STANDING_HEIGHT_M)
+        else:
+            position_drawn = position or ground
         return Place(
-            position_enu_m=position or ground,
+            position_enu_m=position_drawn,
             local_origin_enu_m=origin,
             ground_z_m=ground[2],
             home_enu_m=home_enu_m,
+            height_m=height_m,
             known=position is not None,
         )
 
@@ -94,21 +110,20 @@ class Placement:
     ) -> Vector3 | None:
         if local_enu_m is None:
             return None
+        by_home = _home_origin(home, home_enu_m)
         latched = self._local_origins_enu_m.get(vehicle_id)
-        if latched is not None and (
-            global_enu_m is None or math.dist(_add(latched, local_enu_m), global_enu_m) < RELATCH_M
-        ):
-            return latched
+        for origin in (by_home, latched):
+            # Both frames of the home are given at one moment, so height above home comes out as the
+            # vehicle's own; but after a reset of the estimator an old home says something else.
+            if origin is not None and (
+                global_enu_m is None or math.dist(_add(origin, local_enu_m), global_enu_m) < RELATCH_M
+            ):
+                return origin
         if global_enu_m is not None:
             origin = _subtract(global_enu_m, local_enu_m)
-            by_home = _home_origin(home, home_enu_m)
-            # The home does not move while both positions do: take it where it tells the same.
-            if by_home is not None and math.dist(by_home, origin) < RELATCH_M:
-                origin = by_home
             self._local_origins_enu_m[vehicle_id] = origin
             return origin
-        # No global position (yet): the home tells, else the world starts here; neither is latched.
-        return _home_origin(home, home_enu_m) or (0.0, 0.0, 0.0)
+        return (0.0, 0.0, 0.0)
 
 
 def _home_origin(home: Home | None, home_enu_m: Vector3 | None) -> Vector3 | None:

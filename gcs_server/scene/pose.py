@@ -144,9 +144,9 @@ def _whole(v: tuple[float | None, float | None, float | None]) -> Vector3 | None
 def _label(vehicle_id: str, place: Place) -> str:
     if not place.known:
         return vehicle_id
-    height_m = place.position_enu_m[2] - place.ground_z_m
-    # No "-0.0": half a decimetre of estimator noise on the ground is not below it.
-    return f"{vehicle_id} · {height_m if abs(height_m) >= 0.05 else 0.0:.1f} m"
+    # No "-0.0": half a decimetre of estimator noise is not below the ground.
+    height_m = place.height_m if abs(place.height_m) >= 0.05 else 0.0
+    return f"{vehicle_id} · {height_m:.1f} m"
 
 
 def _note(vehicle: SceneVehicle, place: Place, lost: bool) -> str:

@@ -64,8 +64,8 @@ def q_from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
     )
 
 
-def status(*, armed: bool = True, lost: bool = False) -> Status:
-    return Status(armed, "hold", "Hold", 0, None, "in_air", 4, lost, 5.0 if lost else 0.1)
+def status(*, armed: bool = True, lost: bool = False, landed: str = "in_air") -> Status:
+    return Status(armed, "hold", "Hold", 0, None, landed, 4, lost, 5.0 if lost else 0.1)
 
 
 def attitude(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Attitude:

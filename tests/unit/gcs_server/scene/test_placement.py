@@ -1,9 +1,9 @@
 import math
 
 import pytest
-from scene_fakes import FakeVehicle, flying, glob, home, local
+from scene_fakes import FakeVehicle, flying, glob, home, local, status
 
-from gcs_server.scene.placement import Placement
+from gcs_server.scene.placement import STANDING_HEIGHT_M, Placement
 
 LAT, LON = 47.397742, 8.545594
 NORTH_100_M = LAT + 100.0 / 111177.0
@@ -76,3 +76,30 @@ def test_when_the_last_has_gone_the_next_gives_the_origin():
     placement.reset()
     elsewhere = FakeVehicle("2", values={"home": home(10.0, 20.0, 5.0)})
     assert placement.place(elsewhere).home_enu_m == (0.0, 0.0, 0.0)
+
+
+def test_height_above_home_is_the_vehicles_own_after_its_estimate_has_drifted():
+    """Values of a real PX4 after landing: its own figure was -0.618 m."""
+    vehicle = flying()
+    placement = Placement()
+    placement.place(vehicle)
+    vehicle.values["local_position"] = local(-0.364, -0.137, 1.1064453125)
+    vehicle.values["global_position"] = glob(47.3977434, 8.545592, 488.98)
+    vehicle.values["home"] = home(47.3977425, 8.5455933, 489.599, (-0.467, -0.037, 0.4874267578125))
+    assert placement.place(vehicle).height_m == pytest.approx(-0.618, abs=0.002)
+
+
+def test_a_landed_vehicle_stands_on_the_ground_whatever_its_estimate():
+    vehicle = flying()
+    vehicle.values["status"] = status(landed="on_ground")
+    vehicle.values["local_position"] = local(0.0, 0.0, 0.6)
+    vehicle.values["global_position"] = glob(LAT, LON, 487.4)
+    place = Placement().place(vehicle)
+    assert place.position_enu_m[2] == pytest.approx(place.ground_z_m + STANDING_HEIGHT_M)
+    assert place.height_m == pytest.approx(-0.6)
+
+
+def test_one_that_landed_on_a_roof_stays_there():
+    vehicle = flying()
+    vehicle.values["status"] = status(landed="on_ground")
+    assert Placement().place(vehicle).position_enu_m[2] == pytest.approx(10.0)
