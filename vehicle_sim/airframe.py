@@ -57,7 +57,7 @@ class Airframe:
         """
 
         def value(name: str) -> float:
-            return float(parameters.get(name))
+            return parameters.usable(name)
 
         for name in ("SIH_MASS", "SIH_IXX", "SIH_IYY", "SIH_IZZ", "SIH_T_MAX"):
             if not value(name) > 0.0:

@@ -143,6 +143,14 @@ class Parameters:
         except KeyError:
             raise UnknownParameterError(name) from None
 
+    def usable(self, name: str) -> float:
+        """The value to fly with: as stored, but the boot value in place of NaN or infinity.
+
+        PX4 stores those too; a NaN gain would stay in every integrator even after it was corrected.
+        """
+        value = float(self.get(name))
+        return value if math.isfinite(value) else float(self._default(name).value)
+
     def type_of(self, name: str) -> ParameterType:
         """INT32 or FLOAT."""
         return self._default(name).type

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.airframe import Airframe
+from vehicle_sim.control.allocation import mixer_of
 from vehicle_sim.control.cascade import Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import Estimator
@@ -60,6 +61,9 @@ class Simulation:
         yaw_ned_rad: (N,) headings at start; default: north.
         wind_ned_m_s: (3,) or (N, 3) steady wind, felt by the drag.
         sensor_noise: False switches all noise off (tests of exact equality).
+
+    Raises:
+        ValueError: counts or shapes that do not fit, or parameters that describe no airframe.
     """
 
     def __init__(
@@ -97,7 +101,7 @@ class Simulation:
         if wind_ned_m_s is not None:
             self.set_wind(wind_ned_m_s)
         for i in range(count):
-            self.reload_parameters(i)
+            self._take_parameters(i)
             self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
 
     @property
@@ -176,14 +180,23 @@ class Simulation:
         """Steady wind, (3,) for all or (N, 3)."""
         self._bodies.wind_ned_m_s[:] = np.asarray(wind_ned_m_s, dtype=float)
 
-    def reload_parameters(self, i: int) -> None:
+    def reload_parameters(self, i: int) -> str | None:
         """Take over the parameters of vehicle `i` after a change (gains, limits, airframe, battery).
 
-        Raises:
-            ValueError: an airframe that cannot exist (SIH_MASS 0, …); the old values stay in use.
+        Returns:
+            None, or why they describe no airframe (SIH_MASS 0, rotors in a line): the old ones stay in use.
         """
+        try:
+            self._take_parameters(i)
+        except ValueError as error:
+            return str(error)
+        return None
+
+    def _take_parameters(self, i: int) -> None:
         parameters = self.parameters[i]
-        self._bodies.configure(i, Airframe.from_parameters(parameters))
+        airframe = Airframe.from_parameters(parameters)
+        mixer_of(parameters)
+        self._bodies.configure(i, airframe)
         self._batteries.configure(i, parameters)
         self._sensors.configure(i, parameters)
         self._estimator.configure(i, parameters)

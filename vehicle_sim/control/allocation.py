@@ -35,20 +35,12 @@ class Allocation:
         """(N, 3) torque asked for less torque given in the last step."""
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Build the mixer of vehicle `i` from CA_ROTOR*."""
-        effect = rotor_effectiveness(parameters)
-        mix = np.linalg.pinv(effect)
-        rows = mix.T.copy()
-        roll, pitch, yaw, thrust = rows
-        tilt_scale = max(math.sqrt(float(row @ row) / (ROTOR_COUNT / 2.0)) for row in (roll, pitch))
-        yaw_scale = float(np.max(np.abs(yaw)))
-        thrust_scale = float(np.mean(np.abs(thrust)))
-        scales = np.array([tilt_scale, tilt_scale, yaw_scale, thrust_scale])
-        if np.any(scales < _SMALL):
-            raise ValueError(
-                "CA_ROTOR* describe rotors that cannot control all of roll, pitch, yaw and thrust"
-            )
-        rows /= scales[:, None]
+        """Build the mixer of vehicle `i` from CA_ROTOR*.
+
+        Raises:
+            ValueError: rotors that cannot control all four axes.
+        """
+        rows = mixer_of(parameters)
         self._mix[i] = rows
         self._unmix[i] = np.linalg.pinv(rows)[:, :3]
 
@@ -82,13 +74,33 @@ class Allocation:
         return np.clip(motors, 0.0, 1.0)
 
 
+def mixer_of(parameters: Parameters) -> FloatArray:
+    """(4, ROTOR_COUNT): motor signals for a unit of roll, pitch, yaw torque and of collective thrust.
+
+    Raises:
+        ValueError: rotors that cannot control all four axes.
+    """
+    effect = rotor_effectiveness(parameters)
+    if np.linalg.matrix_rank(effect, tol=_SMALL) < 4:
+        raise ValueError("CA_ROTOR* describe rotors that cannot control all of roll, pitch, yaw and thrust")
+    mix = np.linalg.pinv(effect)
+    rows = mix.T.astype(np.float64)
+    roll, pitch, yaw, thrust = rows
+    tilt_scale = max(math.sqrt(float(row @ row) / (ROTOR_COUNT / 2.0)) for row in (roll, pitch))
+    yaw_scale = float(np.max(np.abs(yaw)))
+    thrust_scale = float(np.mean(np.abs(thrust)))
+    scales = np.array([tilt_scale, tilt_scale, yaw_scale, thrust_scale])
+    rows /= scales[:, None]
+    return rows
+
+
 def rotor_effectiveness(parameters: Parameters) -> FloatArray:
     """(4, ROTOR_COUNT): roll, pitch, yaw torque and lift of each rotor at full signal, by CA_ROTOR*."""
     effect = np.zeros((4, ROTOR_COUNT))
     for k in range(ROTOR_COUNT):
 
         def value(name: str, k: int = k) -> float:
-            return float(parameters.get(f"CA_ROTOR{k}_{name}"))
+            return parameters.usable(f"CA_ROTOR{k}_{name}")
 
         axis = np.array([value("AX"), value("AY"), value("AZ")])
         place = np.array([value("PX"), value("PY"), value("PZ")])

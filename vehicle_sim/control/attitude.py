@@ -35,7 +35,7 @@ class AttitudeControl:
         """Read MC_* of vehicle `i`."""
 
         def value(name: str) -> float:
-            return float(parameters.get(name))
+            return parameters.usable(name)
 
         weight = min(1.0, max(0.0, value("MC_YAW_WEIGHT")))
         self._yaw_weight[i] = weight
@@ -70,7 +70,7 @@ class AttitudeControl:
             reduced[opposite] = error[opposite] * np.where(error[opposite, :1] < 0.0, -1.0, 1.0)
         reduced /= row_norm(reduced)
         rates = 2.0 * reduced[:, 1:] * self._gain
-        turn = np.where(np.isnan(yaw_rate_ned_rad_s), 0.0, yaw_rate_ned_rad_s)
+        turn = np.where(np.isfinite(yaw_rate_ned_rad_s), yaw_rate_ned_rad_s, 0.0)
         if turn.any():
             rates += _down_in_body(q) * turn[:, None]
         return np.clip(rates, -self._limit, self._limit)

@@ -16,6 +16,7 @@ from vehicle_sim.control.hover_thrust import HoverThrust
 from vehicle_sim.control.position import PositionControl
 from vehicle_sim.control.rate import RateControl
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
+from vehicle_sim.frames import row_norm
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState, TargetState
 
@@ -27,6 +28,8 @@ HOVER_EVERY_OUTER = 5
 # Plain numbers: NumPy compares with an enumeration member ten times slower.
 _DISARMED, _RATES, _ATTITUDE, _TRAJECTORY = (int(level) for level in ControlLevel)
 
+_SHORTEST_QUATERNION = 1e-3
+_FASTEST_RAD_S = 100.0
 MOTOR_DISARMED_US = 900.0
 MOTOR_MIN_US = 1000.0
 MOTOR_SPAN_US = 1000.0
@@ -139,13 +142,18 @@ class Cascade:
             self._learn_hover(trajectory & ~grounded, estimate)
 
     def _take_lower_levels(self, level: FloatArray, setpoints: Setpoints) -> None:
-        """Attitude, rate and thrust setpoints of the vehicles that are flown by them."""
+        """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing."""
         by_attitude, by_rates = level == _ATTITUDE, level == _RATES
         if not (by_attitude | by_rates).any():
             return
-        np.copyto(self.target.q_ned_frd, setpoints.q_ned_frd, where=by_attitude[:, None])
-        np.copyto(self.target.rates_frd_rad_s, setpoints.rates_frd_rad_s, where=by_rates[:, None])
-        np.copyto(self._thrust, np.clip(setpoints.thrust, 0.0, 1.0), where=by_attitude | by_rates)
+        length = row_norm(setpoints.q_ned_frd)
+        usable = by_attitude[:, None] & np.isfinite(length) & (length > _SHORTEST_QUATERNION)
+        q = setpoints.q_ned_frd / np.where(usable, length, 1.0)
+        np.copyto(self.target.q_ned_frd, q, where=usable)
+        rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
+        np.copyto(self.target.rates_frd_rad_s, rates, where=by_rates[:, None])
+        thrust = np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0)
+        np.copyto(self._thrust, thrust, where=by_attitude | by_rates)
 
     def _learn_hover(self, flying: BoolArray, estimate: EstimateState) -> None:
         if not flying.any():

@@ -46,7 +46,7 @@ class HoverThrust:
         """Read HTE_* and MPC_THR_HOVER of vehicle `i`."""
 
         def value(name: str) -> float:
-            return float(parameters.get(name))
+            return parameters.usable(name)
 
         default = min(0.8, max(0.1, value("MPC_THR_HOVER")))
         if self._variance[i] == 0.0 or default != self._default[i]:

@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _TINY = 1e-9
+_BEYOND = 1e6
+"""Faster and harder than anything: m/s, m/s²."""
 
 
 class PositionControl:
@@ -58,7 +60,7 @@ class PositionControl:
         """Read MPC_* of vehicle `i`."""
 
         def value(name: str) -> float:
-            return float(parameters.get(name))
+            return parameters.usable(name)
 
         def axes(horizontal: str, vertical: str) -> list[float]:
             return [value(horizontal), value(horizontal), value(vertical)]
@@ -109,7 +111,7 @@ class PositionControl:
         if setpoints.ramp_thrust.any():
             feedforward = feedforward.copy()
             feedforward[setpoints.ramp_thrust, 2] = np.nan
-        demand = _add_finite(feedforward, demand)
+        demand = _bounded(_add_finite(feedforward, demand))
         target.velocity_ned_m_s[:] = wanted
         target.acceleration_ned_m_s2[:] = demand
         demand = np.where(np.isnan(demand), 0.0, demand)
@@ -120,7 +122,7 @@ class PositionControl:
         self._anti_windup(demand, error, thrust, hover_thrust, limits)
         np.copyto(self.thrust, np.sqrt((thrust * thrust).sum(axis=1)))
         yaw = setpoints.yaw_ned_rad
-        yaw = np.where(np.isnan(yaw), estimate.heading_rad, yaw)
+        yaw = np.where(np.isfinite(yaw), yaw, estimate.heading_rad)
         self.q_ned_frd[:] = _attitude(body_z, thrust, yaw)
         np.copyto(target.position_ned_m, setpoints.position_ned_m)
         np.copyto(target.yaw_ned_rad, setpoints.yaw_ned_rad)
@@ -128,8 +130,8 @@ class PositionControl:
 
     def _velocity_setpoint(self, setpoints: Setpoints, estimate: EstimateState) -> FloatArray:
         """P control of position on top of the velocity feed-forward, within the speed limits."""
-        by_position = (setpoints.position_ned_m - estimate.position_ned_m) * self._position_p
-        wanted = _add_finite(setpoints.velocity_ned_m_s, by_position)
+        by_position = _bounded((setpoints.position_ned_m - estimate.position_ned_m) * self._position_p)
+        wanted = _bounded(_add_finite(setpoints.velocity_ned_m_s, by_position))
         horizontal = wanted[:, :2]
         speed = np.sqrt((horizontal * horizontal).sum(axis=1, keepdims=True))
         too_fast = speed > self._speed_xy
@@ -223,6 +225,11 @@ def _add_finite(a: FloatArray, b: FloatArray) -> FloatArray:
     if unknown.any():
         total = np.where(unknown, np.where(np.isnan(a), b, a), total)
     return total
+
+
+def _bounded(values: FloatArray) -> FloatArray:
+    """Keep what nobody can fly (infinite, 1e30) from overflowing; NaN stays NaN."""
+    return np.maximum(np.minimum(values, _BEYOND), -_BEYOND)
 
 
 def _constrain_xy(first: FloatArray, second: FloatArray, limit: FloatArray) -> FloatArray:

@@ -39,7 +39,7 @@ class Channels:
         """Read the noise figures of vehicle `i`."""
 
         def value(name: str) -> float:
-            return float(parameters.get(name))
+            return parameters.usable(name)
 
         accel = _ACCEL_SHARE * value("EKF2_ACC_NOISE") ** 2 * _PREDICTION_INTERVAL_S
         tilt = _TILT_SHARE * (GRAVITY_M_S2 * value("EKF2_GYR_NOISE")) ** 2 * _PREDICTION_INTERVAL_S

@@ -95,7 +95,7 @@ class Estimator:
         """Read IMU_* and EKF2_* of vehicle `i`."""
 
         def value(name: str) -> float:
-            return float(parameters.get(name))
+            return parameters.usable(name)
 
         self.channels.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))

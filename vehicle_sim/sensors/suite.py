@@ -123,8 +123,8 @@ class SensorSuite:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Read SIM_GPS_USED, SIM_MAG_OFFSET_* and SIM_BARO_OFF_P of vehicle `i`."""
         self._satellites[i] = int(parameters.get("SIM_GPS_USED"))
-        self._mag_offset[i] = [float(parameters.get(f"SIM_MAG_OFFSET_{axis}")) for axis in "XYZ"]
-        self._baro_offset_hpa[i] = float(parameters.get("SIM_BARO_OFF_P"))
+        self._mag_offset[i] = [parameters.usable(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
+        self._baro_offset_hpa[i] = parameters.usable("SIM_BARO_OFF_P")
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
         """Cover the antenna of vehicle `i`: its receiver goes on reporting, without a fix."""

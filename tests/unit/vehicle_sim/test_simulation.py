@@ -223,12 +223,17 @@ def test_battery_drains_armed_and_fills_when_disarmed():
 def test_parameters_take_effect_when_reloaded():
     sim = hovering()
     sim.parameters[0].set("SIH_MASS", 1.2)
-    sim.reload_parameters(0)
+    assert sim.reload_parameters(0) is None
     run(sim, 10.0)
     assert sim.target.thrust[0] == pytest.approx(1.2 * frames.GRAVITY_M_S2 / 20.0, abs=0.005)
     sim.parameters[0].set("SIH_MASS", 0.0)
+    why = sim.reload_parameters(0)
+    assert why is not None
+    assert "SIH_MASS is 0" in why
+    run(sim, 1.0)
+    assert sim.target.thrust[0] == pytest.approx(1.2 * frames.GRAVITY_M_S2 / 20.0, abs=0.01), "flies on"
     with pytest.raises(ValueError, match="SIH_MASS is 0"):
-        sim.reload_parameters(0)
+        Simulation(parameters=[sim.parameters[0]])
 
 
 def test_reset_puts_one_vehicle_back_and_leaves_the_other():

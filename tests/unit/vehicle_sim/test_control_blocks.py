@@ -1,0 +1,159 @@
+"""The blocks of the cascade one by one: what saturates, what is filtered, what a bad number may do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vehicle_sim import frames
+from vehicle_sim.control.allocation import Allocation, mixer_of
+from vehicle_sim.control.attitude import AttitudeControl
+from vehicle_sim.estimator.gyro_filter import GyroFilter
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.simulation import ControlLevel, Simulation
+
+
+def allocation(count: int = 1) -> Allocation:
+    block = Allocation(count)
+    for i in range(count):
+        block.configure(i, Parameters())
+    return block
+
+
+def test_mixer_is_the_normalised_quad_x():
+    half = math.sqrt(0.5)
+    assert mixer_of(Parameters()) == pytest.approx(
+        np.array([[-half, half, half, -half], [half, -half, half, -half], [1, 1, -1, -1], [1, 1, 1, 1]])
+    )
+
+
+def test_rotors_in_a_line_are_refused():
+    overrides = {f"CA_ROTOR{k}_PY": 0.0 for k in range(4)}
+    with pytest.raises(ValueError, match="CA_ROTOR"):
+        mixer_of(Parameters(overrides))
+
+
+def test_what_fits_is_given_exactly():
+    motors = allocation().update(np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
+    expected = 0.5 + np.array([0.05, -0.02, 0.03]) @ mixer_of(Parameters())[:3]
+    assert motors[0] == pytest.approx(expected)
+
+
+def test_at_full_thrust_lift_gives_way_to_roll():
+    block = allocation()
+    motors = block.update(np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
+    assert motors.max() == pytest.approx(1.0)
+    assert motors[0, 1] - motors[0, 0] == pytest.approx(0.2 * 2 * math.sqrt(0.5))
+    assert block.short_of[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_without_thrust_there_is_no_torque_as_airmode_is_off():
+    block = allocation()
+    motors = block.update(np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
+    assert motors[0] == pytest.approx(np.zeros(4), abs=1e-9)
+    assert np.all(block.short_of[0] > 0.1)
+
+
+def test_yaw_gives_way_first():
+    motors = allocation().update(np.array([[0.2, 0.0, 0.9]]), np.array([0.5]))
+    roll = (motors[0] @ np.array([-1, 1, 1, -1])) / (4 * math.sqrt(0.5))
+    yaw = (motors[0] @ np.array([1, 1, -1, -1])) / 4
+    assert roll == pytest.approx(0.2, abs=0.03)
+    assert 0.1 < yaw < 0.6
+
+
+def test_random_demands_stay_within_the_motors():
+    generator = np.random.default_rng(1)
+    block = allocation(200)
+    for _ in range(20):
+        motors = block.update(generator.uniform(-2, 2, (200, 3)), generator.uniform(0, 1, 200))
+        assert motors.min() >= 0.0
+        assert motors.max() <= 1.0
+
+
+def test_attitude_error_becomes_the_shortest_turn():
+    control = AttitudeControl(2)
+    for i in range(2):
+        control.configure(i, Parameters())
+    level = frames.quaternion_from_yaw(np.zeros(2))
+    wanted = np.stack(
+        [frames.quaternion_from_euler(0.1, 0.0, 0.0), frames.quaternion_from_euler(0.0, 0.0, 0.1)]
+    )
+    rates = control.update(level, wanted, np.full(2, np.nan))
+    assert rates[0] == pytest.approx([6.5 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
+    # The weight takes from the angle what the gain gives back.
+    assert rates[1] == pytest.approx([0.0, 0.0, 2.8 * 0.1], abs=1e-3)
+    assert control.update(level, -wanted, np.full(2, np.nan)) == pytest.approx(rates)
+
+
+@pytest.mark.parametrize("yaw", [0.3, 2.0, -3.0])
+@pytest.mark.parametrize(("roll", "pitch"), [(0.4, -0.2), (-1.0, 0.6), (3.0, 0.1)])
+def test_attitude_control_gets_there_from_anywhere(roll, pitch, yaw):
+    control = AttitudeControl(1)
+    control.configure(0, Parameters())
+    q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
+    wanted = frames.quaternion_from_euler(0.1, -0.1, -0.5)[None, :]
+    for _ in range(1500):
+        q = frames.normalized(q + 0.004 * frames.quaternion_rate(q, control.update(q, wanted, np.zeros(1))))
+    assert abs(float(q[0] @ wanted[0])) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_gyro_filter_passes_slow_and_stops_fast():
+    filters = GyroFilter(1, 0.004)
+    filters.configure(0, 40.0, 30.0)
+    times = 0.004 * np.arange(2000)
+
+    def gain(frequency_hz: float) -> tuple[float, float]:
+        filters.reset(0)
+        rates, slopes = np.zeros((1, 3)), np.zeros((1, 3))
+        seen = []
+        for t in times:
+            filters.update(np.full((1, 3), math.sin(2 * math.pi * frequency_hz * t)), rates, slopes)
+            seen.append((rates[0, 0], slopes[0, 0]))
+        late = np.abs(np.array(seen)[1000:])
+        return float(late[:, 0].max()), float(late[:, 1].max())
+
+    slow, slope = gain(1.0)
+    assert slow == pytest.approx(1.0, abs=0.01)
+    assert slope == pytest.approx(2 * math.pi, rel=0.02)
+    assert gain(40.0)[0] == pytest.approx(math.sqrt(0.5), abs=0.02)
+    assert gain(100.0)[0] < 0.05
+
+
+@pytest.mark.parametrize("level", [ControlLevel.RATES, ControlLevel.ATTITUDE, ControlLevel.TRAJECTORY])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_bad_numbers_leave_no_trace(level, bad):
+    sim = Simulation(2, start_ned_m=np.array([[0.0, 0.0, -20.0], [0.0, 3.0, -20.0]]))
+    setpoints = sim.setpoints
+    setpoints.armed[:] = True
+    setpoints.level[:] = level
+    setpoints.thrust[:] = 0.49
+    setpoints.position_ned_m[1] = (0.0, 0.0, -20.0)
+    for values in (
+        setpoints.rates_frd_rad_s,
+        setpoints.q_ned_frd,
+        setpoints.position_ned_m,
+        setpoints.velocity_ned_m_s,
+        setpoints.acceleration_ned_m_s2,
+        setpoints.thrust,
+        setpoints.yaw_ned_rad,
+        setpoints.yaw_rate_ned_rad_s,
+    ):
+        values[0] = bad
+    for _ in range(100):
+        sim.step()
+    assert np.isfinite(sim.truth.position_ned_m).all()
+    assert np.isfinite(sim.truth.q_ned_frd).all()
+    assert np.isfinite(sim.motors_us).all()
+
+
+def test_a_nan_gain_is_stored_but_not_flown():
+    parameters = Parameters({"MC_ROLLRATE_P": math.nan, "EKF2_ACC_NOISE": math.inf, "MPC_VELD_LP": math.nan})
+    assert math.isnan(parameters.get("MC_ROLLRATE_P"))
+    sim = Simulation(parameters=[parameters])
+    sim.setpoints.armed[:] = True
+    sim.setpoints.level[:] = ControlLevel.TRAJECTORY
+    sim.setpoints.position_ned_m[:] = (0.0, 0.0, -3.0)
+    for _ in range(1000):
+        sim.step()
+    assert sim.truth.position_ned_m[0, 2] == pytest.approx(-2.5, abs=1.2)
