@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import termios
 from pathlib import Path
 
 import serial
@@ -35,6 +36,7 @@ class SerialLink(Link):
         self._port = port
         descriptor = port.fileno()
         os.set_blocking(descriptor, False)
+        _no_data_is_no_end(descriptor)
         self._session = StreamSession(
             self._loop,
             descriptor,
@@ -77,6 +79,13 @@ class SerialLink(Link):
         if self._port is not None:
             self._port.close()
             self._port = None
+
+
+def _no_data_is_no_end(descriptor: int) -> None:
+    """pyserial lets an empty port read as b"", which would look like its end; with VMIN 1 it blocks."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[6][termios.VMIN] = 1
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
 def _errno_of(error: Exception) -> int:

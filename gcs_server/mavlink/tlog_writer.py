@@ -87,7 +87,7 @@ class TlogChannel:
         stamp = datetime.fromtimestamp(time_us / 1e6, UTC).strftime("%Y%m%d-%H%M%S")
         safe = re.sub(r"[^A-Za-z0-9._-]+", "_", self.link)
         for number in range(1000):
-            path = directory / f"{stamp}-{safe}{f'-{number}' if number else ''}.tlog"
+            path = directory / f"{stamp}-{safe}{f'_{number:03}' if number else ''}.tlog"
             try:
                 self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
             except FileExistsError:

@@ -205,7 +205,7 @@ def hud(payloads: Payloads) -> Decoded:
 
 
 def health(payloads: Payloads) -> Decoded:
-    """SYS_STATUS."""
+    """SYS_STATUS. PX4 reports its pre-arm check as healthy only, never as present."""
     present, enabled, healthy, load, *_ = _sys_status.unpack_from(payloads[d.MAVLINK_MSG_ID_SYS_STATUS])
     prearm = d.MAV_SYS_STATUS_PREARM_CHECK
     return (
@@ -213,7 +213,7 @@ def health(payloads: Payloads) -> Decoded:
             present,
             enabled,
             healthy,
-            bool(healthy & prearm) if present & prearm else None,
+            bool(healthy & prearm) if present else None,
             load / 1000 if load <= 1000 else None,
         ),
         None,

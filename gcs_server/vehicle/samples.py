@@ -150,7 +150,7 @@ class Health:
     sensors_enabled: int
     sensors_healthy: int
     ready_to_arm: bool | None
-    """MAV_SYS_STATUS_PREARM_CHECK healthy; None where the vehicle does not report it."""
+    """MAV_SYS_STATUS_PREARM_CHECK healthy; None before the vehicle has reported any sensor."""
     cpu_load: float | None
     """0–1."""
 

@@ -26,7 +26,8 @@ EVERY = 199
 
 
 def records(path):
-    data = gzip.open(path).read() if path.suffix == ".gz" else path.read_bytes()
+    data = path.read_bytes()
+    data = gzip.decompress(data) if path.suffix == ".gz" else data
     at = 0
     while at + 20 <= len(data):
         length = 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)

@@ -1,0 +1,279 @@
+"""Links on real sockets of the loopback, on ports the system chose."""
+
+import asyncio
+import errno
+import gzip
+import os
+import pty
+import socket
+import struct
+import threading
+import time
+
+import pytest
+
+from gcs_server.errors import InvalidRequest, LinkError
+from gcs_server.links.serial import SerialLink
+from gcs_server.links.tcp import TcpLink, TcpServerLink
+from gcs_server.links.tlog import TlogLink, read_tlog
+from gcs_server.links.udp import UdpLink
+from gcs_server.links.url import make_link
+
+
+class Heard:
+    def __init__(self, link):
+        self.link, self.data, self.peers, self.gone, self.states = link, [], [], [], []
+
+    def start(self):
+        self.link.start(self._bytes, lambda p: self.gone.append(p.name), self._state)
+        return self
+
+    def _bytes(self, data, peer, _received_s):
+        self.data.append(data)
+        self.peers.append(peer)
+
+    def _state(self):
+        self.states.append(self.link.info().state)
+
+    async def until(self, good, patience_s=5.0):
+        async with asyncio.timeout(patience_s):
+            while not good():  # noqa: ASYNC110 a test watches from outside
+                await asyncio.sleep(0.005)
+
+
+def free_port(kind):
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return sock.getsockname()[1]
+
+
+def run(story):
+    asyncio.run(story())
+
+
+def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
+    async def story():
+        heard = Heard(make_link("udpin://127.0.0.1:0")).start()
+        await heard.until(lambda: heard.link.info().state == "open")
+        vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        vehicle.settimeout(2)
+        for n in range(50):
+            vehicle.sendto(bytes([n]), ("127.0.0.1", heard.link.local_port))
+        await heard.until(lambda: len(heard.data) == 50)
+        assert heard.data == [bytes([n]) for n in range(50)]
+        peer = heard.peers[0]
+        assert peer.name == f"127.0.0.1:{vehicle.getsockname()[1]}"
+        sender = threading.Thread(target=lambda: heard.link.send(b"from a thread", peer))
+        sender.start()
+        sender.join()
+        assert vehicle.recv(100) == b"from a thread"
+        info = heard.link.info()
+        assert (info.bytes_received, info.bytes_sent, info.peers) == (50, 13, (peer.name,))
+        vehicle.close()
+        await heard.link.close()
+        assert heard.gone == [peer.name]
+        assert heard.link.info().state == "closed"
+        assert not heard.link.send(b"x", peer)
+
+    run(story)
+
+
+def test_udpout_speaks_first():
+    async def story():
+        vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(2)
+        heard = Heard(make_link(f"udpout://localhost:{vehicle.getsockname()[1]}")).start()
+        await heard.until(lambda: heard.link.info().state == "open")
+        (peer,) = heard.link.peers()
+        assert heard.link.send(b"hello", peer)
+        data, address = vehicle.recvfrom(100)
+        vehicle.sendto(b"answer", address)
+        await heard.until(lambda: heard.data == [b"answer"])
+        assert data == b"hello"
+        vehicle.close()
+        await heard.link.close()
+
+    run(story)
+
+
+def test_a_taken_port_is_named_and_opened_once_it_is_free():
+    async def story():
+        other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        heard = Heard(UdpLink("gcs", "udpin", "127.0.0.1", port, outgoing=False)).start()
+        info = heard.link.info()
+        assert info.state == "waiting"
+        assert f"UDP port {port}" in info.detail
+        assert "taken" in info.detail
+        other.close()
+        await heard.until(lambda: heard.link.info().state == "open")
+        assert heard.link.info().detail == ""
+        await heard.link.close()
+
+    run(story)
+
+
+def test_tcp_connects_reconnects_and_serves():
+    async def story():
+        port = free_port(socket.SOCK_STREAM)
+        client = Heard(TcpLink("c", "tcp", "127.0.0.1", port)).start()
+        await client.until(lambda: client.link.info().state == "waiting")
+        assert f"127.0.0.1:{port}" in client.link.info().detail
+        server = Heard(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
+        await client.until(lambda: client.link.info().state == "open")
+        (to_server,) = client.link.peers()
+        big = os.urandom(400_000)  # more than a socket takes at once: the outbox drains
+        assert client.link.send(big, to_server)
+        await server.until(lambda: sum(map(len, server.data)) == len(big))
+        assert b"".join(server.data) == big
+        (to_client,) = server.link.peers()
+        server.link.send(b"back", to_client)
+        await client.until(lambda: client.data == [b"back"])
+        await server.link.close()
+        await client.until(lambda: client.link.info().state == "waiting")
+        assert client.gone == [to_server.name]
+        again = Heard(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
+        await client.until(lambda: client.link.info().state == "open")
+        second = Heard(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
+        assert f"TCP port {port}" in second.link.info().detail
+        for link in (client.link, again.link, second.link):
+            await link.close()
+
+    run(story)
+
+
+def test_a_full_outbox_drops_whole_frames():
+    async def story():
+        listener = socket.socket()
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        client = Heard(TcpLink("c", "tcp", "127.0.0.1", listener.getsockname()[1])).start()
+        await client.until(lambda: client.link.info().state == "open")
+        (peer,) = client.link.peers()
+        frames = [client.link.send(bytes([n % 251]) * 50_000, peer) for n in range(400)]
+        assert frames[0]
+        assert not frames[-1]
+        assert client.link.info().bytes_dropped == 50_000 * frames.count(False)
+        listener.close()
+        await client.link.close()
+
+    run(story)
+
+
+def test_serial_carries_bytes_and_survives_the_plug():
+    async def story():
+        ours, theirs = pty.openpty()
+        device = os.ttyname(theirs)
+        heard = Heard(SerialLink("radio", "serial", device, 57600)).start()
+        assert heard.link.info().state == "open", heard.link.info().detail
+        os.write(ours, b"\xfd\x00\xffabc\n")
+        await heard.until(lambda: b"".join(heard.data) == b"\xfd\x00\xffabc\n")
+        (peer,) = heard.link.peers()
+        assert heard.link.send(b"\x00\xfe\r\n", peer)
+        assert os.read(ours, 100) == b"\x00\xfe\r\n"
+        os.close(ours)
+        os.close(theirs)
+        await heard.until(lambda: heard.link.info().state == "waiting")
+        assert device in heard.link.info().detail
+        await heard.link.close()
+
+    run(story)
+
+
+def test_a_missing_or_forbidden_serial_port_says_what_to_do():
+    async def story():
+        heard = Heard(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
+        info = heard.link.info()
+        assert info.state == "waiting"
+        assert "no serial port /dev/ttyNOTHING" in info.detail
+        assert "sudo usermod -aG dialout $USER" in heard.link._explain(OSError(errno.EACCES, "no"))
+        assert "in use" in heard.link._explain(OSError(errno.EBUSY, "busy"))
+        await heard.link.close()
+
+    run(story)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_recording_plays_at_its_pace_and_ends(tmp_path, packed):
+    frames = [
+        b"\xfd\x01\x00\x00" + bytes([n]) + b"\x01\x01\x00\x00\x00" + b"\x05" + b"\x00\x00" for n in range(20)
+    ]
+    data = b"".join(struct.pack(">Q", 1_700_000_000_000_000 + n * 10_000) + f for n, f in enumerate(frames))
+    path = tmp_path / ("a.tlog.gz" if packed else "a.tlog")
+    data += b"torn"
+    path.write_bytes(gzip.compress(data) if packed else data)
+
+    async def story():
+        heard = Heard(make_link(f"tlog://{path}?speed=2")).start()
+        began = time.monotonic()
+        await heard.until(lambda: heard.link.info().state == "ended")
+        assert heard.data == frames
+        assert 0.09 <= time.monotonic() - began < 1.0
+        assert heard.link.replay
+        assert not heard.link.send(b"x", heard.peers[0])
+        await heard.link.close()
+        fast = Heard(make_link(f"tlog://{path}?speed=0")).start()
+        await fast.until(lambda: fast.link.info().state == "ended")
+        assert fast.data == frames
+        await fast.link.close()
+
+    run(story)
+
+
+def test_damage_in_a_recording_is_skipped_and_an_empty_one_says_so(tmp_path):
+    record = (
+        struct.pack(">Q", 1_700_000_000_000_000) + b"\xfd\x01\x00\x00\x07\x01\x01\x00\x00\x00\x05\x00\x00"
+    )
+    path = tmp_path / "a.tlog"
+    path.write_bytes(record + b"\x99" * 31 + record * 2)
+    assert [raw for _, raw in read_tlog(path)] == [record[8:]] * 3
+    empty = tmp_path / "b.tlog"
+    empty.write_bytes(b"not a log at all, but long enough to look")
+
+    async def story():
+        heard = Heard(TlogLink("b", "tlog", empty)).start()
+        await heard.until(lambda: heard.link.info().state == "ended")
+        assert "no MAVLink" in heard.link.info().detail
+
+    run(story)
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "14550",
+        "http://127.0.0.1:1",
+        "udpin://127.0.0.1",
+        "udpin://127.0.0.1:99999",
+        "udpin://127.0.0.1:x",
+        "udpout://:14550",
+        "udpout://1.2.3.4:0",
+        "tcp://1.2.3.4:5/path",
+        "udpin://:1?forward=yes",
+        "udpin://:1?speed=2",
+        "serial://ttyUSB0",
+        "serial:///dev/x?baud=fast",
+        "serial:///dev/x?baud=-1",
+        "tcp://[::1:5",
+    ],
+)
+def test_a_url_that_means_nothing_is_refused(url):
+    with pytest.raises(InvalidRequest) as caught:
+        make_link(url)
+    assert caught.value.field == "url"
+
+
+def test_urls_become_links(tmp_path):
+    (tmp_path / "x.tlog").write_bytes(b"")
+    assert make_link("udpin://:14550")._host == "127.0.0.1"
+    assert make_link("udpin://0.0.0.0:14550").name == "udpin-0.0.0.0-14550"
+    assert make_link("udpout://127.0.0.1:14445?forward=1").forward
+    assert make_link("serial:///dev/ttyACM0").name == "serial-ttyACM0"
+    assert make_link("tcpin://:5790", "mine").name == "mine"
+    with pytest.raises(LinkError, match="no recording"):
+        make_link(f"tlog://{tmp_path}/y.tlog")
+    with pytest.raises(InvalidRequest):
+        make_link(f"tlog://{tmp_path}/x.tlog?speed=-1")

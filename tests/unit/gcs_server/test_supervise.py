@@ -1,0 +1,58 @@
+"""Background work is started again, later each time, and does not fill the log."""
+
+import asyncio
+import logging
+
+from gcs_server.clock import SystemClock
+from gcs_server.supervise import Supervisor
+
+
+class CountingClock(SystemClock):
+    def __init__(self):
+        self.slept = []
+
+    async def sleep(self, seconds):
+        self.slept.append(seconds)
+        await asyncio.sleep(0)
+
+
+def test_failing_work_is_started_again_with_back_off_and_few_words(caplog):
+    async def story():
+        clock = CountingClock()
+        supervisor = Supervisor(clock)
+        runs = []
+
+        async def work():
+            runs.append(1)
+            if len(runs) < 12:
+                raise ValueError("broken")
+
+        with caplog.at_level(logging.INFO):
+            await supervisor.start("worker", work)
+        assert len(runs) == 12
+        assert clock.slept[:5] == [0.2, 0.4, 0.8, 1.6, 3.2]
+        assert max(clock.slept) == 5.0
+        assert len(caplog.records) == 6
+        assert supervisor.names() == []
+
+    asyncio.run(story())
+
+
+def test_close_ends_everything_and_a_failed_single_task_is_logged(caplog):
+    async def story():
+        supervisor = Supervisor(SystemClock())
+
+        async def forever():
+            await asyncio.sleep(3600)
+
+        async def fails():
+            raise RuntimeError("once")
+
+        task = supervisor.start("forever", forever)
+        await supervisor.spawn("single", fails())
+        assert supervisor.names() == ["forever"]
+        await supervisor.close()
+        assert task.cancelled()
+
+    asyncio.run(story())
+    assert "single failed" in caplog.text

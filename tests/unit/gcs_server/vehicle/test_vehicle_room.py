@@ -1,0 +1,182 @@
+"""The pure parts: decoders, texts, events, modes, and what is not known."""
+
+import json
+import lzma
+import math
+import struct
+
+import pytest
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_payload
+from gcs_server.vehicle import decoders, modes, px4_events, samples
+from gcs_server.vehicle.gimbal_decoder import euler_of, gimbal, quaternion_of
+from gcs_server.vehicle.identity import read_version
+from gcs_server.vehicle.texts import TextJoiner
+
+
+def payloads(*messages):
+    return {m.get_msgId(): encode_payload(m) for m in messages}
+
+
+def test_unknown_is_none():
+    gps = d.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 65535, 65535, 0, 0, 255)
+    value, _ = decoders.gps(payloads(gps))
+    assert value == samples.Gps(3, None, None, None)
+    battery = d.MAVLink_battery_status_message(0, 0, 0, 32767, [65535] * 10, -1, -1, -1, -1)
+    assert decoders.battery(payloads(battery))[0] == samples.Battery(None, None, None, None, None)
+    position = d.MAVLink_global_position_int_message(1500, 1, 2, 3000, 4000, 100, -200, 300, 65535)
+    value, boot_s = decoders.global_position(payloads(position))
+    assert (value.heading_deg, value.velocity_ned_m_s, boot_s) == (None, (1.0, -2.0, 3.0), 1.5)
+
+
+def test_battery_comes_from_the_system_status_until_its_own_message():
+    system = d.MAVLink_sys_status_message(0, 0, 0, 250, 16200, 1234, 77, 0, 0, 0, 0, 0, 0)
+    value, _ = decoders.battery(payloads(system))
+    assert value == samples.Battery(77, 16.2, 12.34, None, None)
+    own = d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300)
+    value, _ = decoders.battery(payloads(system, own))
+    assert value == samples.Battery(66, 16.1, 5.0, 120, 300)
+
+
+def test_health_tells_readiness_as_px4_and_ardupilot_report_it():
+    bit = d.MAV_SYS_STATUS_PREARM_CHECK
+    for present, healthy, expected in ((bit, bit, True), (bit, 0, False), (1, bit, True), (0, 0, None)):
+        status = d.MAVLink_sys_status_message(present, 0, healthy, 250, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        value, _ = decoders.health(payloads(status))
+        assert (value.ready_to_arm, value.cpu_load) == (expected, 0.25)
+
+
+def test_ignored_target_axes_are_none():
+    target = d.MAVLink_position_target_local_ned_message(
+        2000, 1, 8 | 1024 | 256, 1.0, 2.0, math.nan, 9.0, 4.0, 5.0, 6.0, 7.0, 9.0, 3.0, 0.5
+    )
+    value, boot_s = decoders.target_local(payloads(target))
+    assert value == samples.TargetLocal((1, 2, None), (None, 4, 5), (6, 7, None), None, 0.5)
+    assert boot_s == 2.0
+    nothing = d.MAVLink_attitude_target_message(1, 0, [math.nan] * 4, 0, 0, 0, 0)
+    assert decoders.target_attitude(payloads(nothing)) is None
+
+
+def test_attitude_agrees_between_quaternion_and_angles():
+    q = quaternion_of(0.1, -0.4, 2.5)
+    assert euler_of(q) == pytest.approx((0.1, -0.4, 2.5))
+    one, _ = decoders.attitude_quaternion(payloads(d.MAVLink_attitude_quaternion_message(1, *q, 1, 2, 3)))
+    two, _ = decoders.attitude(payloads(d.MAVLink_attitude_message(1, 0.1, -0.4, 2.5, 1, 2, 3)))
+    assert one.q_ned_frd == pytest.approx(two.q_ned_frd, abs=1e-6)
+    assert (one.roll_rad, one.pitch_rad, one.yaw_ned_rad) == pytest.approx((0.1, -0.4, 2.5), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("flags", "earth"),
+    [(0, False), (16, True), (12, False), (28, True), (32, False), (48, False), (64, True), (80, True)],
+)
+def test_the_gimbals_yaw_is_told_in_both_frames(flags, earth):
+    device = d.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, 1000, flags, list(quaternion_of(0, -0.5, 1.0)), 0, 0, 0, 0, 0, 0, 1
+    )
+    heading = d.MAVLink_attitude_message(1000, 0, 0, 0.25, 0, 0, 0)
+    value, _ = gimbal(payloads(device, heading))
+    assert value.pitch_rad == pytest.approx(-0.5, abs=1e-6)
+    assert (value.yaw_ned_rad, value.yaw_frd_rad) == pytest.approx(
+        (1.0, 0.75) if earth else (1.25, 1.0), abs=1e-6
+    )
+    assert value.yaw_in_earth_frame == earth
+    alone, _ = gimbal(payloads(device))
+    assert (alone.yaw_frd_rad if earth else alone.yaw_ned_rad) is None
+
+
+def test_px4s_gimbal_limits_are_degrees_with_garbage_for_roll():
+    device = d.MAVLink_gimbal_device_attitude_status_message(0, 0, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0, 0, 0, 1)
+    px4 = d.MAVLink_gimbal_manager_information_message(1, 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0)
+    value, _ = gimbal(payloads(device, px4))
+    assert (value.pitch_min_rad, value.pitch_max_rad) == pytest.approx((-math.pi / 2, math.pi / 2))
+    assert value.yaw_max_rad == pytest.approx(2 * math.pi)
+    spec = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, -1.5, 0.5, -3.0, 3.0)
+    value, _ = gimbal(payloads(device, spec))
+    assert (value.pitch_min_rad, value.yaw_max_rad) == pytest.approx((-1.5, 3.0))
+    broken = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, math.nan, 1, 0, 0)
+    assert gimbal(payloads(device, broken))[0].pitch_min_rad is None
+    status = d.MAVLink_gimbal_manager_status_message(5, 16, 1, 0, 0, 0, 0)
+    assert gimbal(payloads(device, status))[0].primary_control is None
+    assert gimbal(payloads(status)) is None
+
+
+def text(value, text_id=0, chunk=0):
+    return encode_payload(d.MAVLink_statustext_message(6, value, text_id, chunk))
+
+
+def test_chunks_are_joined_in_any_order_and_gaps_are_shown():
+    joiner = TextJoiner()
+    assert joiner.feed(text(b"b" * 10, 5, 1), 0.0) == []
+    assert joiner.feed(text(b"a" * 50, 5, 0), 0.1) == [(6, "a" * 50 + "b" * 10)]
+    assert joiner.feed(text(b"whole"), 0.2) == [(6, "whole")]
+    assert joiner.feed(text(b"c" * 50, 6, 0), 1.0) == []
+    assert joiner.feed(text(b"end", 6, 2), 1.1) == []
+    assert joiner.expire(3.0) == [(6, "c" * 50 + "‹…›" + "end")]
+    assert joiner.feed(text(b"d" * 50, 7, 0), 4.0) == []
+    assert joiner.feed(text(b"e" * 50, 7, 0), 4.1) == [(6, "d" * 50 + "‹…›")]
+
+
+def test_the_event_ids_are_px4s(shared):
+    metadata = json.loads(lzma.decompress((shared / "px4" / "events.json.xz").read_bytes()))
+    known = set()
+    for component, content in metadata["components"].items():
+        for group in content.get("event_groups", {}).values():
+            known |= {int(component) << 24 | int(event) for event in group["events"]}
+    ours = {*px4_events.CHECKS, *px4_events.TEXTS, px4_events.ARMING_SUMMARY_ID, px4_events.HEALTH_SUMMARY_ID}
+    assert ours - known == set()
+
+
+def test_the_arming_report_counts_only_what_blocks_the_mode():
+    report = px4_events.ArmingReport()
+
+    def feed(event_id, level, arguments=b""):
+        payload = struct.pack("<IIHBBB40s", event_id, 0, 1, 0, 0, level, arguments)
+        assert report.feed(px4_events.decode_event(payload))
+
+    feed(27825120, 0x88, struct.pack("<BIIII", 0, 0, 0, 1 << 14, 0))
+    feed(17154777, 0x66, struct.pack("<IB", 8, 20))
+    feed(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
+    feed(33420013, 0x33, struct.pack("<IB", 0xFFFFFFFF, 17))
+    assert report.failed == ()  # not before it is complete
+    feed(18691879, 0x88)
+    assert report.against_arming(3) == (
+        "there is no mission to fly",
+        "the heading estimate is not stable yet",
+    )
+    assert report.against_arming(4) == ("the heading estimate is not stable yet",)
+    assert report.against_arming(14) == ()
+
+
+def test_modes_have_one_number_each():
+    assert len(modes.BY_NAME) == len(modes.MODES) == len(modes.BY_CUSTOM_MODE)
+    assert modes.BY_NAME["hold"].custom_mode == 50593792
+    assert modes.name_and_label(33816576, 12) == ("takeoff", "Take off")
+    assert modes.name_and_label(99 << 16, 12) == ("px4_99_0", "PX4 mode 99/0")
+    assert modes.name_and_label(5, 3) == ("custom_5", "Mode 5")
+
+
+def test_the_modes_are_those_that_px4_lists(shared):
+    listed = set()
+    for line in (shared / "px4" / "dialogues" / "request_message.jsonl").open():
+        for received in json.loads(line)["received"]:
+            if received["msg"] == "AVAILABLE_MODES":
+                listed.add(received["fields"]["custom_mode"])
+    assert listed
+    assert listed - set(modes.BY_CUSTOM_MODE) == set()
+
+
+def test_uids(shared):
+    def version(uid, uid2=(0,) * 18, vendor=0):
+        message = d.MAVLink_autopilot_version_message(
+            1, 0x011000FF, 0, 0, 1, [0] * 8, [0] * 8, [0] * 8, vendor, 0, uid, list(uid2)
+        )
+        return read_version(encode_payload(message))
+
+    sitl = version(5283920058631409231)
+    assert (sitl.unique, sitl.is_sitl, sitl.firmware) == (False, True, "1.16.0")
+    real = version(0x1122, vendor=0x26AC)
+    assert (real.unique, real.is_sitl, real.uid) == (True, False, "0000000000001122")
+    assert version(5, (1,) * 18).uid == "01" * 18
+    assert version(0).uid is None
