@@ -2300,17 +2300,6 @@ export interface components {
             offboard: components["schemas"]["OffboardStatus"] | null;
         };
         /**
-         * Vehicles
-         * @description All vehicles, by id.
-         */
-        Vehicles: {
-            /**
-             * Vehicles
-             * @description One each.
-             */
-            vehicles: components["schemas"]["Vehicle"][];
-        };
-        /**
          * VelocityOrder
          * @description A new velocity, sent at once.
          */
@@ -2749,7 +2738,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Vehicles"];
+                    "application/json": components["schemas"]["Vehicle"][];
                 };
             };
             /** @description No such vehicle or link. */

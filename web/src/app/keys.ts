@@ -70,11 +70,16 @@ function choose(digit: string): boolean {
   return id !== undefined;
 }
 
+/** The Space bar went down on a confirmation and has not come up since. */
+let spaceTaken = false;
+
 function obey(event: KeyboardEvent): boolean {
   if (event.ctrlKey || event.metaKey || event.altKey) return false;
   const asked = actions.asked;
   if (event.key === 'Escape') return escape();
+  if (event.code === 'Space' && spaceTaken) return true; // still held after it confirmed: presses nothing else
   if (event.code === 'Space' && asked !== null) {
+    spaceTaken = true;
     asked.confirmation.press(performance.now() / 1000);
     return true;
   }
@@ -95,9 +100,15 @@ export function listenToKeys(on: Window): () => void {
     if (obey(event)) event.preventDefault();
   };
   const up = (event: KeyboardEvent): void => {
-    if (event.code === 'Space') actions.asked?.confirmation.release(performance.now() / 1000);
+    if (event.code !== 'Space') return;
+    if (spaceTaken) event.preventDefault();
+    spaceTaken = false;
+    actions.asked?.confirmation.release(performance.now() / 1000);
   };
-  const blur = (): void => actions.asked?.confirmation.drop(performance.now() / 1000);
+  const blur = (): void => {
+    spaceTaken = false;
+    actions.asked?.confirmation.drop(performance.now() / 1000);
+  };
   on.addEventListener('keydown', down);
   on.addEventListener('keyup', up);
   on.addEventListener('blur', blur);

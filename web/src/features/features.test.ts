@@ -215,12 +215,13 @@ describe('instruments, messages, indicators', () => {
     expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({ text: '3 · no fix', severity: 'danger' });
   });
   it('says that a recording stopped, and does not claim one that nobody told of', () => {
-    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_dropped: 0 };
+    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_sent: 0, bytes_dropped: 0 };
     expect(recordingIndicator([], [], false).text).toBe('–');
     expect(recordingIndicator([link], [], true).text).toBe('On');
     expect(recordingIndicator([{ ...link, replay: true }], [], true).text).toBe('None');
     expect(recordingIndicator([link], [{ kind: 'recording', text: 'disk full', link: 'a', vehicle: null }], true)).toMatchObject({ text: 'Stopped', severity: 'danger' });
-    expect(linkDetails([link, { ...link, state: 'waiting', detail: 'port taken' }]).details[1]?.[1]).toContain('port taken');
+    expect(linkDetails([link, { ...link, state: 'waiting', detail: 'port taken' }], null).details[1]?.[1]).toContain('port taken');
+    expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
   });
 });
 

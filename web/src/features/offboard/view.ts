@@ -86,7 +86,7 @@ const STATES: Readonly<Record<string, string>> = {
 
 /** What the stream is, for the card's corner. */
 export function streamWords(status: OffboardStatus): string {
-  return STATES[status.state] ?? `${status.type ?? 'setpoints'}, local NED`;
+  return STATES[status.state] ?? `${status.type ?? 'setpoints'}, NED`;
 }
 
 /** Distance from the target [m]; null where the target is no full position. */

@@ -1,27 +1,11 @@
 /** Links, recordings and what the station warns of (`GET /links`, `GET /warnings`), as words for the page. */
 
-import { join, UNKNOWN } from '../../ui/format';
+import type { components } from '../../api/schema';
+import { fixed, join, UNKNOWN } from '../../ui/format';
 import type { Indicator } from './indicators';
 
-export interface LinkLine {
-  name: string;
-  url: string;
-  /** connecting, open, waiting, closed, ended. */
-  state: string;
-  detail: string;
-  replay: boolean;
-  forward: boolean;
-  peers: string[];
-  bytes_received: number;
-  bytes_dropped: number;
-}
-
-export interface StationNotice {
-  kind: string;
-  text: string;
-  link: string | null;
-  vehicle: string | null;
-}
+export type LinkLine = components['schemas']['Link'];
+export type StationNotice = components['schemas']['Notice'];
 
 const STATES: Readonly<Record<string, string>> = { connecting: 'connecting', open: 'open', waiting: 'waiting to try again', closed: 'closed', ended: 'replay ended' };
 
@@ -32,14 +16,16 @@ export function bytesText(bytes: number): string {
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-export function linkDetails(links: readonly LinkLine[]): { details: [string, string][]; text: string | null } {
+/** @param rate_bytes_s what comes in now over all links; null before two answers. */
+export function linkDetails(links: readonly LinkLine[], rate_bytes_s: number | null): { details: [string, string][]; text: string | null } {
   const details = links.map((l): [string, string] => [
     l.name,
     join([STATES[l.state] ?? l.state, l.peers.length === 0 ? null : l.peers.join(', '), `${bytesText(l.bytes_received)} in`,
       l.bytes_dropped > 0 ? `${bytesText(l.bytes_dropped)} not sent` : null, l.detail]),
   ]);
-  const open = links.filter((l) => l.state === 'open' && !l.forward);
-  const text = open.length === 0 ? null : open.length === 1 ? (open[0]?.url.split(':')[0] ?? null) : `${open.length} links`;
+  const open = links.filter((l) => l.state === 'open' && !l.forward).length;
+  const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
+  const text = open === 0 ? null : join([open === 1 ? null : `${open} links`, rate ?? 'open']);
   return { details, text };
 }
 

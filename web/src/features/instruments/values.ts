@@ -1,0 +1,27 @@
+/** Values that come from more than one message, the better source first. */
+
+import type { VehicleFacts } from '../../app/facts';
+import type { FlightClock } from '../../live/flight-time';
+import { duration, UNKNOWN } from '../../ui/format';
+
+export interface Climb {
+  m_s: number | null;
+  stale: boolean;
+  age_s: number | null;
+}
+
+export function climbOf(facts: Pick<VehicleFacts, 'hud' | 'global'>): Climb {
+  const from = facts.hud ?? facts.global;
+  const m_s = facts.hud?.value.climb_m_s ?? (facts.global === null ? null : -facts.global.value.velocity_ned_m_s[2]);
+  return { m_s, stale: from?.stale ?? false, age_s: from?.age_s ?? null };
+}
+
+/** Time since it left the ground, "> " where we came in later; after landing that of the last flight. */
+export function flightOf(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock: FlightClock | undefined): { label: string; text: string } {
+  if (clock === undefined) return { label: 'Flight time', text: UNKNOWN };
+  if (clock.airborneSince_unix_s !== null) {
+    const until = facts.lost ? clock.updated_unix_s : facts.now_unix_s;
+    return { label: 'Flight time', text: `${clock.exact ? '' : '> '}${duration(until - clock.airborneSince_unix_s)}` };
+  }
+  return { label: clock.last_s === null ? 'Flight time' : 'Last flight', text: duration(clock.last_s) };
+}
