@@ -107,6 +107,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
+    # Logs a traceback for each connection that closes before it said anything (the 3D view's own probe).
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     more_links: tuple[str, ...] = ()
     try:
         if command == "replay":

@@ -92,12 +92,6 @@ VehicleModel = create_model(
 )
 
 
-class Vehicles(_Out):
-    """All vehicles, by id."""
-
-    vehicles: list[VehicleModel] = Field(description="One each.")  # type: ignore[valid-type]
-
-
 class HistorySample(_Out):
     """One sample of the past."""
 

@@ -43,10 +43,10 @@ async def carry_out(
     )
 
 
-@router.get("", response_model=responses.Vehicles)
+@router.get("", response_model=list[responses.VehicleModel])
 async def list_vehicles(station: StationDep) -> Response:
     """All vehicles with everything known of them."""
-    return answer({"vehicles": [responses.vehicle_view(vehicle) for vehicle in station.fleet.all()]})
+    return answer([responses.vehicle_view(vehicle) for vehicle in station.fleet.all()])
 
 
 @router.get("/{v}", response_model=responses.VehicleModel)

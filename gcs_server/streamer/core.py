@@ -190,7 +190,7 @@ class StreamCore:
         if self.phase != "idle" and now_s >= self._next_send_s:
             outgoing.append(Outgoing(MSG_SET_POSITION_TARGET_LOCAL_NED, self._packet.stamped(now_s)))
             self._sent_at.append(now_s)
-            missed = math.floor((now_s - self._next_send_s) / self._period_s)
+            missed = math.floor((now_s - self._next_send_s) / self._period_s + 1e-6)
             self._next_send_s += (missed + 1) * self._period_s
         return outgoing
 

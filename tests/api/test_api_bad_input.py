@@ -1,0 +1,126 @@
+"""The API without a vehicle: bad input is named, refusals are problem+json, foreign pages are kept out."""
+
+import json
+
+import pytest
+from fastapi.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from gcs_server.api import responses
+from gcs_server.api.schema import bare_app
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
+    with TestClient(
+        create_app(settings, static=data / "none"), base_url="http://localhost", raise_server_exceptions=False
+    ) as client:
+        yield client
+
+
+POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "field"),
+    [
+        ("takeoff", '{"alt_home_m": NaN}', "alt_home_m"),
+        ("takeoff", '{"alt_home_m": Infinity}', "alt_home_m"),
+        ("takeoff", '{"alt_home_m": 0.5}', "alt_home_m"),
+        ("takeoff", "{}", "alt_home_m"),
+        ("takeoff", '{"alt_home_m": 5, "speed": 3}', "speed"),
+        ("takeoff", "{", "body"),
+        ("goto", '{"lat_deg": 91, "lon_deg": 0, "alt_home_m": 5}', "lat_deg"),
+        ("goto", '{"lat_deg": 1, "lon_deg": 0}', "body"),
+        ("offboard/setpoint", '{"type": "position", "position_ned_m": [0, NaN, 0]}', "position_ned_m.1"),
+        ("offboard/setpoint", '{"type": "velocity", "velocity_ned_m_s": [0, 21, 0]}', "velocity_ned_m_s.1"),
+        ("offboard/setpoint", '{"type": "velocity", "velocity_ned_m_s": [0, 1]}', "velocity_ned_m_s.2"),
+        ("offboard/setpoint", json.dumps({**POSITION, "valid_for_s": 0.01}), "valid_for_s"),
+        ("offboard/setpoint", json.dumps({**POSITION, "on_expiry": {"action": "wait"}}), "on_expiry"),
+        ("offboard/start", json.dumps({"setpoint": POSITION, "rate_hz": 1}), "rate_hz"),
+        ("offboard/start", json.dumps({"rate_hz": 10}), "setpoint"),
+        ("gimbal/angles", '{"pitch_deg": NaN, "yaw_deg": 0}', "pitch_deg"),
+    ],
+)
+def test_bad_values_are_422_and_name_the_field(client, path, body, field):
+    answer = client.post(
+        f"/api/v1/vehicles/1/{path}", content=body, headers={"Content-Type": "application/json"}
+    )
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert problem["code"] == "invalid_request"
+    assert problem["field"] == field
+    assert field in problem["detail"]
+
+
+@pytest.mark.parametrize("path", ["arm", "hold", "offboard/stop", "gimbal/take"])
+def test_an_unknown_vehicle_is_404_and_in_the_journal(client, path):
+    answer = client.post(f"/api/v1/vehicles/77/{path}", headers={"X-Client": "tester"})
+    assert answer.status_code == 404
+    assert answer.json()["vehicle"] == "77"
+    line = client.get("/api/v1/journal?limit=1").json()["entries"][0]
+    assert (line["command"], line["client"], line["vehicle"], line["result"]) == (
+        path,
+        "tester",
+        "77",
+        "unknown_vehicle",
+    )
+
+
+def test_links_can_be_refused_added_and_removed(client):
+    assert client.post("/api/v1/links", json={"url": "carrier-pigeon://x"}).status_code == 422
+    added = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "any"})
+    assert added.status_code == 201
+    assert [line["name"] for line in client.get("/api/v1/links").json()["links"]] == ["any"]
+    assert client.delete("/api/v1/links/any").status_code == 204
+    assert client.delete("/api/v1/links/any").status_code == 404
+
+
+def test_foreign_pages_and_foreign_names_get_nothing(client):
+    foreign = {"Origin": "http://evil.example"}
+    assert client.post("/api/v1/vehicles/1/arm", headers=foreign).json()["code"] == "foreign_origin"
+    own = client.post("/api/v1/vehicles/1/arm", headers={"Origin": "http://localhost"})
+    assert own.status_code == 404
+    assert client.get("/api/v1/health", headers={"Host": "rebound.example"}).status_code == 403
+    with (
+        pytest.raises(WebSocketDisconnect) as closed,
+        client.websocket_connect("ws://localhost/api/v1/telemetry", headers=foreign),
+    ):
+        pass
+    assert closed.value.code == 1008
+
+
+def test_without_a_built_page_it_says_how_to_make_it(client):
+    answer = client.get("/")
+    assert answer.status_code == 503
+    assert "make" in answer.text
+
+
+def test_telemetry_says_hello_and_explains_a_bad_subscription(client):
+    with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
+        hello = socket.receive_json()
+        assert (hello["type"], hello["schema_version"]) == ("hello", 1)
+        socket.send_text('{"type": "subscribe", "topics": ["altitude"]}')
+        error = socket.receive_json()
+        assert error["type"] == "error"
+        assert "altitude" in error["detail"]
+
+
+def test_every_model_and_field_of_the_schema_is_described():
+    schemas = bare_app().openapi()["components"]["schemas"]
+    ours = {n: s for n, s in schemas.items() if n not in ("HTTPValidationError", "ValidationError")}
+    bare = [name for name, schema in ours.items() if not schema.get("description")]
+    bare += [
+        f"{name}.{key}"
+        for name, schema in ours.items()
+        for key, field in schema.get("properties", {}).items()
+        if not field.get("description") and "const" not in field and "$ref" not in field
+        if "discriminator" not in field
+    ]
+    assert bare == []
+    assert responses.VehicleModel.__name__ in ours

@@ -1,0 +1,55 @@
+"""Flags before environment before file before defaults; what is wrong is named with its source."""
+
+import pytest
+
+from gcs_server.errors import InvalidRequest
+from gcs_server.settings import Settings, load
+
+
+def test_the_order_of_the_sources(tmp_path):
+    file = tmp_path / "gcs.toml"
+    file.write_text('schema_version = 1\nport = 1000\nhost = "127.0.0.2"\nsim = 3\n')
+    settings = load({"port": 3000}, {"GCS_PORT": "2000", "GCS_SIM": "2"}, file)
+    assert (settings.port, settings.sim, settings.host) == (3000, 2, "127.0.0.2")
+    assert settings.system_id == 255
+
+
+def test_links_from_the_environment():
+    settings = load({}, {"GCS_LINKS": "udpin://127.0.0.1:1, tcp://h:2"})
+    assert settings.links == ("udpin://127.0.0.1:1", "tcp://h:2")
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "says"),
+    [
+        ("port = 1\n", "schema_version", "schema_version = 1"),
+        ("schema_version = 9\n", "schema_version", "9"),
+        ("schema_version = 1\nprot = 1\n", "prot", "prot"),
+        ('schema_version = 1\nport = "x"\n', "port", "gcs.toml"),
+        ("schema_version = \n", "config", "TOML"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name(tmp_path, text, field, says):
+    file = tmp_path / "gcs.toml"
+    file.write_text(text)
+    with pytest.raises(InvalidRequest) as caught:
+        load({}, {}, file)
+    assert caught.value.field == field
+    assert says in f"{caught.value.message} {caught.value.remedy}"
+
+
+@pytest.mark.parametrize(
+    ("flags", "env", "says"),
+    [({"port": 70000}, {}, "--port"), ({}, {"GCS_SIM": "many"}, "GCS_SIM")],
+)
+def test_a_bad_value_names_where_it_came_from(flags, env, says):
+    with pytest.raises(InvalidRequest, match=says):
+        load(flags, env)
+
+
+@pytest.mark.parametrize(
+    ("host", "alone"),
+    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("example.org", False)],
+)
+def test_who_can_reach_the_server(host, alone):
+    assert Settings(host=host).loopback_only is alone

@@ -1,0 +1,80 @@
+"""The simulator's process with a stand-in for the simulator: found again, ended, missed."""
+
+import asyncio
+import os
+import socket
+import sys
+
+from gcs_server.clock import SystemClock
+from gcs_server.simulator_process import SimulatorProcess, is_simulator
+from gcs_server.storage.folder import DataFolder
+
+STAND_IN = (
+    "import socket,sys,time; s=socket.socket(2,2); s.bind(('127.0.0.1',int(sys.argv[1]))); time.sleep(60)"
+)
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def simulator(folder, port, code=STAND_IN):
+    command = [sys.executable, "-c", code, str(port), "vehicle_sim"]
+    return SimulatorProcess(SystemClock(), 1, folder, command=command, probe_port=port)
+
+
+async def until(condition):
+    async with asyncio.timeout(5):
+        while not condition():  # noqa: ASYNC110 another process's doing, there is no event
+            await asyncio.sleep(0.02)
+
+
+def held(port):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
+def test_outlives_its_server_is_found_again_and_ended_cleanly(tmp_path):
+    async def story():
+        folder, port = DataFolder(tmp_path), free_port()
+        folder.prepare()
+        first = simulator(folder, port)
+        first.start()
+        await until(lambda: held(port))
+        assert os.getsid(first.pid) != os.getsid(0), "a session of its own: no signal of ours reaches it"
+        second = simulator(folder, port)
+        second.start()
+        assert second.found
+        assert second.pid == first.pid
+        await second.stop()
+        await until(lambda: first._child.poll() is not None)
+        assert not held(port)
+        assert not folder.simulator_pid.exists()
+
+    asyncio.run(story())
+
+
+def test_one_that_dies_is_a_warning(tmp_path):
+    async def story():
+        folder = DataFolder(tmp_path)
+        folder.prepare()
+        process = simulator(folder, free_port(), "import sys; sys.exit(3)")
+        process.start()
+        async with asyncio.timeout(5):
+            await process.watch()
+        (notice,) = process.warnings()
+        assert "exit code 3" in notice.text
+        assert "simulator.log" in notice.text
+
+    asyncio.run(story())
+
+
+def test_a_foreign_process_is_never_taken_for_the_simulator():
+    assert not is_simulator(1)
+    assert not is_simulator(2**22 + 1)
