@@ -31,10 +31,11 @@ class MemoryLink(Link):
         """Bytes arrive from `peer`."""
         if self._state != "open":
             return
-        if isinstance(peer, str):
-            peer = Peer(peer)
-        self._peers.setdefault(peer.name, peer)
-        self._received(data, peer)
+        name = peer if isinstance(peer, str) else peer.name
+        known = self._peers.get(name)
+        if known is None:
+            known = self._peers[name] = Peer(name) if isinstance(peer, str) else peer
+        self._received(data, known)
 
     def drop_peer(self, name: str) -> None:
         """The peer is gone."""

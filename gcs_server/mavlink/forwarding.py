@@ -6,6 +6,7 @@ station sends in a vehicle's name is dropped. Where a vehicle is heard on two li
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gcs_server.links.base import Peer
@@ -27,14 +28,20 @@ class Forwarder:
     """Knows where each system was heard."""
 
     def __init__(self, own_system_id: int) -> None:
-        self.connections: tuple[Connection, ...] = ()
+        self._stations: tuple[Connection, ...] = ()
         self._own_system_id = own_system_id
         self._routes: dict[int, _Route] = {}
+
+    def use(self, connections: Iterable[Connection]) -> None:
+        """All connections, whenever that changes; without a station among them there is nothing to do."""
+        self._stations = tuple(c for c in connections if c.link.forward)
+        if not self._stations:
+            self._routes.clear()
 
     def frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         """Passes on a frame that just came."""
         link = connection.link
-        if link.replay:
+        if link.replay or not self._stations:
             return
         if link.forward:
             self._to_vehicles(frame)
@@ -42,18 +49,17 @@ class Forwarder:
         route = self._routes.get(frame.system_id)
         if route is None or frame.received_monotonic_s - route.heard_s > SILENT_AFTER_S:
             route = self._routes[frame.system_id] = _Route(connection, peer, frame.received_monotonic_s)
-        elif route.connection is not connection or route.peer != peer:
+        elif route.connection is not connection or route.peer is not peer:
             return
         route.heard_s = frame.received_monotonic_s
-        for other in self.connections:
-            if other.link.forward:
-                for station in other.link.peers():
-                    other.forward(frame.raw, station)
+        for other in self._stations:
+            for station in other.link.peers():
+                other.forward(frame.raw, station)
 
     def peer_gone(self, connection: Connection, peer: Peer) -> None:
         """Forgets the systems heard there."""
         for system_id, route in list(self._routes.items()):
-            if route.connection is connection and route.peer == peer:
+            if route.connection is connection and route.peer is peer:
                 del self._routes[system_id]
 
     def _to_vehicles(self, frame: Frame) -> None:

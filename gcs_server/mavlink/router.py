@@ -116,7 +116,7 @@ class Router:
             on_state=self._changed,
         )
         self._connections[link.name] = connection
-        self._forwarder.connections = tuple(self._connections.values())
+        self._forwarder.use(self._connections.values())
         connection.start()
         return link.info()
 
@@ -130,7 +130,7 @@ class Router:
         if connection is None:
             known = ", ".join(self._connections) or "none"
             raise UnknownLink(f"There is no link {name!r}.", remedy=f"Links now: {known}.")
-        self._forwarder.connections = tuple(self._connections.values())
+        self._forwarder.use(self._connections.values())
         await connection.close()
 
     def links(self) -> list[LinkInfo]:

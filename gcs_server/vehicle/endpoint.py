@@ -35,6 +35,7 @@ UID_PATIENCE_S = 2.0
 SILENT_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
 """Radio delays included."""
+BOOT_TIME_EVERY_S = 0.5
 BOOT_TIME_IDS = frozenset(
     {
         d.MAVLINK_MSG_ID_ATTITUDE,
@@ -70,13 +71,15 @@ class Endpoint:
     version: Version | None = None
     boot_at_s: float | None = None
     """The vehicle's boot on our monotonic clock, as the newest frame tells it."""
+    boot_next_s: float = float("-inf")
     asked: int = 0
     ask_next_s: float = 0.0
 
     def hear(self, frame: Frame) -> None:
         """Notes what tells who this is."""
         self.heard_s = frame.received_monotonic_s
-        if frame.msg_id in BOOT_TIME_IDS:
+        if self.heard_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
+            self.boot_next_s = self.heard_s + BOOT_TIME_EVERY_S
             self.boot_at_s = self.heard_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 
     @property
