@@ -41,6 +41,8 @@ log = logging.getLogger(__name__)
 
 SECRET_HEADER = "X-Scene-Secret"
 START_DEADLINE_S = 20.0
+STARTING_S = 60.0
+FOLDER_PREFIX = "gcs-scene-"
 MAX_SOCKET_PATH = 100
 """Unix allows about 104 to 108 bytes."""
 
@@ -80,12 +82,8 @@ class ViserHost:
 
     async def start(self) -> None:
         """Raises SceneError, saying why."""
-        folder = Path(tempfile.mkdtemp(prefix="gcs-scene-"))  # made with mode 0700
-        if len(str(folder)) > MAX_SOCKET_PATH:
-            shutil.rmtree(folder, ignore_errors=True)
-            folder = Path(tempfile.mkdtemp(prefix="gcs-scene-", dir="/tmp"))
-        self._folder = folder
         try:
+            self._folder = await asyncio.to_thread(_own_folder)
             # Bound here, where a failure is an exception: viser would try for ever and hang.
             listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             listener.bind(str(self.socket_path))
@@ -163,3 +161,31 @@ class ViserHost:
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
+
+
+def _own_folder() -> Path:
+    """A new one, closed to other users (mode 0700), with a path short enough for a socket."""
+    folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
+    if len(str(folder)) > MAX_SOCKET_PATH:
+        folder.rmdir()
+        folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir="/tmp"))
+    _sweep(folder)
+    return folder
+
+
+def _sweep(ours: Path) -> None:
+    """Removes what servers left that were killed: folders like ours with a socket nobody listens on."""
+    for folder in ours.parent.glob(f"{FOLDER_PREFIX}*"):
+        if folder == ours:
+            continue
+        try:
+            # A server that starts just now has bound its socket, and listens a moment later.
+            if ours.stat().st_mtime - folder.stat().st_mtime < STARTING_S:
+                continue
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+                probe.settimeout(0.2)
+                probe.connect(str(folder / "s"))
+        except (ConnectionRefusedError, FileNotFoundError):
+            shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue  # another user's, or busy: not ours to judge

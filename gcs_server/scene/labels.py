@@ -18,11 +18,16 @@ EVERY_S = 0.2
 
 
 class Label:
-    """A tag at a point of the scene."""
+    """A tag at a point of the scene.
 
-    def __init__(self, client: viser.ClientHandle, name: str, colour: str) -> None:
+    Args:
+        below: hangs under the point instead of standing over it.
+    """
+
+    def __init__(self, client: viser.ClientHandle, name: str, colour: str, *, below: bool = False) -> None:
         self._node = client.scene.add_frame(name, show_axes=False)
         self.name = name
+        self._side = "below" if below else "above"
         self.colour = colour
         self.text = ""
         self.note = ""
@@ -38,7 +43,8 @@ class Label:
             return ""
         return (
             f'<i data-gcs-tag="{html.escape(self.name)}" data-gcs-colour="{self.colour}" '
-            f'data-gcs-note="{html.escape(self.note)}">{html.escape(self.text)}</i>'
+            f'data-gcs-side="{self._side}" data-gcs-note="{html.escape(self.note)}">'
+            f"{html.escape(self.text)}</i>"
         )
 
 

@@ -60,6 +60,7 @@ _BOOT = """
       if (text.textContent !== source.textContent) text.textContent = source.textContent;
       if (note.textContent !== source.dataset.gcsNote) note.textContent = source.dataset.gcsNote;
       tag.style.borderColor = source.dataset.gcsColour;
+      tag.dataset.side = source.dataset.gcsSide;
     }
     for (const [name, tag] of tags) if (!wanted.has(name)) { tag.remove(); tags.delete(name); }
   };
@@ -77,7 +78,8 @@ _BOOT = """
       if (seen) {
         const [x, y, , w] = apply(projectionMatrix.elements, at);
         const left = ((x / w + 1) / 2) * innerWidth, top = ((1 - y / w) / 2) * innerHeight;
-        const place = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px) translate(-50%, -50%)`;
+        const up = tag.dataset.side === 'below' ? 90 : -190;
+        const place = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px) translate(-50%, ${up}%)`;
         if (tag.style.transform !== place) tag.style.transform = place;
       }
       const visibility = seen ? 'visible' : 'hidden';

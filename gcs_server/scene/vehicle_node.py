@@ -20,7 +20,8 @@ from gcs_server.scene.trail import Trail
 FRUSTUM_MIN_M = 0.9
 FRUSTUM_MAX_M = 2.6
 TRAIL_EVERY_S = 1.0 / 15.0
-LABEL_ABOVE_M = 0.62
+LABEL_ABOVE_M = 0.36
+LABEL_BELOW_M = 0.12
 GROUND_GAP_M = 0.012
 """What lies on the ground lies this much above it, or it would flicker."""
 AWAY_M = 0.35
@@ -157,7 +158,7 @@ class VehicleNode:
             yaw = target.yaw_enu_rad
             set_pose(self._target, target.position_enu_m, q_from_yaw(yaw) if yaw is not None else IDENTITY)
             x, y, z = target.position_enu_m
-            self._target_label.move((x, y, z + LABEL_ABOVE_M * 0.7))
+            self._target_label.move((x, y, z - LABEL_BELOW_M))
         self._stretch(pose, target)
         height_m = target.position_enu_m[2] - pose.ground_z_m
         self._target_label.text = "velocity" if target.is_velocity else f"target {height_m:.1f} m"
@@ -241,7 +242,7 @@ class VehicleNode:
         p = self._palette
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
         self._way = self._lines("/way", self._shapes.dots, p.target, 2.0)
-        self._target_label = Label(self._client, f"{self._root}/target_label", p.target)
+        self._target_label = Label(self._client, f"{self._root}/target_label", p.target, below=True)
         self._target.visible = self._way.visible = False
         self._target_label.shown = False
 

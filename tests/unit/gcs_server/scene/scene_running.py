@@ -6,9 +6,11 @@ import asyncio
 from contextlib import asynccontextmanager
 
 import uvicorn
+import viser
 from fastapi import FastAPI
 from fastapi.responses import JSONResponse
 from scene_fakes import FakeFleet, flying
+from websockets.asyncio.client import connect
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused, UnknownVehicle
@@ -70,3 +72,23 @@ async def eventually(condition, seconds: float = 5.0):
     async with asyncio.timeout(seconds):
         while not condition():  # noqa: ASYNC110 what is waited for has no event
             await asyncio.sleep(0.02)
+
+
+PROTOCOL = f"viser-v{viser.__version__}"
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (-3.0, 0.0, 1.0),
+    "fov": 0.8,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 100,
+    "image_width": 100,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+def open_stream(running: Running, query: str = "", **options):
+    options.setdefault("max_size", None)
+    return connect(running.stream + query, subprotocols=[PROTOCOL], **options)

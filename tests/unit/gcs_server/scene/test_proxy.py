@@ -11,39 +11,16 @@ from urllib.request import Request, urlopen
 import httpx
 import msgspec
 import pytest
-import viser
 import websockets
-from fastapi import FastAPI, HTTPException
-from scene_fakes import FakeFleet
-from scene_running import Running, eventually
+from scene_running import CAMERA, PROTOCOL, Running, eventually, open_stream
 from starlette.datastructures import Headers
 from viser import _messages
-from websockets.asyncio.client import connect, unix_connect
+from websockets.asyncio.client import unix_connect
 
-from gcs_server.clock import SystemClock
-from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
+from gcs_server.scene.host import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import camera_message, is_same_origin
-from gcs_server.scene.scene import MAX_VIEWS, Scene
-
-PROTOCOL = f"viser-v{viser.__version__}"
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (-3.0, 0.0, 1.0),
-    "fov": 0.8,
-    "near": 0.1,
-    "far": 100.0,
-    "image_height": 100,
-    "image_width": 100,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
-
-
-def open_stream(running: Running, query: str = "", **options):
-    options.setdefault("max_size", None)
-    return connect(running.stream + query, subprotocols=[PROTOCOL], **options)
+from gcs_server.scene.scene import MAX_VIEWS
 
 
 def types_in(data: bytes) -> list[str]:
@@ -329,65 +306,3 @@ def test_choices_of_views_are_bounded(running):
     for i in range(MAX_VIEWS + 20):
         httpx.post(f"{running.url}view/many{i}", json={})
     assert len(running.scene._views) <= MAX_VIEWS
-
-
-# --- life and death ------------------------------------------------------------------------------
-
-
-def test_viser_says_nothing_and_leaves_nothing(capfd):
-    async def live():
-        host = ViserHost()
-        await host.start()
-        folder = host.socket_path.parent
-        await host.stop()
-        return folder
-
-    folder = asyncio.run(live())
-    assert not folder.exists()
-    assert capfd.readouterr().out == ""
-
-
-def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
-    monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path / "gone"))
-    with pytest.raises(SceneError, match="3D view could not be started"):
-        asyncio.run(ViserHost().start())
-
-
-def test_before_the_start_it_says_so():
-    async def look():
-        scene = Scene(FakeFleet(), SystemClock())
-        app = FastAPI()
-        app.include_router(scene.router())
-        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://gcs") as client:
-            return await client.get("/scene/")
-
-    answer = asyncio.run(look())
-    assert answer.status_code == 503
-    assert "flying is not affected" in answer.text
-    with pytest.raises(SceneError):
-        _ = ViserHost().socket_path
-
-
-def test_a_failure_is_raised_and_the_next_run_draws_again(running):
-    """The supervisor starts `run` again; a browser that stayed gets a new scene."""
-
-    async def look():
-        async with open_stream(running) as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1)
-            first = next(iter(running.scene._stages.values()))[1]
-            good = running.fleet.vehicles[0].values["attitude"]
-            running.fleet.vehicles[0].values["attitude"] = None
-            running.fleet.all, kept = _broken, running.fleet.all
-            await asyncio.sleep(0.1)
-            running.fleet.all = kept
-            running.fleet.vehicles[0].values["attitude"] = good
-            await eventually(
-                lambda: running.scene._stages and next(iter(running.scene._stages.values()))[1] is not first
-            )
-
-    asyncio.run(look())
-
-
-def _broken():
-    raise HTTPException(500, "fleet broke")

@@ -1,0 +1,101 @@
+"""How the 3D view begins, fails and ends."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+
+import httpx
+import msgspec
+import pytest
+from fastapi import FastAPI, HTTPException
+from scene_fakes import FakeFleet
+from scene_running import CAMERA, eventually, open_stream
+
+from gcs_server.clock import SystemClock
+from gcs_server.scene.host import SceneError, ViserHost
+from gcs_server.scene.scene import Scene
+
+
+def test_viser_says_nothing_and_leaves_nothing(capfd):
+    async def live():
+        host = ViserHost()
+        await host.start()
+        folder = host.socket_path.parent
+        await host.stop()
+        return folder
+
+    folder = asyncio.run(live())
+    assert not folder.exists()
+    assert capfd.readouterr().out == ""
+
+
+def test_what_a_killed_server_left_is_swept_and_a_living_one_is_not(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    old, living, young = (tmp_path / f"gcs-scene-{n}" for n in ("old", "living", "young"))
+    listeners = []
+    for folder in (old, living, young):
+        folder.mkdir()
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(str(folder / "s"))
+        listeners.append(listener)
+        if folder is not young:
+            os.utime(folder, (1.0, 1.0))
+    listeners[1].listen()
+
+    async def live():
+        host = ViserHost()
+        await host.start()
+        await host.stop()
+
+    asyncio.run(live())
+    for listener in listeners:
+        listener.close()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["gcs-scene-living", "gcs-scene-young"]
+
+
+def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path / "gone"))
+    with pytest.raises(SceneError, match="3D view could not be started"):
+        asyncio.run(ViserHost().start())
+
+
+def test_before_the_start_it_says_so():
+    async def look():
+        scene = Scene(FakeFleet(), SystemClock())
+        app = FastAPI()
+        app.include_router(scene.router())
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://gcs") as client:
+            return await client.get("/scene/")
+
+    answer = asyncio.run(look())
+    assert answer.status_code == 503
+    assert "flying is not affected" in answer.text
+    with pytest.raises(SceneError):
+        _ = ViserHost().socket_path
+
+
+def test_a_failure_is_raised_and_the_next_run_draws_again(running):
+    """The supervisor starts `run` again; a browser that stayed gets a new scene."""
+
+    async def look():
+        async with open_stream(running) as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await eventually(lambda: running.scene.viewers == 1)
+            first = next(iter(running.scene._stages.values()))[1]
+            good = running.fleet.vehicles[0].values["attitude"]
+            running.fleet.vehicles[0].values["attitude"] = None
+            running.fleet.all, kept = _broken, running.fleet.all
+            await asyncio.sleep(0.1)
+            running.fleet.all = kept
+            running.fleet.vehicles[0].values["attitude"] = good
+            await eventually(
+                lambda: running.scene._stages and next(iter(running.scene._stages.values()))[1] is not first
+            )
+
+    asyncio.run(look())
+
+
+def _broken():
+    raise HTTPException(500, "fleet broke")
