@@ -173,7 +173,7 @@ def main(argv: list[str] | None = None) -> int:
         gcs_host=arguments.gcs_host,
     )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: server.stop())
+        signal.signal(number, lambda _number, _frame: server.stop())
     try:
         if not _announce(server, arguments.first_instance):
             print("no port could be opened; is another simulator running?", file=sys.stderr, flush=True)

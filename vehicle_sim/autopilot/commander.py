@@ -196,9 +196,12 @@ class Commander:
         self._check()
         self._run_failsafe()
         self._auto_disarm()
-        if self.armed and self.active is NavState.TAKEOFF and self._navigator.finished(NavState.TAKEOFF):
-            if self.intended is NavState.TAKEOFF:
-                self.intended = NavState.HOLD
+        self._end_takeoff()
+
+    def _end_takeoff(self) -> None:
+        arrived = self.active is NavState.TAKEOFF and self._navigator.finished(NavState.TAKEOFF)
+        if self.armed and arrived:
+            self.intended = NavState.HOLD
             self._activate(NavState.HOLD)
 
     def _note_landing(self, landed: bool) -> None:
@@ -267,8 +270,8 @@ class Commander:
 
     def _announce(self) -> None:
         before = self._announced
-        self._announced = self.report
         if self._body.time_s > 1.0:
+            self._announced = self.report
             health.announce(self.report, self._announcer)
             new = {check.event for check in self.report.checks}
             old = {check.event for check in before.checks} if before else set[str]()

@@ -142,18 +142,22 @@ class Navigator:
         lowest = self.home.alt_amsl_m + default_m
         wanted = self._takeoff_alt_amsl_m
         self._takeoff_alt_amsl_m = math.nan
+        here = self._body.belief.alt_amsl_m
         if not math.isfinite(wanted):
             self._announcer.both(
-                6, f"Using default takeoff altitude: {default_m:.1f} m",
-                "navigator_takeoff_default_alt", "f", default_m,
-            )  # fmt: skip
-            wanted = lowest
-        wanted = max(wanted, lowest)
-        if self._body.belief.alt_amsl_m > wanted:
+                6,
+                f"Using default takeoff altitude: {default_m:.1f} m",
+                "navigator_takeoff_default_alt",
+                "f",
+                default_m,
+            )
+        elif here > max(wanted, lowest):
             self._announcer.both(
                 2, "Already higher than takeoff altitude", "navigator_takeoff_already_higher"
             )
-            wanted = self._body.belief.alt_amsl_m
+        wanted = max(
+            lowest, here if here > lowest + 1.0 else lowest, wanted if math.isfinite(wanted) else lowest
+        )
         north, east, _ = self._body.belief.position_ned_m
         self.target_ned_m = (north, east, -(wanted - origin_alt))
 
@@ -191,6 +195,8 @@ class Navigator:
         down = self.target_ned_m[2]
         if mode is NavState.TAKEOFF:
             return True
+        if mode is NavState.RTL and self.landing:
+            return False
         if mode in (NavState.HOLD, NavState.RTL) and down is not None:
             return down < self._body.belief.position_ned_m[2] - 0.5
         return False

@@ -1,4 +1,4 @@
-"""The take-off state: rotors spool up, then the allowed climb rate ramps from "no thrust" to what is asked."""
+"""The take-off state: rotors spool up, then the climb rate allowed ramps from "no thrust" to all of it."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ BY_NAME: dict[str, Layout] = {layout.name: layout for layout in LAYOUTS.values()
 class Message:
     """A decoded message: its fields as attributes, plus who sent it and the raw frame for forwarding."""
 
-    __slots__ = ("component_id", "frame", "id", "name", "system_id", "values")
+    __slots__ = ("component_id", "id", "name", "raw", "system_id", "values")
 
     def __init__(
         self, layout: Layout, values: dict[str, Any], system_id: int, component_id: int, frame: bytes
@@ -56,7 +56,7 @@ class Message:
         self.values = values
         self.system_id = system_id
         self.component_id = component_id
-        self.frame = frame
+        self.raw = frame
 
     def __getattr__(self, name: str) -> Any:
         try:

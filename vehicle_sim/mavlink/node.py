@@ -118,4 +118,4 @@ class Node:
             return
         for other in self.context.links:
             if other is not link:
-                other.send_raw(message.frame)
+                other.send_raw(message.raw)

@@ -46,7 +46,6 @@ class Telemetry:
         self._system_id = system_id
         self._cache: dict[int, bytes | None] = {}
         self._step = -1
-        self._gps_count = -1
         self._builders: dict[int, Builder] = {
             BY_NAME[name[1:].upper()].id: getattr(self, name)
             for name in dir(self)
@@ -316,11 +315,8 @@ class Telemetry:
             temperature=round(float(s.baro_temperature_deg_c[i]) * 100),
         )[1]
 
-    def _gps_raw_int(self) -> bytes | None:
+    def _gps_raw_int(self) -> bytes:
         s, i = self._body.simulation.sensors, self._body.row
-        if s.gps_count == self._gps_count:
-            return None
-        self._gps_count = s.gps_count
         fix = int(s.gps_fix_type[i])
         if fix < 2:
             return pack("GPS_RAW_INT", time_usec=self._body.time_boot_us(), fix_type=fix, eph=65535,

@@ -50,6 +50,7 @@ class CommandService:
             "COMMAND_INT": self.command_int,
             "SET_MODE": self.set_mode_message,
         }
+        self._gripper_holds = True
         self._commands: dict[int, Handler] = {
             **dict.fromkeys(NO_ANSWER, lambda c: None),
             **dict.fromkeys(ALWAYS_ACCEPTED, lambda c: ACCEPTED),
@@ -258,6 +259,10 @@ class CommandService:
         return TEMPORARILY_REJECTED if self._commander.armed else ACCEPTED
 
     def _gripper(self, c: Command) -> int | None:
+        grab = c.p2 == 1.0
+        if grab == self._gripper_holds:
+            return ACCEPTED
+        self._gripper_holds = grab
         self._acknowledge(c, IN_PROGRESS, progress=255)
         self._context.after(GRIPPER_S, lambda: self._acknowledge(c, ACCEPTED))
         return None

@@ -1,0 +1,128 @@
+"""A ground station in a test's hands: speaks MAVLink bytes to a VehicleSim on a fake clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from vehicle_sim.autopilot.announcer import EVENTS
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import Message, pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+
+NAN = math.nan
+EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
+HOLD, TAKEOFF, LAND, RTL, POSITION, OFFBOARD = 0x3040000, 0x2040000, 0x6040000, 0x5040000, 0x30000, 0x60000
+
+
+class Station:
+    """Talks to vehicle 1 and keeps what it says, by time."""
+
+    def __init__(self, *, heartbeats: bool = True, **fleet: Any) -> None:
+        self.sim = VehicleSim(**fleet)
+        self.heartbeats = heartbeats
+        self.log: list[tuple[float, str, Message]] = []
+        self.last: dict[str, Message] = {}
+        self._parsers = {name: FrameParser() for name in ("gcs", "api")}
+        self._sequence = 0
+        self._next_heartbeat_s = 0.0
+
+    @property
+    def system_id(self) -> int:
+        return self.sim.nodes[0].system_id
+
+    @property
+    def now_s(self) -> float:
+        return self.sim.time_s
+
+    def send(
+        self, name: str, /, *, via: str = "gcs", sender: tuple[int, int] = (255, 190), **fields: Any
+    ) -> None:
+        layout, payload = pack(name, **fields)
+        self._sequence = (self._sequence + 1) & 0xFF
+        self.sim.feed(0, via, frame_v2(layout, payload, self._sequence, *sender))
+
+    def command(self, number: int, *parameters: float, **extra: Any) -> None:
+        values = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+        self.send(
+            "COMMAND_LONG",
+            target_system=self.system_id,
+            target_component=1,
+            command=number,
+            **values,
+            **extra,
+        )
+
+    def run(self, seconds: float, each: Callable[[], None] | None = None, *, tick_s: float = 0.02) -> None:
+        end_s = self.now_s + seconds - 1e-6
+        while self.now_s < end_s:
+            if self.heartbeats and self.now_s >= self._next_heartbeat_s:
+                self.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
+                self._next_heartbeat_s += 1.0
+            if each is not None:
+                each()
+            self.sim.step(tick_s)
+            self.collect()
+
+    def run_until(self, condition: Callable[[], bool], timeout_s: float, each: Any = None) -> float:
+        """Run until the condition holds; returns how long it took."""
+        start_s = self.now_s
+        while not condition():
+            assert self.now_s - start_s < timeout_s, f"not within {timeout_s} s; heard {self.texts()[-5:]}"
+            self.run(0.02, each)
+        return self.now_s - start_s
+
+    def collect(self) -> None:
+        for name, parser in self._parsers.items():
+            for message in parser.feed(self.sim.drain(0, name)):
+                if message.system_id == self.system_id:
+                    self.log.append((self.now_s, name, message))
+                    if name == "gcs":
+                        self.last[message.name] = message
+
+    def heard(self, name: str, via: str = "gcs", since_s: float = 0.0) -> list[Message]:
+        return [m for t, link, m in self.log if m.name == name and link == via and t >= since_s]
+
+    def texts(self, since_s: float = 0.0, via: str = "gcs") -> list[str]:
+        """Status texts, chunks joined."""
+        joined: dict[int, str] = {}
+        for message in self.heard("STATUSTEXT", via, since_s):
+            joined[message.values["id"]] = joined.get(message.values["id"], "") + message.text
+        return list(joined.values())
+
+    def events(self, since_s: float = 0.0) -> list[str]:
+        return [EVENT_NAMES[m.values["id"]] for m in self.heard("EVENT", since_s=since_s)]
+
+    def acks(self, command: int, since_s: float = 0.0) -> list[int]:
+        return [m.result for m in self.heard("COMMAND_ACK", since_s=since_s) if m.command == command]
+
+    @property
+    def mode(self) -> int:
+        return self.last["HEARTBEAT"].custom_mode
+
+    @property
+    def armed(self) -> bool:
+        return self.sim.autopilots[0].commander.armed
+
+    @property
+    def flown_mode(self) -> int:
+        return self.sim.autopilots[0].commander.custom_mode()
+
+    @property
+    def height_m(self) -> float:
+        return -float(self.sim.simulation.truth.position_ned_m[0, 2])
+
+    @property
+    def ready(self) -> bool:
+        status = self.last.get("SYS_STATUS")
+        return status is not None and bool(status.onboard_control_sensors_health & 0x10000000)
+
+    def fly_to(self, height_m: float) -> None:
+        """Boot, arm, take off and settle."""
+        self.run_until(lambda: self.ready, 15)
+        self.command(400, 1)
+        self.run(0.1)
+        self.command(22, -1, 0, 0, NAN, NAN, NAN, self.sim.autopilots[0].home.alt_amsl_m + height_m)
+        self.run_until(lambda: self.flown_mode == HOLD and self.height_m > height_m - 1.5, 40)
+        self.run(3.0)

@@ -1,0 +1,211 @@
+"""Whole flights as stories, on bytes and a fake clock."""
+
+import math
+
+import pytest
+from sim_station import HOLD, LAND, NAN, OFFBOARD, POSITION, RTL, TAKEOFF, Station
+
+
+def test_from_power_up_to_the_ground_again() -> None:
+    s = Station()
+    assert s.run_until(lambda: s.ready, 10) < 10
+
+    armed_at = s.now_s
+    s.command(400, 1)
+    s.run(0.1)
+    assert s.armed
+    assert s.acks(400) == [0]
+    assert s.texts() == ["Armed by external command\t"]
+    assert "commander_armed_by" in s.events()
+
+    s.command(22, -1, 0, 0, NAN, NAN, NAN, s.sim.autopilots[0].home.alt_amsl_m + 10)
+    s.run(0.1)
+    assert s.acks(22) == [0]
+    assert s.flown_mode == TAKEOFF
+    s.run_until(lambda: "Takeoff detected\t" in s.texts(), 4)
+    assert 1.0 < s.now_s - armed_at < 2.5
+    s.run_until(lambda: s.height_m > 0.2, 5)
+    assert 3.0 < s.now_s - armed_at < 5.5, "PX4 lifts 2 to 5 s after the command"
+    s.run_until(lambda: s.flown_mode == HOLD, 20)
+    s.run(4)
+    assert s.height_m == pytest.approx(10, abs=1.2)
+    assert s.last["EXTENDED_SYS_STATE"].landed_state == 2
+
+    here = s.last["GLOBAL_POSITION_INT"]
+    s.send(
+        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
+        param4=NAN, x=here.lat + round(20 / 111195 * 1e7), y=here.lon, z=12.0,
+    )  # fmt: skip
+    s.run(18)
+    assert s.acks(192) == [0]
+    there = s.last["GLOBAL_POSITION_INT"]
+    assert (there.lat - here.lat) * 1e-7 * 111195 == pytest.approx(20, abs=2.0)
+    assert there.relative_alt / 1000 == pytest.approx(12, abs=1.0)
+
+    s.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
+    s.run(0.2)
+    assert s.flown_mode == LAND
+    s.run_until(lambda: "Landing detected\t" in s.texts(), 30)
+    landed_at = s.now_s
+    s.run_until(lambda: not s.armed, 4)
+    assert s.now_s - landed_at == pytest.approx(2.0, abs=0.2)
+    s.run(1.5)
+    assert s.mode == HOLD
+    assert s.texts()[-2:] == ["Landing detected\t", "Disarmed by landing\t"]
+
+
+def test_offboard_stream_lost_lands_disarms_and_says_offboard_again() -> None:
+    s = Station()
+    s.run_until(lambda: s.ready, 15)
+
+    def stream() -> None:
+        s.send(
+            "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
+            coordinate_frame=1, type_mask=2552, z=-5.0, yaw=math.pi / 2,
+        )  # fmt: skip
+
+    s.run(1.1, stream)
+    s.command(176, 1, 6)
+    s.run(0.2, stream)
+    assert s.acks(176) == [0, 0]
+    s.command(400, 1)
+    s.run(9, stream)
+    assert s.armed
+    assert s.flown_mode == OFFBOARD
+    assert s.last["LOCAL_POSITION_NED"].z == pytest.approx(-5, abs=0.5)
+    assert s.last["ATTITUDE"].yaw == pytest.approx(math.pi / 2, abs=0.1)
+    echo = s.last["POSITION_TARGET_LOCAL_NED"]
+    assert (echo.x, echo.y, echo.z) == (0.0, 0.0, -5.0)
+
+    lost_at = s.now_s
+    s.run_until(lambda: s.flown_mode == POSITION, 2)
+    assert s.now_s - lost_at == pytest.approx(1.05, abs=0.1)
+    assert "Failsafe activated\t" in s.texts()
+    assert "commander_failsafe_enter_generic" in s.events(lost_at)
+    s.run(3)
+    assert s.last["HEARTBEAT"].system_status == 5
+    assert s.last["CURRENT_MODE"].intended_custom_mode == OFFBOARD
+    assert s.last["LOCAL_POSITION_NED"].vz == pytest.approx(0.6, abs=0.2)
+    s.run_until(lambda: not s.armed, 15)
+    s.run(1.2)
+    assert s.height_m == pytest.approx(0.0, abs=0.05)
+    assert s.mode == OFFBOARD
+
+
+def test_a_stream_that_comes_back_flies_on() -> None:
+    s = Station()
+    s.fly_to(6)
+
+    def stream() -> None:
+        s.send(
+            "SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
+            type_mask=3527, vx=0.0,
+        )  # fmt: skip
+
+    s.run(1.1, stream)
+    s.command(176, 1, 6)
+    s.run(0.5, stream)
+    s.run(2.0)
+    assert s.flown_mode == POSITION
+    s.run(0.3, stream)
+    assert s.flown_mode == OFFBOARD
+
+
+@pytest.mark.parametrize(("action", "mode"), [(1, 0x20000), (3, RTL), (5, HOLD)])
+def test_offboard_loss_does_what_its_parameter_says(action: int, mode: int) -> None:
+    s = Station(parameters={"COM_OBL_RC_ACT": action})
+    s.fly_to(4)
+    s.run(1.1, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
+    s.command(176, 1, 6)
+    s.run(0.2, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
+    assert s.flown_mode == OFFBOARD
+    s.run(1.3)
+    assert s.flown_mode == mode
+
+
+def test_return_to_launch_climbs_flies_home_lands_and_stays_down() -> None:
+    s = Station(parameters={"RTL_RETURN_ALT": 15.0})
+    s.fly_to(6)
+    here = s.last["GLOBAL_POSITION_INT"]
+    s.send(
+        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
+        param4=NAN, x=here.lat + round(20 / 111195 * 1e7), y=here.lon, z=NAN,
+    )  # fmt: skip
+    s.run(11)
+    s.command(20)
+    s.run_until(lambda: "RTL: land at destination\t" in s.texts(), 25)
+    assert s.height_m == pytest.approx(15, abs=1.5)
+    s.run_until(lambda: not s.armed, 45)
+    north, east, _ = s.sim.simulation.truth.position_ned_m[0]
+    assert math.hypot(north, east) < 1.5
+    assert s.texts().count("Takeoff detected\t") == 1
+    s.run(1.2)
+    assert s.mode == HOLD
+
+
+def test_nobody_takes_off_so_the_vehicle_disarms_itself() -> None:
+    s = Station()
+    s.run_until(lambda: s.ready, 15)
+    s.command(400, 1)
+    s.run_until(lambda: not s.armed and bool(s.acks(400)), 13)
+    assert s.texts()[-1] == "Disarmed by auto preflight disarming\t"
+
+
+def test_kill_and_termination_fall() -> None:
+    s = Station()
+    s.fly_to(4)
+    s.command(400, 0)
+    s.run(0.1)
+    assert s.acks(400)[-1] == 1
+    assert s.texts()[-1] == "Disarming denied: not landed\t"
+    s.command(400, 0, 21196)
+    s.run(0.1)
+    assert not s.armed
+    s.run(2)
+    assert s.height_m < 0.1
+
+    s = Station()
+    s.fly_to(4)
+    s.command(185, 1)
+    s.run(2)
+    assert s.flown_mode == 0x0A0000
+    assert s.height_m < 0.5
+    s.command(185, 0)
+    s.run(0.1)
+    assert s.acks(185) == [0, 2]
+
+
+def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
+    s = Station(parameters={"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
+    s.fly_to(4)
+    s.heartbeats = False
+    s.run(3.2)
+    assert s.texts()[-1] == "Failsafe activated: entering Hold for 2 seconds\t"
+    assert s.flown_mode == HOLD
+    s.run(2.5)
+    assert s.flown_mode == LAND
+
+
+def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:
+    s = Station(parameters={"COM_FAIL_ACT_T": 1.0})
+    s.fly_to(4)
+    s.sim.simulation.set_battery_remaining(0, 0.06)
+    s.run(0.2)
+    assert "commander_failsafe_enter_hold" in s.events()
+    s.run(1.2)
+    assert s.flown_mode == RTL
+    s.command(176, 1, 4, 6)
+    s.run(0.5)
+    assert s.flown_mode == LAND
+
+
+def test_without_a_position_nothing_that_needs_one_arms() -> None:
+    s = Station()
+    s.sim.simulation.set_gps_enabled(0, False)
+    s.run(8)
+    assert not s.ready
+    s.command(400, 1, 21196)
+    s.run(0.2)
+    assert s.acks(400) == [1]
+    assert s.texts() == ["Arming denied: Resolve system health failures first\t"]
+    assert {"check_modes_local_pos", "check_modes_global_pos"} <= set(s.events())

@@ -1,0 +1,138 @@
+"""The gimbal manager on the wire: who may command, and that the gimbal really moves."""
+
+import math
+
+import pytest
+from sim_station import NAN, Station
+
+
+def ready() -> Station:
+    s = Station()
+    s.run(2)
+    return s
+
+
+def q_pitch(s: Station) -> float:
+    w, x, y, z = s.last["GIMBAL_DEVICE_ATTITUDE_STATUS"].q
+    return math.asin(2 * (w * y - z * x))
+
+
+def take(s: Station) -> None:
+    s.command(1001, 255, 190, -1, -1)
+    s.run(0.1)
+
+
+def test_the_gimbal_programs_sequence() -> None:
+    """Take control, stream roll 90, pitch 90 and zero with yaw locked, release."""
+    s = ready()
+    take(s)
+    assert s.acks(1001) == [0]
+
+    def stream(roll_deg: float, pitch_deg: float) -> None:
+        cr, sr = math.cos(math.radians(roll_deg) / 2), math.sin(math.radians(roll_deg) / 2)
+        cp, sp = math.cos(math.radians(pitch_deg) / 2), math.sin(math.radians(pitch_deg) / 2)
+        s.send(
+            "GIMBAL_MANAGER_SET_ATTITUDE", target_system=1, target_component=1, flags=28,
+            q=(cr * cp, sr * cp, cr * sp, -sr * sp), angular_velocity_x=NAN, angular_velocity_y=NAN,
+            angular_velocity_z=NAN,
+        )  # fmt: skip
+
+    s.run(4, lambda: stream(90, 0), tick_s=0.1)
+    assert s.last["MOUNT_ORIENTATION"].roll == pytest.approx(90, abs=1)
+    s.run(4, lambda: stream(0, 90), tick_s=0.1)
+    assert abs(s.last["MOUNT_ORIENTATION"].pitch) == pytest.approx(90, abs=1)
+    s.run(2, lambda: stream(0, 0), tick_s=0.1)
+    mount = s.last["MOUNT_ORIENTATION"]
+    assert (mount.roll, mount.pitch) == (pytest.approx(0, abs=1), pytest.approx(0, abs=1))
+    s.command(1001, -3, -3, -3, -3)
+    s.run(2.5)
+    assert s.last["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
+
+
+def test_without_control_commands_are_denied_and_messages_ignored() -> None:
+    s = ready()
+    s.command(1000, -20, 30, NAN, NAN)
+    s.send("GIMBAL_MANAGER_SET_MANUAL_CONTROL", target_system=1, target_component=1, pitch=-0.5, yaw=0.0,
+           pitch_rate=NAN, yaw_rate=NAN)  # fmt: skip
+    s.run(2)
+    assert s.acks(1000) == [2]
+    assert q_pitch(s) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_it_turns_at_a_limited_rate_and_arrives() -> None:
+    s = ready()
+    take(s)
+    s.command(1000, -60, 0, NAN, NAN)
+    s.run(0.3)
+    gimbal = s.sim.autopilots[0].gimbal
+    assert -45 < math.degrees(gimbal.actual.pitch_rad) < -10
+    s.run(2)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-60, abs=0.5)
+
+
+def test_minus_two_gives_control_to_the_vehicle_itself() -> None:
+    s = ready()
+    s.command(1001, -2, -2, -1, -1)
+    s.run(0.1)
+    s.command(1000, -20, 0, NAN, NAN)
+    s.run(2.5)
+    assert s.acks(1000) == [2]
+    status = s.last["GIMBAL_MANAGER_STATUS"]
+    assert (status.primary_control_sysid, status.primary_control_compid) == (1, 1)
+
+
+def test_yaw_lock_holds_north_and_follow_turns_along() -> None:
+    s = ready()
+    take(s)
+    gimbal = s.sim.autopilots[0].gimbal
+    s.command(1000, 0, 90, NAN, NAN, 16)
+    s.run(2.5)
+    assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1)
+    assert gimbal.yaw_locked
+    s.command(1000, 0, 30, NAN, NAN, 0)
+    s.run(2.5)
+    assert math.degrees(gimbal.actual.yaw_rad) == pytest.approx(30, abs=0.5)
+
+
+def test_rates_turn_until_angles_stop_them_and_angles_alone_with_nan_change_nothing() -> None:
+    s = ready()
+    take(s)
+    s.command(1000, NAN, NAN, -10, 0)
+    s.run(2)
+    gimbal = s.sim.autopilots[0].gimbal
+    moved = math.degrees(gimbal.actual.pitch_rad)
+    assert -20 < moved < -15
+    s.command(1000, NAN, NAN, NAN, NAN)
+    s.run(1)
+    held = math.degrees(gimbal.wanted.pitch_rad)
+    s.command(1000, -50, NAN, NAN, NAN)
+    s.run(1)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(held, abs=0.3)
+
+
+def test_a_region_of_interest_is_looked_at_without_control() -> None:
+    s = ready()
+    s.run(4)
+    place = s.last["GLOBAL_POSITION_INT"]
+    s.command(195, 0, 0, 0, 0, place.lat / 1e7, place.lon / 1e7 + 50 / 75270, place.alt / 1000 - 50)
+    s.run(3)
+    gimbal = s.sim.autopilots[0].gimbal
+    assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=3)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45, abs=3)
+    s.command(197)
+    s.run(2)
+    assert gimbal.looking_at is None
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(0, abs=0.5)
+
+
+def test_switched_off_it_says_nothing() -> None:
+    s = Station(parameters={"MNT_MODE_IN": -1})
+    s.run(2)
+    s.command(1000, -20, 0, NAN, NAN)
+    s.command(1001, 255, 190, -1, -1)
+    s.command(512, 280)
+    s.run(1)
+    assert s.acks(1000) == []
+    assert s.acks(1001) == []
+    assert s.acks(512) == [2]
+    assert not s.heard("GIMBAL_MANAGER_STATUS")

@@ -1,0 +1,227 @@
+"""Bytes in, bytes out: framing, streams, parameters, missions, files, clocks and identity."""
+
+import random
+import struct
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sim_station import Station
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import BY_NAME, pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.mavlink.rates import API, GCS
+
+NOT_ON_GROUND = {"POSITION_TARGET_GLOBAL_INT"}
+
+
+def frame(name: str, sequence: int = 0, **fields: object) -> bytes:
+    layout, payload = pack(name, **fields)
+    return frame_v2(layout, payload, sequence, 255, 190)
+
+
+@given(st.lists(st.binary(max_size=40), min_size=1, max_size=8), st.integers(1, 50))
+@settings(max_examples=40, deadline=None)
+def test_every_frame_is_found_between_garbage_however_it_is_cut(noise: list[bytes], cut: int) -> None:
+    quiet = [bytes(b for b in chunk if b not in (0xFD, 0xFE)) for chunk in noise]
+    stream = b"".join(chunk + frame("PING", n, seq=n, time_usec=1) for n, chunk in enumerate(quiet))
+    parser = FrameParser()
+    found = [m for at in range(0, len(stream), cut) for m in parser.feed(stream[at : at + cut])]
+    assert [m.seq for m in found] == list(range(len(quiet)))
+
+
+def test_any_bytes_at_all_do_no_harm_and_the_next_frames_are_heard() -> None:
+    s = Station()
+    s.run(1)
+    noise = random.Random(1)
+    for _ in range(50):
+        s.sim.feed(0, "gcs", noise.randbytes(2000))
+    s.sim.feed(0, "gcs", bytes(600))
+    s.command(512, 148)
+    s.run(0.1)
+    assert s.acks(512) == [0]
+
+
+def test_a_broken_crc_and_an_unknown_message_are_counted_not_heard() -> None:
+    parser = FrameParser()
+    good = bytearray(frame("PING", seq=1))
+    good[12] ^= 0xFF
+    assert parser.feed(bytes(good) + frame("PING", seq=2))[0].seq == 2
+    assert parser.counts.bad_crc == 1
+
+
+def test_streams_have_the_rates_of_the_table() -> None:
+    s = Station()
+    s.run(6)
+    start = s.now_s
+    s.run(10)
+    for link, table in (("gcs", GCS), ("api", API)):
+        for name, hz in table.items():
+            if name in NOT_ON_GROUND:
+                continue
+            heard = len(s.heard(name, link, start))
+            assert heard == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
+
+
+def test_the_table_is_what_a_real_vehicle_streams(shared) -> None:
+    import json
+
+    streams = json.loads((shared / "px4" / "streams.json").read_text(encoding="utf-8"))
+    for key, table in (("gcs_14550", GCS), ("api_14540", API)):
+        measured = {row["name"]: row["flying_hold"]["hz"] for row in streams[key].values()}
+        assert set(measured) == set(table)
+        for name, hz in measured.items():
+            assert table[name] == pytest.approx(hz, rel=0.03, abs=0.05), name
+
+
+def test_sequence_numbers_are_without_gaps_on_each_link() -> None:
+    sim = VehicleSim()
+    sim.step(3.0)
+    for link in ("gcs", "api"):
+        sequences = [f[4] for f in sim.frames(0, link)]
+        assert len(sequences) > 500
+        assert all((b - a) & 0xFF == 1 for a, b in pairwise(sequences))
+
+
+def test_texts_wait_for_a_ground_station_and_events_do_not() -> None:
+    s = Station(heartbeats=False)
+    s.run(6)
+    s.command(400, 1)
+    s.run(0.2)
+    assert s.texts() == []
+    assert "commander_armed_by" in s.events()
+
+
+def test_all_parameters_come_within_a_second_hash_first() -> None:
+    s = Station()
+    s.run(1)
+    s.send("PARAM_REQUEST_LIST", target_system=1, target_component=1)
+    s.run(1.0)
+    values = s.heard("PARAM_VALUE")
+    assert values[0].param_id == "_HASH_CHECK"
+    assert [m.param_index for m in values[1:]] == list(range(values[1].param_count))
+
+
+def test_parameters_are_set_bytewise_and_nonsense_gets_no_reply() -> None:
+    s = Station()
+    s.run(0.5)
+    as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
+
+    def set_(name: str, value: float, kind: int) -> None:
+        s.send("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=value,
+               param_type=kind)  # fmt: skip
+
+    set_("NAV_DLL_ACT", as_float, 6)
+    s.run(0.1)
+    assert s.sim.simulation.parameters[0].get("NAV_DLL_ACT") == 3
+    assert len(s.heard("PARAM_VALUE", "gcs")) == 2
+    assert len(s.heard("PARAM_VALUE", "api")) == 1
+    set_("NAV_DLL_ACT", 2.0, 9)
+    set_("NO_SUCH_PARAM", 2.0, 9)
+    s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_id="NOPE", param_index=-1)
+    s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5000)
+    s.run(0.1)
+    assert len(s.heard("PARAM_VALUE", "gcs")) == 2
+
+
+def test_an_impossible_airframe_does_not_end_the_simulation() -> None:
+    s = Station()
+    s.run(0.5)
+    s.send(
+        "PARAM_SET", target_system=1, target_component=1, param_id="SIH_MASS", param_value=0.0, param_type=9
+    )
+    s.run(0.5)
+    assert s.last["PARAM_VALUE"].param_value == 0.0
+
+
+def test_a_plan_survives_the_way_up_and_down() -> None:
+    s = Station()
+    s.run(0.5)
+    s.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
+    s.run(0.3)
+    assert s.last["MISSION_REQUEST_INT"].seq == 0
+    for seq in (0, 0, 1):
+        s.send("MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, frame=6, command=16,
+               x=473977432 + seq, y=85455942, z=10.0 + seq, autocontinue=1)  # fmt: skip
+    s.run(0.1)
+    uploaded = s.last["MISSION_ACK"]
+    assert uploaded.type == 0
+    s.send("MISSION_REQUEST_LIST", target_system=1, target_component=1)
+    s.send("MISSION_REQUEST_INT", target_system=1, target_component=1, seq=1)
+    s.run(0.1)
+    assert s.last["MISSION_COUNT"].count == 2
+    assert s.last["MISSION_COUNT"].opaque_id == uploaded.opaque_id != 0
+    assert (s.last["MISSION_ITEM_INT"].x, s.last["MISSION_ITEM_INT"].z) == (473977433, 11.0)
+    s.send("MISSION_CLEAR_ALL", target_system=1, target_component=1)
+    s.run(1.2)
+    assert s.last["MISSION_CURRENT"].mission_id == 0
+
+
+def test_a_plan_that_stops_coming_times_out_with_a_text() -> None:
+    s = Station()
+    s.run(0.5)
+    s.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
+    s.run(5.4)
+    assert 15 <= len(s.heard("MISSION_REQUEST_INT")) <= 22
+    assert s.texts()[-1] == "Operation timeout\t"
+
+
+def test_files_clocks_and_pings_are_answered() -> None:
+    s = Station()
+    s.run(0.5)
+    s.send("FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1,
+           payload=struct.pack("<HBBBBBBI", 7, 0, 4, 3, 0, 0, 0, 0) + b"a.b")  # fmt: skip
+    s.send("TIMESYNC", ts1=123456789)
+    s.send("PING", time_usec=777, seq=5)
+    s.run(0.1)
+    answer = bytes(s.last["FILE_TRANSFER_PROTOCOL"].payload)
+    assert (answer[0], answer[3], answer[5], answer[12]) == (8, 129, 4, 10)
+    assert s.last["TIMESYNC"].ts1 == 123456789
+    assert s.last["TIMESYNC"].tc1 > 0
+    assert [m.seq for m in s.heard("PING") if m.target_system == 255] == [5]
+
+
+def test_modes_version_and_distinct_ids() -> None:
+    uids = []
+    sim = VehicleSim(2, first_instance=3)
+    for row in range(2):
+        layout, payload = pack(
+            "COMMAND_LONG", target_system=4 + row, target_component=1, command=512, param1=148
+        )
+        sim.feed(row, "gcs", frame_v2(layout, payload, 0, 255, 190))
+        messages = FrameParser().feed(sim.drain(row, "gcs"))
+        version = next(m for m in messages if m.name == "AUTOPILOT_VERSION")
+        assert version.system_id == 4 + row
+        uids.append(version.uid)
+    assert len(set(uids)) == 2
+    s = Station()
+    s.run(0.2)
+    s.command(512, 435, 0)
+    s.run(0.1)
+    assert [m.mode_index for m in s.heard("AVAILABLE_MODES")] == list(range(1, 26))
+
+
+def test_one_links_ground_station_is_heard_on_the_other() -> None:
+    s = Station()
+    s.run(0.1)
+    raw = FrameParser()
+    s.send("HEARTBEAT", type=6, autopilot=8)
+    assert [m.sender for m in raw.feed(s.sim.drain(0, "api")) if m.name == "HEARTBEAT"] == [(255, 190)]
+
+
+def test_lost_events_can_be_asked_for() -> None:
+    s = Station()
+    s.run(3)
+    newest = s.sim.autopilots[0].announcer.sequence
+    before = len(s.heard("EVENT"))
+    s.send("REQUEST_EVENT", target_system=1, target_component=1, first_sequence=newest, last_sequence=newest)
+    s.send("REQUEST_EVENT", target_system=1, target_component=1, first_sequence=60000, last_sequence=60000)
+    s.run(0.1)
+    assert len(s.heard("EVENT")) == before + 1
+    assert s.last["RESPONSE_EVENT_ERROR"].sequence == 60000
+
+
+def test_every_streamed_message_is_known_to_the_dialect() -> None:
+    assert set(GCS) | set(API) <= set(BY_NAME)
