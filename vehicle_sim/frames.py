@@ -69,6 +69,12 @@ _ROTATION = _rotation_table()
 _CROSS = _table(9, 3, [(5, 0, 1.0), (7, 0, -1.0), (6, 1, 1.0), (2, 1, -1.0), (1, 2, 1.0), (3, 2, -1.0)])
 
 
+_SQUARES = 0.25 * _table(
+    9, 4, [(4 * axis, k, 1.0 if k in (0, axis + 1) else -1.0) for axis in range(3) for k in range(4)]
+)
+_SIGNS = _table(9, 3, [(7, 0, 1.0), (5, 0, -1.0), (2, 1, 1.0), (6, 1, -1.0), (3, 2, 1.0), (1, 2, -1.0)])
+
+
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
     return (a[:, :, None] * b[:, None, :]).reshape(a.shape[0], -1)
 
@@ -137,16 +143,9 @@ def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
 
     Not for half turns about a slanted axis, where the signs are lost; the controllers never ask for one.
     """
-    m = matrix
-    diagonal = np.stack([m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]], axis=1)
-    trace = diagonal.sum(axis=1)
-    squares = np.empty((m.shape[0], 4))
-    squares[:, 0] = trace
-    squares[:, 1:] = 2.0 * diagonal - trace[:, None]
-    magnitude = 0.5 * np.sqrt(np.maximum(squares + 1.0, 0.0))
-    magnitude[:, 1] = np.copysign(magnitude[:, 1], m[:, 2, 1] - m[:, 1, 2])
-    magnitude[:, 2] = np.copysign(magnitude[:, 2], m[:, 0, 2] - m[:, 2, 0])
-    magnitude[:, 3] = np.copysign(magnitude[:, 3], m[:, 1, 0] - m[:, 0, 1])
+    flat = matrix.reshape(-1, 9)
+    magnitude = np.sqrt(np.maximum(flat @ _SQUARES + 0.25, 0.0))
+    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], flat @ _SIGNS)
     return normalized(magnitude)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.control.setpoints import Setpoints
-from vehicle_sim.frames import GRAVITY_M_S2, quaternion_from_matrix
+from vehicle_sim.frames import GRAVITY_M_S2, cross, quaternion_from_matrix
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState, TargetState
 
@@ -255,8 +255,6 @@ def _attitude(body_z: FloatArray, thrust: FloatArray, yaw_ned_rad: FloatArray) -
     x[:, 1] = sin_yaw * z[:, 2]
     x[:, 2] = -(cos_yaw * z[:, 0] + sin_yaw * z[:, 1])
     x /= np.sqrt((x * x).sum(axis=1, keepdims=True))
-    matrix[:, 0, 1] = z[:, 1] * x[:, 2] - z[:, 2] * x[:, 1]
-    matrix[:, 1, 1] = z[:, 2] * x[:, 0] - z[:, 0] * x[:, 2]
-    matrix[:, 2, 1] = z[:, 0] * x[:, 1] - z[:, 1] * x[:, 0]
+    matrix[:, :, 1] = cross(z, x)
     matrix[:, :, 2] = z
     return quaternion_from_matrix(matrix)
