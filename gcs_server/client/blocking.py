@@ -12,7 +12,7 @@ from typing import Any
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from gcs_server.client import aio
-from gcs_server.client.setpoints import Expiry
+from gcs_server.client.setpoints import Body, Expiry
 
 
 class SyncGcs:
@@ -44,6 +44,10 @@ class SyncGcs:
             raise RuntimeError("Use the client in a block: with SyncGcs() as gcs: …")
         return self._portal
 
+    def request(self, method: str, path: str, body: Body | None = None) -> Any:
+        """One call below `/api/v1`; errors as `aio.Gcs.request`."""
+        return self.portal.call(self._gcs.request, method, path, body)
+
     def vehicles(self) -> list[SyncVehicle]:
         """All vehicles that the server has heard."""
         return [SyncVehicle(self, vehicle) for vehicle in self.portal.call(self._gcs.vehicles)]
@@ -70,6 +74,10 @@ class SyncVehicle:
         self._vehicle = vehicle
         self.id = vehicle.id
         self.gimbal = SyncGimbal(gcs, vehicle.gimbal)
+
+    def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
+        """One call below `/api/v1/vehicles/{id}`."""
+        return self._gcs.portal.call(self._vehicle.request, method, path, body)
 
     def show(self) -> dict[str, Any]:
         """Identity, status and the newest sample of every topic."""

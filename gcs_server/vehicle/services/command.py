@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 
-from gcs_server.errors import Disconnected, GcsError, InvalidRequest, Refused
+from gcs_server.errors import Disconnected, GcsError, InvalidRequest, NoReply, Refused
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.geodesy import distance_m
@@ -25,6 +25,7 @@ GOTO_MAX_DISTANCE_M = 1000.0
 TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
 STATE_DEADLINE_S = 6.0
 LIFT_DEADLINE_S = 12.0
+HOME_DEADLINE_S = 3.0
 FORCE = 21196.0
 """MAV_CMD_COMPONENT_ARM_DISARM's magic number for "whatever the state"."""
 NAN = math.nan
@@ -76,8 +77,8 @@ class CommandService:
         if vehicle.facts.armed and vehicle.facts.landed_state in AIRBORNE:
             raise Refused(f"Vehicle {vehicle.id} flies already.", remedy="Use go-to for another height.")
         position_of(vehicle)
-        alt_amsl_m = home_of(vehicle).alt_amsl_m + alt_home_m
         token = self._begin("take off")
+        alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
         await self._takeoff_mode(token, alt_amsl_m, progress)
         if not vehicle.facts.armed:
             try:
@@ -134,9 +135,10 @@ class CommandService:
         vehicle.require_commandable()
         if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} does not fly.", remedy="Take off first.")
+        token = self._begin("go to")
         if alt_amsl_m is None:
             assert alt_home_m is not None
-            alt_amsl_m = home_of(vehicle).alt_amsl_m + alt_home_m
+            alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
         self._check_distance(lat_deg, lon_deg, alt_amsl_m, max_distance_m)
         reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
         goal = Goal(
@@ -151,7 +153,7 @@ class CommandService:
             (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
             frame=d.MAV_FRAME_GLOBAL,
         )
-        await self._run(self._begin("go to"), request, goal, progress)
+        await self._run(token, request, goal, progress)
 
     async def kill(self, *, progress: Progress | None = None) -> None:
         """Stops the motors at once, in flight too: the vehicle falls."""
@@ -195,6 +197,22 @@ class CommandService:
 
         request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
         await self._run(token, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
+
+    async def _home_alt_amsl_m(self, token: int) -> float:
+        """PX4 tells its home every two seconds only: where it is not known yet, it is asked for."""
+        vehicle = self._vehicle
+        if vehicle.topic("home") is None:
+            home = (d.MAVLINK_MSG_ID_HOME_POSITION,)
+            known = Goal(
+                "tell its home",
+                lambda *_: vehicle.topic("home") is not None,
+                HOME_DEADLINE_S,
+                asks=home,
+                listen=home,
+            )
+            with suppress(NoReply):
+                await self._run(token, None, known, None)
+        return home_of(vehicle).alt_amsl_m
 
     async def _leave_takeoff(self, token: int) -> None:
         """Left in Take off, arming later would start the climb."""

@@ -1,0 +1,92 @@
+"""What happens when a client or the server dies in flight: real processes, really killed."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_server.client import SyncGcs, Unreachable
+from tests.e2e.conftest import SPEED
+from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
+
+FLY_NORTH = """
+import sys, time
+from gcs_server.client import SyncGcs
+with SyncGcs(sys.argv[1], client="victim") as gcs:
+    drone = gcs.vehicle("101")
+    with drone.offboard(velocity_ned_m_s=(3, 0, 0), valid_for_s=0.5, hold_for_s=2) as stream:
+        print("flying", flush=True)
+        while True:
+            stream.velocity_ned(3, 0, 0)
+            time.sleep(0.05)
+"""
+
+POSITION = 0x30000
+
+
+def speed_m_s(drone: Any) -> float:
+    """Over ground."""
+    north, east, _ = drone.topic("local_position")["velocity_ned_m_s"]
+    return float((north**2 + east**2) ** 0.5)
+
+
+def airborne(drone: Any, height_m: float = 10) -> None:
+    """Takes off and waits for Hold at the top."""
+    drone.takeoff(height_m)
+    drone.until(
+        lambda v: v["status"]["mode"] == "hold" and v["status"]["landed_state"] == "in_air",
+        what="the end of the take-off",
+    )
+
+
+def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
+    airborne(station.drone)
+    with running([sys.executable, "-c", FLY_NORTH, station.url], stdout=subprocess.PIPE) as client:
+        assert client.stdout is not None
+        assert client.stdout.readline() == b"flying\n"
+        wait_until(lambda: speed_m_s(station.drone) > 2, "flying north")
+        end(client, signal.SIGKILL)
+        killed_s = time.monotonic()
+
+        def expired() -> bool:
+            return station.drone.request("GET", "/offboard")["state"] != "streaming"
+
+        wait_until(expired, "the setpoint's expiry", 3)
+        assert time.monotonic() - killed_s < 0.5 + 0.3, "later than valid_for_s"
+    wait_until(lambda: speed_m_s(station.drone) < 0.5, "coming to rest", 8)
+    station.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=10, what="PX4's Hold mode")
+
+
+def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_seize_it(
+    tmp_path: Path,
+) -> None:
+    port, http_port = free_port(), free_port()
+    url = f"http://127.0.0.1:{http_port}"
+    command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
+    with vehicle(port, more=["--speed", str(SPEED)]):
+        with running(command) as first:
+            wait_until(lambda: answers(url), "the first server")
+            with SyncGcs(url, client="e2e") as gcs:
+                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+                airborne(drone, 6)
+                with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -6)) as stream:
+                    assert "lands where it is" in stream.started["if_stream_stops"]
+                    end(first, signal.SIGKILL)
+        with running(command):
+            wait_until(lambda: answers(url), "the second server")
+            with SyncGcs(url, client="e2e") as gcs:
+                drone = gcs.wait_for_vehicle("101", timeout_s=20)
+                shown = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
+                assert shown["status"]["armed"], "found in flight"
+                assert drone.request("GET", "/offboard")["state"] == "idle"
+                drone.until_disarmed(timeout_s=60)
+                assert drone.status()["landed_state"] == "on_ground"
+                journal = gcs.request("GET", "/journal")["entries"]
+                since_restart = [entry for entry in journal if entry["client"] != "e2e"]
+                assert not since_restart, "the server did something by itself"

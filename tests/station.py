@@ -1,0 +1,114 @@
+"""A whole station for tests and benches: server and simulated vehicles as processes of their own.
+
+Ports are free ones, everything is on loopback, and the processes end with the block that started them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+FIRST_TEST_INSTANCE = 100
+"""So that a simulator of a test never has the system id of one that a developer runs."""
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """A loopback port that nobody holds just now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextlib.contextmanager
+def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A process group that ends with the block, whatever happens in it."""
+    settings: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} | options
+    process = subprocess.Popen(command, start_new_session=True, **settings)
+    try:
+        yield process
+    finally:
+        end(process, signal.SIGTERM)
+
+
+def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
+    """Signals the process group and waits for the process; five seconds later it is killed."""
+    for sent in (how, signal.SIGKILL):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, sent)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(5)
+            return
+
+
+def wait_until(ready: Callable[[], object], what: str, deadline_s: float = 30.0) -> None:
+    """Polls until `ready` answers truly.
+
+    Raises:
+        TimeoutError: it never did.
+    """
+    end_s = time.monotonic() + deadline_s
+    while time.monotonic() < end_s:
+        if ready():
+            return
+        time.sleep(0.05)
+    raise TimeoutError(f"{what} did not happen within {deadline_s:.0f} s")
+
+
+def vehicle_command(
+    gcs_port: int, *, instances: int = 1, tcp_port: int = 0, more: Sequence[str] = ()
+) -> list[str]:
+    """How a simulated vehicle is started that sends to `gcs_port`; system ids from 101."""
+    command = [sys.executable, "-m", "vehicle_sim", "--instances", str(instances), "--no-api"]
+    command += ["--first-instance", str(FIRST_TEST_INSTANCE), "--gcs-local-port", "0"]
+    return [*command, "--gcs-remote-port", str(gcs_port), "--tcp-port", str(tcp_port), *more]
+
+
+@contextlib.contextmanager
+def vehicle(gcs_port: int, **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A simulated vehicle in real time."""
+    with running(vehicle_command(gcs_port, **options)) as process:
+        yield process
+
+
+def server_command(http_port: int, links: Sequence[str], data: str | Path) -> list[str]:
+    """How the server is started without a simulator of its own."""
+    command = [sys.executable, "-m", "gcs_server", "serve", "--no-sim", "--port", str(http_port)]
+    for link in links:
+        command += ["--link", link]
+    return [*command, "--data", str(data)]
+
+
+def answers(url: str) -> bool:
+    """Whether the server is up."""
+    try:
+        return httpx.get(f"{url}/api/v1/health", timeout=1).status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+@contextlib.contextmanager
+def server(
+    links: Sequence[str], *, port: int | None = None, log: Path | None = None
+) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A running server: its address and its process."""
+    http_port = port or free_port(socket.SOCK_STREAM)
+    url = f"http://127.0.0.1:{http_port}"
+    with contextlib.ExitStack() as stack:
+        data = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+        options: dict[str, Any] = {}
+        if log is not None:
+            options = {"stdout": stack.enter_context(log.open("wb")), "stderr": subprocess.STDOUT}
+        process = stack.enter_context(running(server_command(http_port, links, data), **options))
+        wait_until(lambda: answers(url), f"the server's start at {url}")
+        yield url, process
