@@ -10,7 +10,7 @@ const nowS = (): number => performance.now() / 1000;
 
 export const offboard = new OffboardControl(page.api, nowS);
 
-export const actions = new ActionController(page.api, nowS, (facts) => offboard.start(facts));
+export const actions = new ActionController(page.api, nowS, (facts) => offboard.start(facts), (id) => page.factsOf(id));
 
 export const gimbal = new GimbalControl(page.api, actions);
 

@@ -49,11 +49,13 @@ export class ActionController {
     private readonly nowS: () => number,
     /** Starts the stream where the vehicle is; lives with the offboard card. */
     private readonly startOffboard: (facts: VehicleFacts) => Promise<Outcome<unknown>>,
+    /** The vehicle as it is now: between the question and its answer it flies on. */
+    private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
   /** The question's words with the height as it is now. */
   words(asked: Asked): Question {
-    return question(asked.action, this.facts(asked.facts)) ?? asked.question;
+    return question(asked.action, this.facts(this.now(asked.facts))) ?? asked.question;
   }
 
   /** A button or a key: opens the confirmation, or acts at once where none is needed. */
@@ -108,7 +110,8 @@ export class ActionController {
   private async run(action: ActionName, facts: VehicleFacts, place: Place): Promise<void> {
     const entry: Running = { id: this.nextId++, action, place, vehicleName: facts.name };
     this.running = [...this.running, entry];
-    await this.attempt(ASKED[action], facts, place, () => this.send(action, facts));
+    const now = this.now(facts);
+    await this.attempt(ASKED[action], now, place, () => this.send(action, now));
     this.running = this.running.filter((r) => r.id !== entry.id);
   }
 
@@ -116,6 +119,10 @@ export class ActionController {
     if (action === 'offboard_start') return this.startOffboard(facts);
     const { path, body } = call(action, this.facts(facts));
     return this.api.post(path, body);
+  }
+
+  private now(facts: VehicleFacts): VehicleFacts {
+    return this.current(facts.id) ?? facts;
   }
 
   private facts(facts: VehicleFacts): ActionFacts {

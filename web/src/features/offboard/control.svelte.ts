@@ -2,17 +2,18 @@
 
 import type { VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
+import { ageText } from '../../live/age';
 import { SetpointKeeper } from './keeper';
 import { nudge, ON_EXPIRY, STEPS, VALID_FOR_S, type Axis, type PositionSetpoint, type Steps } from './setpoint';
 import { nudgeBase } from './view';
 
 /** What the page says itself, without the server: no position, nothing to hold. */
-function noPosition(): Outcome<never> {
+function noPosition(age_s: number | null): Outcome<never> {
   return {
     ok: false,
     problem: {
-      title: 'Not sent', detail: 'The vehicle reports no local position, so there is nothing to hold.', reasons: [],
-      remedy: 'Wait for its position estimate.', code: 'refused', status: 0, field: null,
+      title: 'Not sent', detail: age_s === null ? 'The vehicle reports no local position, so there is nothing to hold.' : `The last local position is ${ageText(age_s)} old: where it is now is not known.`, reasons: [],
+      remedy: 'Wait until it reports its position, then try again.', code: 'refused', status: 0, field: null,
     },
   };
 }
@@ -30,7 +31,7 @@ export class OffboardControl {
   async start(facts: VehicleFacts): Promise<Outcome<unknown>> {
     const local = facts.local;
     const attitude = facts.attitude;
-    if (local === null || attitude === null || local.stale || attitude.stale) return noPosition();
+    if (local === null || attitude === null || local.stale || attitude.stale) return noPosition(local?.age_s ?? null);
     const setpoint: PositionSetpoint = {
       type: 'position', position_ned_m: local.value.position_ned_m, yaw_ned_rad: attitude.value.yaw_ned_rad,
     };
@@ -45,7 +46,7 @@ export class OffboardControl {
     const streamed = facts.offboard;
     const from = keeper.setpoint ?? (streamed === null ? null
       : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
-    if (from === null) return noPosition();
+    if (from === null) return noPosition(null);
     const next = nudge(from, axis, sign, this.steps);
     keeper.keep(next, this.nowS());
     const outcome = await this.say(facts.id, next);
