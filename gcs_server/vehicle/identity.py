@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from gcs_server.mavlink import dialect as d
 
 PX4_SITL_UID = 0x4954414C44494E4F
+SITL_BOARD_VERSION = 1
+"""With no USB vendor and product: what PX4's simulator reports, and no flight controller does."""
 COMMANDABLE_TYPES = frozenset(
     {
         d.MAV_TYPE_QUADROTOR,
@@ -73,7 +75,7 @@ class Version:
 
 def read_version(payload: bytes) -> Version:
     """From a full AUTOPILOT_VERSION payload."""
-    capabilities, uid, software, _, _, _, vendor, product, _, uid2 = _version.unpack(payload)
+    capabilities, uid, software, _, _, board, vendor, product, _, uid2 = _version.unpack(payload)
     shared = uid == PX4_SITL_UID
     text = uid2.hex() if any(uid2) else f"{uid:016x}" if uid else None
     return Version(
@@ -81,7 +83,7 @@ def read_version(payload: bytes) -> Version:
         unique=text is not None and (any(uid2) or not shared),
         firmware=f"{software >> 24}.{software >> 16 & 0xFF}.{software >> 8 & 0xFF}",
         capabilities=capabilities,
-        is_sitl=shared and vendor == 0 and product == 0,
+        is_sitl=vendor == 0 and product == 0 and (shared or board == SITL_BOARD_VERSION),
     )
 
 

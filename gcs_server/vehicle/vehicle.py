@@ -24,6 +24,7 @@ from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import VehicleState
 
+ASK_LIMITS_TIMES = 8
 STAY_ON_LINK_S = 1.0
 """A link that was heard within this time is kept for sending, though another was heard later."""
 
@@ -50,6 +51,7 @@ class Vehicle:
         self._endpoints: tuple[Endpoint, ...] = ()
         self._sending: Endpoint | None = None
         self._lost = False
+        self._limits_asked = 0
         self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self._narrator.event(full_payload(f)),
@@ -182,10 +184,30 @@ class Vehicle:
         """Four times a second: history, held texts, the link's age."""
         self._state.remember()
         self._narrator.tick()
+        self._ask_gimbal_limits()
         if self._state.link_lost and not self._lost:
             self._lost = True
             self.events.add("link", self.clock.unix_s(), "Link lost", severity=d.MAV_SEVERITY_WARNING)
             self.disconnected("it has not been heard for 3.5 s")
+
+    def _ask_gimbal_limits(self) -> None:
+        """GIMBAL_MANAGER_INFORMATION is not streamed: asked for a few times, once there is a gimbal."""
+        latest = self._state.latest
+        if (
+            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS not in latest
+            or d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION in latest
+            or self._limits_asked >= ASK_LIMITS_TIMES
+            or self._state.link_lost
+        ):
+            return
+        self._limits_asked += 1
+        identity = self._identity
+        wanted = float(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
+        self.send(
+            d.MAVLink_command_long_message(
+                identity.system_id, identity.component_id, d.MAV_CMD_REQUEST_MESSAGE, 0, wanted, *(0.0,) * 6
+            )
+        )
 
     def disconnected(self, why: str) -> None:
         """Resolves everything pending, at once."""

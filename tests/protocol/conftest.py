@@ -276,6 +276,7 @@ class FakeAutopilot:
         self.armed = p[0] == 1
         self.ack(400, 0)
         if self.armed and self.mode == TAKEOFF:
+            self.target = (*self.position[:2], self.home[2] + 2.5)  # a height given before is forgotten
             self.loop.call_later(1.5, self.lift)
 
     def lift(self) -> None:

@@ -79,13 +79,17 @@ class CommandService:
         position_of(vehicle)
         token = self._begin("take off")
         alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
-        await self._takeoff_mode(token, alt_amsl_m, progress)
+        request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
+        await self._takeoff_mode(token, request, progress)
         if not vehicle.facts.armed:
             try:
                 await self._arm(token, progress)
             except GcsError:
                 await self._leave_takeoff(token)
                 raise
+            # once more: a height that was given to a disarmed vehicle may be forgotten when it arms
+            again = Goal("take off to that height", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
+            await self._run(token, request, again, progress)
         lifted = Goal(
             "take off",
             lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
@@ -189,13 +193,12 @@ class CommandService:
         )
         await self._run(token, request, Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S), progress)
 
-    async def _takeoff_mode(self, token: int, alt_amsl_m: float, progress: Progress | None) -> None:
+    async def _takeoff_mode(self, token: int, request: Request, progress: Progress | None) -> None:
         takeoff = BY_NAME["takeoff"].custom_mode
 
         def reached(facts: Facts, since_s: float) -> bool:
             return facts.mode_s > since_s and facts.custom_mode == takeoff
 
-        request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
         await self._run(token, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
 
     async def _home_alt_amsl_m(self, token: int) -> float:
@@ -205,7 +208,7 @@ class CommandService:
             home = (d.MAVLINK_MSG_ID_HOME_POSITION,)
             known = Goal(
                 "tell its home",
-                lambda *_: vehicle.topic("home") is not None,
+                lambda _f, _s: vehicle.topic("home") is not None,
                 HOME_DEADLINE_S,
                 asks=home,
                 listen=home,
@@ -284,3 +287,8 @@ ASK_STATE = (d.MAVLINK_MSG_ID_HEARTBEAT,)
 
 def _arm_disarm(arm: float, force: float) -> Request:
     return Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (arm, force, 0, 0, 0, 0, 0))
+
+
+def _never(_facts: Facts, _since_s: float) -> bool:
+    """Where only the acknowledgement tells."""
+    return False

@@ -28,6 +28,7 @@ IN_PROGRESS_PATIENCE_S = 6.0
 LONGEST_S = 60.0
 ASK_S = 0.4
 SETTLE_S = 0.6
+SETTLE_WITH_REASON_S = 0.25
 """After a refusal: its reasons come within this time."""
 CONTRARY_AFTER_S = 1.0
 TIMES_ACCEPTED = 3
@@ -149,7 +150,7 @@ class Transaction:
                 if now_s >= self._next_ask_s:
                     self._ask(now_s)
                 wake_s = min(
-                    self._deadline_s, self._next_send_s, self._next_ask_s, self._refused_s + SETTLE_S
+                    self._deadline_s, self._next_send_s, self._next_ask_s, self._refused_s + self._settle_s()
                 )
                 try:
                     async with asyncio.timeout(max(0.0, wake_s - now_s)):
@@ -170,7 +171,7 @@ class Transaction:
         if newer is not None:
             raise Refused(f"Not finished: “{newer}” was asked for meanwhile.")
         goal, vehicle = self._goal, self._vehicle
-        if self._refused is not None and now_s >= self._refused_s + SETTLE_S:
+        if self._refused is not None and now_s >= self._refused_s + self._settle_s():
             word = RESULT_WORDS.get(self._refused, f"result {self._refused}")
             raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {word}.", self._refused)
         if self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
@@ -192,6 +193,17 @@ class Transaction:
                 deadline_s=goal.deadline_s,
                 remedy="Check the link, then look at the vehicle's state before asking again.",
             )
+
+    def _settle_s(self) -> float:
+        return SETTLE_WITH_REASON_S if self._said() else SETTLE_S
+
+    def _said(self) -> list[str]:
+        """What the vehicle complained of since the request."""
+        return [
+            event.text
+            for event in self._vehicle.events.since(self._first_event)
+            if event.kind in ("status_text", "event") and event.severity <= d.MAV_SEVERITY_WARNING
+        ]
 
     def _says_otherwise(self) -> bool:
         """The vehicle reported its state well after it last accepted, and not the one asked for."""
@@ -257,11 +269,7 @@ class Transaction:
             )
 
     def _rejected(self, message: str, mav_result: int | None) -> Rejected:
-        said = [
-            event.text
-            for event in self._vehicle.events.since(self._first_event)
-            if event.kind in ("status_text", "event") and event.severity <= d.MAV_SEVERITY_WARNING
-        ]
+        said = self._said()
         standing = self._goal.against() if self._goal.against is not None else ()
         reasons = tuple(dict.fromkeys((*said, *standing)))
         if reasons:
