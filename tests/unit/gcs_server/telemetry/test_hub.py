@@ -1,0 +1,131 @@
+"""The hub with a fleet made of plain objects: newest values, one encoding, no backlog, no silent loss."""
+
+import asyncio
+import json
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.clock import SystemClock
+from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_LENGTH, Hub
+from gcs_server.vehicle.events import Event
+from gcs_server.vehicle.samples import Hud, Sample
+
+
+class Fleet:
+    def __init__(self):
+        self.samples = {}
+        self.vehicle = SimpleNamespace(
+            id="1", topic=self.samples.get, offboard=None, identity={"simulated": True}
+        )
+        self.callbacks = []
+
+    def all(self):
+        return [self.vehicle]
+
+    def subscribe(self, callback):
+        self.callbacks.append(callback)
+        return lambda: self.callbacks.remove(callback)
+
+    def set_climb(self, climb_m_s, at_s):
+        self.samples["hud"] = Sample("hud", 1.5, 1e9 + at_s, at_s, Hud(1.0, 1.0, climb_m_s, 50))
+
+
+class Socket:
+    """Sends instantly, or never while `stuck`."""
+
+    def __init__(self):
+        self.sent = []
+        self.asks = asyncio.Queue()
+        self.writable = asyncio.Event()
+        self.writable.set()
+        self.closed = None
+
+    async def send_text(self, data):
+        await self.writable.wait()
+        self.sent.append(json.loads(data))
+
+    async def receive_text(self):
+        return await self.asks.get()
+
+    async def close(self, code=1000, reason=None):
+        self.closed = code
+
+    def climbs(self):
+        frames = [frame for frame in self.sent if frame["type"] == "samples"]
+        return [s["value"]["climb_m_s"] for f in frames for s in f["samples"] if s["topic"] == "hud"]
+
+
+def event(index):
+    return Event(index, "status_text", "1", 1e9, 4, f"text {index}")
+
+
+def told(story):
+    async def run():
+        fleet, socket = Fleet(), Socket()
+        hub = Hub(SystemClock(), fleet)
+        async with asyncio.timeout(5), asyncio.TaskGroup() as group:
+            serving = group.create_task(hub.serve(socket))
+            await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 100}))
+            await story(fleet, socket, hub)
+            serving.cancel()
+
+    asyncio.run(run())
+
+
+def test_a_stuck_client_gets_the_newest_value_and_no_backlog():
+    async def story(fleet, socket, hub):
+        fleet.set_climb(1.0, 1.0)
+        await asyncio.sleep(0.05)
+        assert socket.climbs() == [1.0], "sent once, not again while nothing is new"
+        socket.writable.clear()
+        for n in range(2, 12):
+            fleet.set_climb(float(n), float(n))
+            await asyncio.sleep(0.012)
+        socket.writable.set()
+        await asyncio.sleep(0.05)
+        assert socket.climbs()[-1] == 11.0
+        assert len(socket.climbs()) <= 3
+
+    told(story)
+
+
+def test_nan_is_null_on_the_wire():
+    async def story(fleet, socket, hub):
+        fleet.set_climb(math.nan, 1.0)
+        await asyncio.sleep(0.05)
+        assert socket.climbs() == [None]
+
+    told(story)
+
+
+def test_events_are_never_conflated_and_too_many_close_the_client():
+    async def story(fleet, socket, hub):
+        await asyncio.sleep(0.02)
+        for n in range(10):
+            fleet.callbacks[0](event(n))
+        await asyncio.sleep(0.05)
+        texts = [f["event"]["text"] for f in socket.sent if f["type"] == "event"]
+        assert texts == [f"text {n}" for n in range(10)]
+        socket.writable.clear()
+        for n in range(EVENT_QUEUE_LENGTH + 5):
+            fleet.callbacks[0](event(n))
+        socket.writable.set()
+        await asyncio.sleep(0.05)
+        assert socket.closed == CLOSE_TOO_SLOW
+
+    told(story)
+
+
+@pytest.mark.parametrize(
+    "ask", ['{"type": "subscribe", "rate_hz": 0}', "[]", '{"type": "subscribe", "topics": "all"}']
+)
+def test_a_bad_request_is_explained_and_the_socket_stays(ask):
+    async def story(fleet, socket, hub):
+        await socket.asks.put(ask)
+        await asyncio.sleep(0.05)
+        assert [f for f in socket.sent if f["type"] == "error"]
+        assert socket.closed is None
+
+    told(story)
