@@ -1,0 +1,133 @@
+"""Starting and stopping the stream against a vehicle made of plain objects, with the real thread."""
+
+import asyncio
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.clock import SystemClock
+from gcs_server.errors import Refused, Rejected
+from gcs_server.streamer import offboard as module
+from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.setpoints import Order, Setpoint
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
+
+UP = Setpoint(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
+
+
+class Vehicle:
+    def __init__(self):
+        self.id = "1"
+        self.identity = SimpleNamespace(system_id=1, component_id=1)
+        self.status = SimpleNamespace(mode="hold", armed=True)
+        self.events = EventFeed("1")
+        self.command = self.params = self
+        self.offboard = None
+        self.located = True
+        self.refuses = None
+        self.sent = []
+        self.asked = []
+
+    def require_commandable(self):
+        pass
+
+    async def set_mode(self, name):
+        self.asked.append((name, len(self.sent)))
+        if self.refuses:
+            raise self.refuses
+        self.status.mode = name
+
+    async def get(self, name):
+        return SimpleNamespace(value=PARAMS[name])
+
+    def topic(self, name):
+        now_s = time.monotonic()
+        values = {"attitude": Attitude(0, 0, 0.5, (1, 0, 0, 0), (0, 0, 0))}
+        if self.located:
+            values["local_position"] = LocalPosition((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        return Sample(name, None, 0.0, now_s, values[name]) if name in values else None
+
+    def send_payload(self, msg_id, payload):
+        self.sent.append(msg_id)
+        return True
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    monkeypatch.setattr(module, "PRE_STREAM_S", 0.2)
+
+
+def told(story):
+    async def run():
+        clock, vehicle = SystemClock(), Vehicle()
+        supervisor, streamer = Supervisor(clock), Streamer(clock)
+        streamer.attach(vehicle)
+        streamer.start(supervisor)
+        try:
+            await story(vehicle)
+        finally:
+            streamer.close()
+            await supervisor.close()
+
+    asyncio.run(run())
+
+
+def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means():
+    async def story(vehicle):
+        status = await vehicle.offboard.start(Order(UP, 60.0, client="me"))
+        assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
+        assert vehicle.asked[0][1] >= 8
+        assert (status.state, status.client) == ("streaming", "me")
+        assert "lands where it is" in status.if_stream_stops
+        with pytest.raises(Refused, match="already"):
+            await vehicle.offboard.start(Order(UP, 60.0))
+        await vehicle.offboard.stop()
+        count = len(vehicle.sent)
+        await asyncio.sleep(0.1)
+        assert len(vehicle.sent) == count
+        assert vehicle.status.mode == "hold"
+
+    told(story)
+
+
+def test_a_refusal_stops_the_stream_and_is_passed_on():
+    async def story(vehicle):
+        vehicle.refuses = Rejected("Offboard is not available", reasons=("no",))
+        with pytest.raises(Rejected, match="not available"):
+            await vehicle.offboard.start(Order(UP, 60.0))
+        assert not vehicle.offboard.status().streaming
+        with pytest.raises(Refused, match="no setpoint stream"):
+            vehicle.offboard.setpoint(Order(UP, 60.0))
+
+    told(story)
+
+
+def test_prerequisites_are_explained():
+    async def story(vehicle):
+        vehicle.located = False
+        with pytest.raises(Refused, match="estimate"):
+            await vehicle.offboard.start(Order(UP))
+        vehicle.located = True
+        with pytest.raises(Refused, match="2000 m"):
+            await vehicle.offboard.start(Order(Setpoint(position_ned_m=(2000.0, 0.0, 0.0))))
+        vehicle.status.mode = "offboard"
+        with pytest.raises(Refused, match="somebody else"):
+            await vehicle.offboard.start(Order(UP))
+        assert vehicle.sent == []
+
+    told(story)
+
+
+def test_leaving_offboard_ends_the_stream_and_is_told():
+    async def story(vehicle):
+        await vehicle.offboard.start(Order(UP, 60.0))
+        vehicle.status.mode = "position"
+        await asyncio.sleep(0.35)
+        assert not vehicle.offboard.status().streaming
+        assert [e.data["code"] for e in vehicle.events.since()] == ["left_offboard"]
+
+    told(story)
