@@ -3,7 +3,7 @@
 import { actionFacts, type VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import { ASKED, call, question, type ActionFacts, type ActionName, type Question } from './actions';
+import { ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Question } from './actions';
 import { Confirmation } from './confirmation';
 
 /** Where a button stands, so that what comes back appears there. */
@@ -34,6 +34,10 @@ const TAKEOFF_DEFAULT_M = 10;
 /** The API's own bounds [m]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
+function notNow(detail: string): Problem {
+  return { title: 'Not now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };
+}
+
 export class ActionController {
   asked = $state.raw<Asked | null>(null);
   running = $state.raw<Running[]>([]);
@@ -62,6 +66,12 @@ export class ActionController {
   request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar'): void {
     if (facts === null) return;
     this.dismiss(place);
+    const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
+    if (reason !== null) {
+      this.asked = null;
+      this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem: notNow(reason) } };
+      return;
+    }
     const asks = question(action, this.facts(facts));
     if (asks === null) {
       this.asked = null;
