@@ -71,7 +71,9 @@ def vehicle_command(
     """How a simulated vehicle is started that sends to `gcs_port`; system ids from 101."""
     command = [sys.executable, "-m", "vehicle_sim", "--instances", str(instances), "--no-api"]
     command += ["--first-instance", str(FIRST_TEST_INSTANCE), "--gcs-local-port", "0"]
-    return [*command, "--gcs-remote-port", str(gcs_port), "--tcp-port", str(tcp_port), *more]
+    # The simulator counts TCP ports from instance 0.
+    tcp_of_instance_0 = tcp_port - FIRST_TEST_INSTANCE if tcp_port else 0
+    return [*command, "--gcs-remote-port", str(gcs_port), "--tcp-port", str(tcp_of_instance_0), *more]
 
 
 @contextlib.contextmanager

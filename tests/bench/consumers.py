@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+from tests.station import free_port, running, server
 
 from .feed import MESSAGES_PER_S
-from .process import cpu_s, free_port, running, udp_drops, wait_until
+from .process import cpu_share, udp_drops
 
 WARM_UP_S = 2.0
 WINDOW_S = 8.0
@@ -30,21 +30,8 @@ while True:
 @contextmanager
 def gcs(udp_port: int) -> Iterator[int]:
     """Our server, whole: recording, history and 3D scene on, nobody looking."""
-    http_port = free_port()
-    with tempfile.TemporaryDirectory() as data:
-        command = [sys.executable, "-m", "gcs_server", "serve", "--no-sim", "--port", str(http_port)]
-        command += ["--link", f"udpin://127.0.0.1:{udp_port}", "--data", data]
-        with running(command) as process:
-            health = f"http://127.0.0.1:{http_port}/api/v1/health"
-            wait_until(lambda: _answers(health), "the server's start")
-            yield process.pid
-
-
-def _answers(url: str) -> bool:
-    try:
-        return httpx.get(url, timeout=1).status_code == 200
-    except httpx.TransportError:
-        return False
+    with server([f"udpin://127.0.0.1:{udp_port}"]) as (_, process):
+        yield process.pid
 
 
 @contextmanager
@@ -80,9 +67,7 @@ def measure(name: str, vehicles: int) -> tuple[float, int]:
             assert feed.stdout is not None
             feed.stdout.readline()  # it has encoded its frames and begins
             time.sleep(WARM_UP_S)
-            before, began = cpu_s(pid), time.monotonic()
-            time.sleep(WINDOW_S)
-            share = (cpu_s(pid) - before) / (time.monotonic() - began)
+            share = cpu_share(pid, WINDOW_S)
             return share, udp_drops(port)
 
 

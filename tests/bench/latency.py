@@ -11,8 +11,9 @@ import httpx
 from pymavlink.dialects.v20 import common as mavlink
 from websockets.sync.client import connect
 
-from .process import free_port, quantiles_ms
-from .station import server, vehicle
+from tests.station import free_port, server, vehicle, wait_until
+
+from .process import quantiles_ms
 
 ROUNDS = 300
 PARAMETER = "MPC_XY_CRUISE"
@@ -86,13 +87,19 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
     return taken
 
 
+def vehicle_is_there(url: str) -> bool:
+    """Whether the server has heard vehicle 101."""
+    return httpx.get(f"{url}/api/v1/vehicles/101").status_code == 200
+
+
 def table() -> Iterator[str]:
     """Rows of Markdown."""
     yield "| what | samples | ms: p50 / p99 / max |"
     yield "|---|---|---|"
     link_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
-    with server([f"udpin://127.0.0.1:{link_port}"]) as url:
-        with vehicle(link_port, system_id=101, tcp_port=tcp_port):
+    with server([f"udpin://127.0.0.1:{link_port}"]) as (url, _):
+        with vehicle(link_port, tcp_port=tcp_port):
+            wait_until(lambda: vehicle_is_there(url), "the vehicle")
             own = vehicle_round_trips_s(tcp_port, 101)
             yield f"| parameter read, vehicle's own round trip (TCP) | {len(own)} | {quantiles_ms(own)} |"
             through = rest_round_trips_s(url, f"/api/v1/vehicles/101/params/{PARAMETER}")

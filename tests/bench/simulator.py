@@ -7,8 +7,9 @@ import sys
 import time
 from collections.abc import Iterator
 
-from .process import cpu_s, free_port, running
-from .station import vehicle_command
+from tests.station import free_port, vehicle
+
+from .process import cpu_share
 
 WINDOW_S = 8.0
 
@@ -28,11 +29,9 @@ print((time.perf_counter() - began) / steps)
 
 def real_time_share(vehicles: int) -> float:
     """CPU share (1 = one core) of the simulator process in real time, streaming to a port nobody reads."""
-    with running(vehicle_command(free_port(), instances=vehicles)) as process:
+    with vehicle(free_port(), instances=vehicles) as process:
         time.sleep(4)
-        before, began = cpu_s(process.pid), time.monotonic()
-        time.sleep(WINDOW_S)
-        return (cpu_s(process.pid) - before) / (time.monotonic() - began)
+        return cpu_share(process.pid, WINDOW_S)
 
 
 def step_cost_s(vehicles: int) -> float:
@@ -44,7 +43,7 @@ def step_cost_s(vehicles: int) -> float:
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    yield "| vehicles | physics and control, µs a step | fastest factor, one core | CPU in real time, streaming |"
+    yield "| vehicles | physics and control, µs a step | fastest factor | CPU in real time, streaming |"
     yield "|---|---|---|---|"
     for vehicles in (1, 10, 100):
         cost = step_cost_s(vehicles)

@@ -3,35 +3,43 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import sys
 import time
 from collections.abc import Iterator
 
 from gcs_server.client import SyncGcs
+from tests.station import free_port, running, server, vehicle
 
-from .process import free_port, quantiles_ms, running
+from .process import quantiles_ms
 from .relay import Relay
-from .station import server, vehicle
 
 RATE_HZ = 50.0
 WINDOW_S = 12.0
 
 
-def lateness_s(arrivals_s: list[float], rate_hz: float) -> list[float]:
-    """Distance of each arrival from the absolute schedule, the earliest being on time."""
+def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], int]:
+    """How late each arrival is on the absolute schedule, and how many of its deadlines were left out.
+
+    The schedule is the stream's own: whole periods from the arrival that was earliest on it.
+    """
     period_s = 1.0 / rate_hz
-    offsets = [arrival - index * period_s for index, arrival in enumerate(arrivals_s)]
-    return [offset - min(offsets) for offset in offsets]
+    slot, slots = 0, [0]
+    for before, now in itertools.pairwise(arrivals_s):
+        slot += max(1, round((now - before) / period_s))
+        slots.append(slot)
+    offsets = [arrival - at * period_s for arrival, at in zip(arrivals_s, slots, strict=True)]
+    return [offset - min(offsets) for offset in offsets], slot + 1 - len(arrivals_s)
 
 
-def measure(other_vehicles: int) -> list[float]:
-    """Lateness [s] over the window while `other_vehicles` × 100 msg/s arrive on a second link."""
+def measure(other_vehicles: int) -> tuple[list[float], int]:
+    """`lateness_s` over the window while `other_vehicles` × 100 msg/s arrive on a second link."""
     feed_port, link_port = free_port(), free_port()
     links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
     with contextlib.ExitStack() as running_now:
         relay = running_now.enter_context(Relay(link_port))
-        url = running_now.enter_context(server(links))
-        running_now.enter_context(vehicle(relay.vehicle_port, system_id=101))
+        url, _ = running_now.enter_context(server(links))
+        running_now.enter_context(vehicle(relay.vehicle_port))
         if other_vehicles:
             command = [sys.executable, "-m", "tests.bench.feed", str(feed_port), str(other_vehicles), "60"]
             running_now.enter_context(running(command))
@@ -47,8 +55,8 @@ def measure(other_vehicles: int) -> list[float]:
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    yield "| load | setpoints | lateness ms: p50 / p99 / max |"
-    yield "|---|---|---|"
+    yield "| load | setpoints | left out | lateness ms: p50 / p99 / max |"
+    yield "|---|---|---|---|"
     for other_vehicles, words in ((0, "idle"), (50, "5,000 msg/s from 50 other vehicles")):
-        late = measure(other_vehicles)
-        yield f"| {words} | {len(late)} | {quantiles_ms(late)} |"
+        late, missed = measure(other_vehicles)
+        yield f"| {words} | {len(late)} | {missed} | {quantiles_ms(late)} |"

@@ -147,6 +147,11 @@ def test_the_arming_report_counts_only_what_blocks_the_mode():
     )
     assert report.against_arming(4) == ("the heading estimate is not stable yet",)
     assert report.against_arming(14) == ()
+    feed(27825120, 0x88, struct.pack("<BIIII", 0, 0, 0, 1 << 4, 0))
+    feed(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
+    feed(18691879, 0x88)
+    assert report.against_arming(2) == ("there is no transmitter or joystick",)
+    assert report.against_arming(4) == ()
 
 
 def test_modes_have_one_number_each():
