@@ -47,6 +47,8 @@ FORMATS: dict[int, struct.Struct] = {
     **gimbal_decoder.FORMATS,
 }
 
+UNKNOWN_CURRENTS = (-1, -100)
+"""[cA] MAVLink's -1, and what PX4 makes of its own -1 A."""
 IGNORE_AXES = (
     (
         d.POSITION_TARGET_TYPEMASK_X_IGNORE,
@@ -130,7 +132,7 @@ def battery(payloads: Payloads) -> Decoded:
         samples.Battery(
             remaining_percent=None if remaining < 0 else remaining,
             voltage_v=sum(cells) / 1e3 if cells else None,
-            current_a=None if current_ca == -1 else current_ca / 100,
+            current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
             consumed_mah=None if consumed_mah == -1 else consumed_mah,
             time_remaining_s=time_s or None,
         ),
@@ -143,7 +145,7 @@ def _battery_of_system(payload: bytes) -> samples.Battery:
     return samples.Battery(
         remaining_percent=None if remaining < 0 else remaining,
         voltage_v=None if millivolt == 0xFFFF else millivolt / 1e3,
-        current_a=None if current_ca == -1 else current_ca / 100,
+        current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
         consumed_mah=None,
         time_remaining_s=None,
     )

@@ -149,8 +149,6 @@ class ArmingReport:
         mask = ALL_MODES if nav_state is None else 1 << nav_state
         if self.can_arm is not None and nav_state is not None and self.can_arm & mask:
             return ()
-        return tuple(
-            check.text
-            for check in self.failed
-            if check.modes & mask and (check.level <= LEVEL_ERROR or check.modes != ALL_MODES)
-        )
+        concerned = [check for check in self.failed if check.modes & mask]
+        grave = [c.text for c in concerned if c.level <= LEVEL_ERROR or c.modes != ALL_MODES]
+        return tuple(grave or (c.text for c in concerned))

@@ -126,6 +126,7 @@ def test_arming_refused_carries_the_checks_that_fail(kit, jump):
         )
         with pytest.raises(Rejected):
             await vehicle.command.takeoff(5)
+        assert pilot.commands(401)
         assert vehicle.status.mode == "hold"  # not left in Take off, where arming would climb
 
     flight(kit, jump, story)

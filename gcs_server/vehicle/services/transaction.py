@@ -256,8 +256,16 @@ class Transaction:
         else:
             if self._refused is None:
                 self._refused_s = now_s
+                if self._goal.against is not None:
+                    self._ask_for_checks()
             self._refused = result
             self._next_send_s = float("inf")
+
+    def _ask_for_checks(self) -> None:
+        """PX4 tells what its checks say only when that changes, or when asked."""
+        identity = self._vehicle.identity
+        request = Request(d.MAV_CMD_RUN_PREARM_CHECKS, (0, 0, 0, 0, 0, 0, 0))
+        self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
 
     def _in_progress(self, percent: int, now_s: float) -> None:
         latest_s = self._began_s + LONGEST_S

@@ -25,6 +25,8 @@ def test_unknown_is_none():
     assert value == samples.Gps(3, None, None, None)
     battery = d.MAVLink_battery_status_message(0, 0, 0, 32767, [65535] * 10, -1, -1, -1, -1)
     assert decoders.battery(payloads(battery))[0] == samples.Battery(None, None, None, None, None)
+    px4 = d.MAVLink_battery_status_message(0, 0, 0, 32767, [16000, *[65535] * 9], -100, 0, -1, 90)
+    assert decoders.battery(payloads(px4))[0].current_a is None
     position = d.MAVLink_global_position_int_message(1500, 1, 2, 3000, 4000, 100, -200, 300, 65535)
     value, boot_s = decoders.global_position(payloads(position))
     assert (value.heading_deg, value.velocity_ned_m_s, boot_s) == (None, (1.0, -2.0, 3.0), 1.5)
