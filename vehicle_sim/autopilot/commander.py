@@ -314,14 +314,17 @@ class Commander:
                     self._activate(self.intended)
                 return
             self._enter_failsafe(decision)
-        elif self._failsafe_since_s is not None and decision.delayed:
-            if self._body.time_s - self._failsafe_since_s >= self._body.parameter("COM_FAIL_ACT_T"):
-                self._failsafe_since_s = None
-                self._announcer.both(
-                    2, "Failsafe activated", "commander_failsafe_enter", "IBB",
-                    MODES[self.intended].custom_mode, decision.action, decision.cause,
-                )  # fmt: skip
-                self._act(decision.action)
+        elif decision.delayed and self._delay_over():
+            self._failsafe_since_s = None
+            self._announcer.both(
+                2, "Failsafe activated", "commander_failsafe_enter", "IBB",
+                MODES[self.intended].custom_mode, decision.action, decision.cause,
+            )  # fmt: skip
+            self._act(decision.action)
+
+    def _delay_over(self) -> bool:
+        since_s = self._failsafe_since_s
+        return since_s is not None and self._body.time_s - since_s >= self._body.parameter("COM_FAIL_ACT_T")
 
     def _enter_failsafe(self, decision: Decision) -> None:
         self.failsafe = decision
@@ -331,7 +334,7 @@ class Commander:
             if decision.cause is Cause.BATTERY_LOW:
                 self._announcer.both(2, "Failsafe activated", "commander_failsafe_enter_low_bat")
             return
-        if decision.delayed and delay_s > 0.0:
+        if decision.delayed and 0.0 < delay_s < 65535.0:
             self._failsafe_since_s = self._body.time_s
             self._announcer.both(
                 2, f"Failsafe activated: entering Hold for {delay_s:.0f} seconds",

@@ -108,7 +108,8 @@ class Navigator:
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             north, east = float(n), float(e)
         radius = radius_m if math.isfinite(radius_m) else 1.0
-        speed = speed_m_s if math.isfinite(speed_m_s) else 1.0
+        fastest = self._body.parameter("MPC_XY_VEL_MAX")
+        speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
         if not 1.0 <= abs(radius) <= 1000.0:
             self._announcer.both(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
             return

@@ -19,6 +19,8 @@ YAW_BIT = 1024
 YAW_RATE_BIT = 2048
 LOCAL_NED = 1
 BODY_NED = 8
+LIMIT = 1e6
+"""No set point means more metres, m/s or rad than this."""
 GLOBAL_AMSL = 5
 GLOBAL_RELATIVE = 6
 GLOBAL_TERRAIN = 11
@@ -98,8 +100,8 @@ class Offboard:
         position, velocity, acceleration = _masked(mask, 1, p), _masked(mask, 8, v), _masked(mask, 64, a)
         if frame == BODY_NED:
             position = NAN3
-            velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(v)
-            acceleration = NAN3 if mask & 0b111000000 else _turn(self._body.belief.q_ned_frd, a)
+            velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(velocity)
+            acceleration = NAN3 if mask & 0b111000000 else _turn(self._body.belief.q_ned_frd, acceleration)
         valid = not (mask & FORCE_BIT and _finite(*acceleration))
         self._accept(valid, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=True)
 
@@ -139,17 +141,18 @@ class Offboard:
 
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
-        thrust = self.setpoint.thrust if mask & 64 else min(1.0, max(0.0, thrust))
+        asked = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
+        thrust = self.setpoint.thrust if mask & 64 else asked
         norm = math.sqrt(sum(each * each for each in q))
         self._heard_at_s = self._body.time_s
         if not mask & 128:
             if not math.isfinite(norm) or norm < 1e-6:
                 return
             unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
-            rate = math.nan if mask & 4 else rates[2]
+            rate = math.nan if mask & 4 else _sane(rates[2])
             self.setpoint = Setpoint(Kind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate)
         elif not mask & 3:
-            finite = tuple(each if math.isfinite(each) else 0.0 for each in rates)
+            finite = tuple(max(-50.0, min(50.0, each)) if math.isfinite(each) else 0.0 for each in rates)
             self.setpoint = Setpoint(
                 Kind.RATES, rates_frd_rad_s=(finite[0], finite[1], finite[2]), thrust=thrust
             )
@@ -184,8 +187,8 @@ class Offboard:
             position,
             velocity,
             acceleration,
-            math.nan if mask & YAW_BIT else yaw_rad,
-            math.nan if mask & YAW_RATE_BIT else yaw_rate_rad_s,
+            math.nan if mask & YAW_BIT else _sane(yaw_rad),
+            math.nan if mask & YAW_RATE_BIT else _sane(yaw_rate_rad_s),
         )
         self.invalid = kind is Kind.NONE or not valid
         if not self.invalid:
@@ -214,9 +217,11 @@ class Offboard:
         return False
 
 
+def _sane(value: float) -> float:
+    """Infinite counts as not set; beyond what could ever be flown is cut."""
+    return max(-LIMIT, min(LIMIT, value)) if math.isfinite(value) else math.nan
+
+
 def _masked(mask: int, first_bit: int, values: Vector) -> Vector:
-    kept = [
-        math.nan if mask & (first_bit << n) or not math.isfinite(value) else value
-        for n, value in enumerate(values)
-    ]
+    kept = [math.nan if mask & (first_bit << n) else _sane(value) for n, value in enumerate(values)]
     return (kept[0], kept[1], kept[2])

@@ -14,6 +14,7 @@ def max_speed_for_distance(
     jerk_m_s3: float, acceleration_m_s2: float, distance_m: float, final_speed_m_s: float = 0.0
 ) -> float:
     """The speed from which one can still stop within `distance_m` under both limits."""
+    jerk_m_s3 = max(0.1, jerk_m_s3)
     b = 4.0 * acceleration_m_s2 * acceleration_m_s2 / jerk_m_s3
     c = -2.0 * acceleration_m_s2 * max(0.0, distance_m) - final_speed_m_s * final_speed_m_s
     return max(0.5 * (-b + math.sqrt(max(0.0, b * b - 4.0 * c))), final_speed_m_s)

@@ -154,7 +154,8 @@ class Gimbal:
         """DO_MOUNT_CONTROL by angles."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self._forget()
-        self.wanted = Angles(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+        if all(math.isfinite(each) for each in (roll_deg, pitch_deg, yaw_deg)):
+            self._want(euler_to_q(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)))
 
     def centre(self) -> None:
         """Straight ahead, level."""
@@ -229,13 +230,13 @@ class Gimbal:
         self._roi = None
 
     def _want(self, q: Quaternion) -> None:
-        self.wanted = Angles(*q_to_euler(q))
+        norm = math.sqrt(sum(each * each for each in q))
+        if math.isfinite(norm) and norm > 1e-6:
+            w, x, y, z = q
+            self.wanted = Angles(*q_to_euler((w / norm, x / norm, y / norm, z / norm)))
 
     def _want_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
-        self._wanted_rates = (
-            pitch_rate_rad_s if math.isfinite(pitch_rate_rad_s) else 0.0,
-            yaw_rate_rad_s if math.isfinite(yaw_rate_rad_s) else 0.0,
-        )
+        self._wanted_rates = (_possible(pitch_rate_rad_s), _possible(yaw_rate_rad_s))
 
     def _aim(self) -> None:
         if self._roi is None:
@@ -247,6 +248,12 @@ class Gimbal:
         north, east = float(n), float(e)
         up = self._roi[2] - belief.alt_amsl_m
         self.wanted = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
+
+
+def _possible(rate_rad_s: float) -> float:
+    if not math.isfinite(rate_rad_s):
+        return 0.0
+    return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, rate_rad_s))
 
 
 def _rate(gap_rad: float) -> float:

@@ -1,5 +1,6 @@
 """Bytes in, bytes out: framing, streams, parameters, missions, files, clocks and identity."""
 
+import math
 import random
 import struct
 from itertools import pairwise
@@ -225,3 +226,31 @@ def test_lost_events_can_be_asked_for() -> None:
 
 def test_every_streamed_message_is_known_to_the_dialect() -> None:
     assert set(GCS) | set(API) <= set(BY_NAME)
+
+
+def test_no_command_or_set_point_however_odd_ends_the_simulation() -> None:
+    """Everything a station can put into a number, sent on the ground and in the air."""
+    s = Station()
+    s.fly_to(4)
+    odd = random.Random(2)
+    values = (0.0, 1.0, -1.0, 2.0, -3.0, 300.0, 1e30, -1e30, math.inf, -math.inf, math.nan, 47.4, 8.5)
+    numbers = [20, 21, 22, 23, 34, 35, 176, 178, 179, 185, 186, 192, 195, 197, 201, 205, 211, 245, 246, 262,
+               300, 310, 400, 401, 510, 511, 512, 1000, 1001, 43004, 65000]  # fmt: skip
+    for _ in range(400):
+        s.command(odd.choice(numbers), *(odd.choice(values) for _ in range(7)))
+        s.send(
+            "SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=odd.choice((1, 8, 3)),
+            type_mask=odd.randrange(65536), x=odd.choice(values), y=odd.choice(values), z=odd.choice(values),
+            vx=odd.choice(values), afx=odd.choice(values), yaw=odd.choice(values),
+        )  # fmt: skip
+        s.send(
+            "SET_ATTITUDE_TARGET", type_mask=odd.randrange(256), q=[odd.choice(values) for _ in range(4)],
+            thrust=odd.choice(values), body_roll_rate=odd.choice(values),
+        )  # fmt: skip
+        s.send(
+            "GIMBAL_MANAGER_SET_ATTITUDE", target_system=1, target_component=1, flags=odd.randrange(64),
+            q=[odd.choice(values) for _ in range(4)],
+        )  # fmt: skip
+        s.run(0.02)
+    s.run(1.0)
+    assert "HEARTBEAT" in s.last

@@ -31,6 +31,8 @@ RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST, CALIBRATION = 401, 245, 246, 
 GRIPPER, EXTERNAL_WIND = 211, 43004
 FORCE = 21196
 GRIPPER_S = 0.33
+ALTITUDE_LIMIT_M = 100_000.0
+"""Beyond it no message could carry the altitude."""
 GLOBAL_RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
 INT32_MAX = 0x7FFFFFFF
@@ -138,10 +140,10 @@ class CommandService:
     # --- arming and modes ------------------------------------------------------------------------------
 
     def _arm(self, c: Command) -> int | None:
-        if math.isnan(c.p1) or int(c.p1) == 0:
+        if math.isnan(c.p1) or abs(c.p1) < 1.0:
             done = self._commander.disarm(force=c.p2 == FORCE)
             return ACCEPTED if done else TEMPORARILY_REJECTED
-        if int(c.p1) != 1:
+        if not 1.0 <= c.p1 < 2.0:
             self._announcer.both(
                 2, f"Unsupported ARM_DISARM param: {c.p1:.3f}", "commander_unsupported_arm_disarm_param",
                 "f", c.p1,
@@ -231,7 +233,7 @@ class CommandService:
     def _set_home(self, c: Command) -> int:
         if c.p1 == 1.0:
             return ACCEPTED if self._commander.set_home_here() else DENIED
-        if not all(math.isfinite(value) for value in (c.p5, c.p6, c.p7)):
+        if not (abs(c.p5) <= 90.0 and abs(c.p6) <= 180.0 and abs(c.p7) <= ALTITUDE_LIMIT_M):
             return DENIED
         self._commander.set_home(c.p5, c.p6, c.p7)
         return ACCEPTED

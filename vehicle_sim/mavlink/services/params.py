@@ -65,7 +65,10 @@ class ParamService:
 
     def _note(self, name: str, value: ParameterValue) -> None:
         del value
-        self._context.autopilot.body.simulation.reload_parameters(self._context.body.row)
+        try:
+            self._context.body.simulation.reload_parameters(self._context.body.row)
+        except ValueError as error:
+            self._context.autopilot.announcer.text(4, f"{name} stored, not used: {error}"[:200])
         if name not in self._changed:
             self._changed.append(name)
 
