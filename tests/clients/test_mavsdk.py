@@ -1,0 +1,97 @@
+"""A user's MAVSDK programs against `python -m vehicle_sim`, while the server watches."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mavsdk import System
+from mavsdk.offboard import PositionNedYaw
+
+from tests.clients.conftest import Watched
+from tests.station import free_port
+
+
+def reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float) -> bool:
+    """Whether the gimbal ever looked so, within 3°; straight up and down, roll means nothing."""
+    steep = abs(pitch_deg) > 85
+    return any(
+        abs(math.degrees(value["pitch_rad"]) - pitch_deg) < 3
+        and (steep or abs(math.degrees(value["roll_rad"]) - roll_deg) < 3)
+        for value in values
+    )
+
+
+def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
+    shared: Path, watched: Watched, tmp_path: Path
+) -> None:
+    files = sorted((shared / "seeds").glob("000*.txt"))
+    if not files:
+        pytest.skip("the document with the gimbal program is not beside this checkout")
+    text = files[0].read_text(encoding="utf-8")
+    program = text[text.rindex("#!/usr/bin/env python3") :]
+    program, replaced = re.subn(r"tcpout://[\d.]+:5760", f"tcpout://127.0.0.1:{watched.tcp_port}", program)
+    assert replaced == 1
+    path = tmp_path / "program.py"
+    path.write_text(program, encoding="utf-8")
+
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", str(path)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    lines = run.stdout.splitlines()
+    assert "Vehicle ARMED." in lines
+    assert "Releasing gimbal control..." in lines
+    assert not [line for line in lines if "failed" in line.lower()]
+    assert lines[-1] == "--- Test Complete. Disarming. ---"
+
+    seen = watched.history("gimbal")
+    assert reached(seen, roll_deg=90, pitch_deg=0)
+    assert reached(seen, roll_deg=0, pitch_deg=90)
+    assert {tuple(value["primary_control"] or ()) for value in seen} > {()}, "taken and given back"
+    assert not watched.drone.status()["armed"]
+
+
+def test_mavsdk_arms_takes_off_flies_offboard_and_lands(watched: Watched) -> None:
+    asyncio.run(_fly(watched.tcp_port))
+
+    modes = [value["mode"] for value in watched.history("status")]
+    assert [mode for mode in ("takeoff", "offboard", "land") if mode in modes] == [
+        "takeoff",
+        "offboard",
+        "land",
+    ]
+    north_m = [value["position_ned_m"][0] for value in watched.history("local_position")]
+    assert max(north_m) == pytest.approx(4, abs=1.2)
+    assert watched.drone.status()["landed_state"] == "on_ground"
+
+
+async def _fly(tcp_port: int) -> None:
+    drone = System(port=free_port())
+    async with asyncio.timeout(90):
+        await drone.connect(system_address=f"tcpout://127.0.0.1:{tcp_port}")
+        async for health in drone.telemetry.health():
+            if health.is_armable and health.is_local_position_ok:
+                break
+        await drone.action.set_takeoff_altitude(3.0)
+        await drone.action.arm()
+        await drone.action.takeoff()
+        async for position in drone.telemetry.position():
+            if position.relative_altitude_m > 2.0:
+                break
+        await drone.offboard.set_position_ned(PositionNedYaw(4.0, 0.0, -4.0, 0.0))
+        await drone.offboard.start()
+        async for odometry in drone.telemetry.position_velocity_ned():
+            if odometry.position.north_m > 3.5:
+                break
+        await drone.offboard.stop()
+        await drone.action.land()
+        async for armed in drone.telemetry.armed():
+            if not armed:
+                break
