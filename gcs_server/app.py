@@ -103,7 +103,7 @@ class Server:
 
     async def stop(self) -> None:
         """Vehicles into Hold first, the simulator last."""
-        await self.streamer.stop_all()
+        await self._stop_streams()
         self.streamer.close()
         self.station.hub.close()
         if self.scene is not None:
@@ -114,6 +114,19 @@ class Server:
         self.station.journal.flush()
         if self._simulator is not None:
             await self._simulator.stop()
+
+    async def _stop_streams(self) -> None:
+        for stopped in await self.streamer.stop_all():
+            error = stopped.error
+            detail = str(error) if error is not None else "The server ended."
+            result = error.code if error is not None else "ok"
+            self.station.journal.add(
+                "server", "offboard/stop", stopped.vehicle, {}, result, detail, stopped.duration_s
+            )
+            if error is None:
+                log.info("vehicle %s was put into Hold: the server ends", stopped.vehicle)
+            else:
+                log.warning("vehicle %s: %s", stopped.vehicle, error)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)

@@ -99,26 +99,31 @@ async def disarm(v: str, station: StationDep, client: ClientDep) -> Response:
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, client: ClientDep) -> Response:
     """Stops and stays; ends a setpoint stream."""
-    return await carry_out(station, client, "hold", v, {}, lambda vehicle: vehicle.command.hold())
+    return await carry_out(station, client, "hold", v, {}, lambda x: x.command.hold(by=client))
 
 
 @router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
 async def land(v: str, station: StationDep, client: ClientDep) -> Response:
     """Lands where it is; answers once it is landing."""
-    return await carry_out(station, client, "land", v, {}, lambda vehicle: vehicle.command.land())
+    return await carry_out(station, client, "land", v, {}, lambda x: x.command.land(by=client))
 
 
 @router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
 async def rtl(v: str, station: StationDep, client: ClientDep) -> Response:
     """Returns to the launch position; answers once it is under way."""
-    return await carry_out(station, client, "rtl", v, {}, lambda vehicle: vehicle.command.rtl())
+    return await carry_out(station, client, "rtl", v, {}, lambda x: x.command.rtl(by=client))
 
 
 @router.post("/{v}/takeoff", response_model=responses.CommandDone, tags=["commands"])
 async def takeoff(v: str, body: models.TakeoffRequest, station: StationDep, client: ClientDep) -> Response:
     """Arms where needed and climbs; answers once it is taking off."""
     return await carry_out(
-        station, client, "takeoff", v, body.model_dump(), lambda x: x.command.takeoff(body.alt_home_m)
+        station,
+        client,
+        "takeoff",
+        v,
+        body.model_dump(),
+        lambda x: x.command.takeoff(body.alt_home_m, by=client),
     )
 
 
@@ -126,7 +131,7 @@ async def takeoff(v: str, body: models.TakeoffRequest, station: StationDep, clie
 async def mode(v: str, body: models.ModeRequest, station: StationDep, client: ClientDep) -> Response:
     """Asks for a flight mode; answers once the vehicle reports it."""
     return await carry_out(
-        station, client, "mode", v, body.model_dump(), lambda x: x.command.set_mode(body.mode)
+        station, client, "mode", v, body.model_dump(), lambda x: x.command.set_mode(body.mode, by=client)
     )
 
 
@@ -142,6 +147,7 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, client: Cl
             alt_home_m=body.alt_home_m,
             yaw_ned_deg=body.yaw_ned_deg,
             max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
+            by=client,
         )
 
     return await carry_out(station, client, "goto", v, body.model_dump(exclude_none=True), work)

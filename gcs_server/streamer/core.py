@@ -25,7 +25,7 @@ from gcs_server.streamer.setpoints import (
     mode_command,
 )
 
-WARNING, NOTICE = 4, 5
+WARNING, NOTICE, INFO = 4, 5, 6
 
 MODE_ASK_PERIOD_S = 1.0
 MODE_ASKS = 5
@@ -44,6 +44,8 @@ class Snapshot:
     """None where there is no fresh estimate."""
     velocity_ned_m_s: Vector3 | None
     yaw_ned_rad: float | None
+    mode_asked_by: str | None = None
+    """Where a command of ours brought the vehicle into this mode: which, and whose."""
 
     def position_at(self, now_s: float) -> Vector3 | None:
         """The estimate carried on with its velocity over the snapshot's age."""
@@ -68,7 +70,7 @@ class Report:
     """Something a person should be told."""
 
     code: str
-    """expired, held, landing, left_offboard, server_silent, not_confirmed, fault."""
+    """expired, held, landing, commanded, left_offboard, server_silent, not_confirmed, fault."""
     severity: int
     text: str
 
@@ -250,6 +252,8 @@ class StreamCore:
             mode = snapshot.mode
             code = "held" if mode == "hold" else "landing"
             self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended.")
+        elif snapshot.mode_asked_by is not None:
+            self.end("commanded", f"{snapshot.mode_asked_by}; the setpoint stream has ended.", INFO)
         else:
             self.end(
                 "left_offboard",

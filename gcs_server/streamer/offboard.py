@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from dataclasses import asdict, dataclass
 
@@ -19,6 +20,8 @@ BEAT_PERIOD_S = 0.1
 PRE_STREAM_S = 1.2
 """PX4 wants more than a second of setpoints before it takes Offboard."""
 ESTIMATE_FRESH_S = 1.0
+STOP_ALL_S = 3.0
+"""How long the server's end may wait for all vehicles to be in Hold."""
 SETPOINT_MAX_DISTANCE_M = 1000.0
 _FLAG_VELOCITY_HORIZONTAL, _FLAGS_POSITION_HORIZONTAL = 2, 8 | 16  # ESTIMATOR_STATUS_FLAGS
 MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so a setpoint has nowhere to go."
@@ -185,13 +188,16 @@ class OffboardControl:
         now_s = self._clock.monotonic_s()
         local = self._fresh("local_position", now_s)
         attitude = self._fresh("attitude", now_s)
+        mode = self._vehicle.status.mode
+        asked = self._vehicle.command.asked_for(mode)
         usable = isinstance(local, LocalPosition) and self._estimator_has(_FLAGS_POSITION_HORIZONTAL)
         return Snapshot(
             now_s,
-            self._vehicle.status.mode,
+            mode,
             local.position_ned_m if usable and isinstance(local, LocalPosition) else None,
             local.velocity_ned_m_s if isinstance(local, LocalPosition) else None,
             attitude.yaw_ned_rad if isinstance(attitude, Attitude) else None,
+            None if asked is None else f"{asked.by or 'The server'} commanded {asked.what!r}",
         )
 
     def _fresh(self, topic: str, now_s: float) -> object | None:
@@ -239,6 +245,16 @@ def _expiry(on_expiry: OnExpiry) -> dict[str, object]:
     return {"action": on_expiry.action}
 
 
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What became of one vehicle's stream when the server ended."""
+
+    vehicle: str
+    error: GcsError | None
+    """None where the vehicle is in Hold."""
+    duration_s: float
+
+
 class Streamer:
     """The thread and the loop's beat that keeps it informed; builds each vehicle's `offboard`."""
 
@@ -266,13 +282,31 @@ class Streamer:
         sent = self._thread.sent_setpoint(vehicle_id)
         return None if sent is None else (sent.position_ned_m, sent.velocity_ned_m_s, sent.yaw_ned_rad)
 
-    async def stop_all(self) -> None:
-        """Puts every vehicle that is streamed to into Hold (a clean end of the server)."""
-        for vehicle_id in self._thread.active():
-            try:
+    async def stop_all(self) -> list[Stopped]:
+        """Puts every vehicle that is streamed to into Hold, all at once (a clean end of the server).
+
+        One that is not there within `STOP_ALL_S` loses its stream and fails safe.
+        """
+        async with asyncio.TaskGroup() as group:
+            stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._thread.active()]
+        return [stop.result() for stop in stops]
+
+    async def _stop_one(self, vehicle_id: str) -> Stopped:
+        began_s = self._clock.monotonic_s()
+        error: GcsError | None = None
+        try:
+            async with asyncio.timeout(STOP_ALL_S):
                 await self._vehicles[vehicle_id].offboard.stop()
-            except GcsError as error:
-                self._tell(vehicle_id, f"It could not be put into Hold at the server's end: {error}", 4)
+        except GcsError as problem:
+            error = problem
+        except TimeoutError:
+            error = NoReply(
+                f"Vehicle {vehicle_id} did not report Hold before the server ended; it fails safe.",
+                deadline_s=STOP_ALL_S,
+            )
+        if error is not None:
+            self._tell(vehicle_id, f"It could not be put into Hold at the server's end: {error}", 4)
+        return Stopped(vehicle_id, error, self._clock.monotonic_s() - began_s)
 
     async def _beat(self) -> None:
         while True:

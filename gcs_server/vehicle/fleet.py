@@ -195,7 +195,7 @@ class Fleet(FrameSink):
             autopilot=endpoint.heartbeat[5],
             vehicle_type=endpoint.heartbeat[4],
             uid=None,
-            simulated=bool(endpoint.heartbeat[6] & d.MAV_MODE_FLAG_HIL_ENABLED),
+            simulated=True if endpoint.heartbeat[6] & d.MAV_MODE_FLAG_HIL_ENABLED else None,
             replayed=endpoint.connection.link.replay,
             firmware=None,
             capabilities=None,

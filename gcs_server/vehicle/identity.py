@@ -41,7 +41,8 @@ class Identity:
     """MAV_TYPE: 2 is a quadrotor."""
     uid: str | None
     """Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until it came or where there is none."""
-    simulated: bool
+    simulated: bool | None
+    """None until the autopilot has said who it is, and where nothing tells (other autopilots than PX4)."""
     replayed: bool
     firmware: str | None
     """`1.16.0` or None."""
@@ -94,5 +95,6 @@ def with_version(identity: Identity, version: Version) -> Identity:
         uid=version.uid,
         firmware=version.firmware,
         capabilities=version.capabilities,
-        simulated=identity.simulated or (version.is_sitl and identity.autopilot == d.MAV_AUTOPILOT_PX4),
+        simulated=identity.simulated
+        or (version.is_sitl if identity.autopilot == d.MAV_AUTOPILOT_PX4 else identity.simulated),
     )

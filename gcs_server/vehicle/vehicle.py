@@ -24,7 +24,8 @@ from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import VehicleState
 
-ASK_LIMITS_TIMES = 8
+ASK_LIMITS_TIMES = 5
+ASK_LIMITS_EVERY_S = 1.0
 STAY_ON_LINK_S = 1.0
 """A link that was heard within this time is kept for sending, though another was heard later."""
 
@@ -52,6 +53,7 @@ class Vehicle:
         self._sending: Endpoint | None = None
         self._lost = False
         self._limits_asked = 0
+        self._limits_next_s = self._limits_since_s = float("-inf")
         self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self._narrator.event(full_payload(f)),
@@ -191,17 +193,25 @@ class Vehicle:
             self.disconnected("it has not been heard for 3.5 s")
 
     def _ask_gimbal_limits(self) -> None:
-        """GIMBAL_MANAGER_INFORMATION is not streamed: asked for a few times, once there is a gimbal."""
-        latest = self._state.latest
+        """GIMBAL_MANAGER_INFORMATION is not streamed: asked for a few times, and again after a lost link.
+
+        PX4 is asked in any case, others once a gimbal manager was heard.
+        """
+        identity, latest = self._identity, self._state.latest
+        known = latest.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
+        heard = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS in latest
+        now_s = self.clock.monotonic_s()
         if (
-            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS not in latest
-            or d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION in latest
-            or self._limits_asked >= ASK_LIMITS_TIMES
+            identity.replayed
             or self._state.link_lost
+            or not (heard or identity.autopilot == d.MAV_AUTOPILOT_PX4)
+            or (known is not None and known.received_monotonic_s >= self._limits_since_s)
+            or self._limits_asked >= ASK_LIMITS_TIMES
+            or now_s < self._limits_next_s
         ):
             return
         self._limits_asked += 1
-        identity = self._identity
+        self._limits_next_s = now_s + ASK_LIMITS_EVERY_S
         wanted = float(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
         self.send(
             d.MAVLink_command_long_message(
@@ -216,7 +226,7 @@ class Vehicle:
     def _heartbeat(self) -> None:
         facts = self._state.facts
         identity = self._identity
-        simulated = identity.simulated or facts.hil
+        simulated = True if facts.hil else identity.simulated
         if (facts.vehicle_type, facts.autopilot, simulated) != (
             identity.vehicle_type,
             identity.autopilot,
@@ -227,6 +237,8 @@ class Vehicle:
             )
         if self._lost:
             self._lost = False
+            # it may have been another flight controller's gimbal, or another firmware, that came back
+            self._limits_asked, self._limits_since_s = 0, self.clock.monotonic_s()
             self.events.add("link", self.clock.unix_s(), "Link is back", severity=d.MAV_SEVERITY_NOTICE)
 
     def _choose_endpoint(self) -> Endpoint | None:

@@ -8,7 +8,7 @@ import pytest
 
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
 
-LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 5)]
+LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 
 
 def flight(kit, jump, story, *, loss=0.0, seed=0):

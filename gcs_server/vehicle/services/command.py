@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 
 from gcs_server.errors import Disconnected, GcsError, InvalidRequest, NoReply, Refused
 from gcs_server.mavlink import dialect as d
@@ -26,6 +27,8 @@ TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
 STATE_DEADLINE_S = 6.0
 LIFT_DEADLINE_S = 12.0
 HOME_DEADLINE_S = 3.0
+ASKED_FOR_S = STATE_DEADLINE_S + HOME_DEADLINE_S
+"""The longest between a command and the mode that it brings."""
 FORCE = 21196.0
 """MAV_CMD_COMPONENT_ARM_DISARM's magic number for "whatever the state"."""
 NAN = math.nan
@@ -33,6 +36,19 @@ REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
 SAME_PLACE_M = 3.0
 _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The newest command of ours that changes the mode: a change within its time is its doing."""
+
+    what: str
+    """For people."""
+    mode: str
+    """As in `Status.mode`."""
+    by: str | None
+    """The client."""
+    since_s: float
 
 
 class CommandService:
@@ -46,6 +62,14 @@ class CommandService:
         self._vehicle = vehicle
         self._newest = 0
         self._newest_what = ""
+        self._asked: Asked | None = None
+
+    def asked_for(self, mode: str) -> Asked | None:
+        """The command of ours that brought the vehicle into this mode, where one can have just now."""
+        asked = self._asked
+        if asked is None or asked.mode != mode:
+            return None
+        return asked if self._vehicle.clock.monotonic_s() - asked.since_s <= ASKED_FOR_S else None
 
     async def arm(self, *, progress: Progress | None = None) -> None:
         """Returns once the vehicle reports to be armed."""
@@ -60,16 +84,18 @@ class CommandService:
         )
         await self._run(self._begin("disarm"), _arm_disarm(0.0, 0.0), goal, progress)
 
-    async def set_mode(self, name: str, *, progress: Progress | None = None) -> None:
-        """Returns once the vehicle reports the mode. `name` as in `Status.mode`."""
+    async def set_mode(self, name: str, *, by: str | None = None, progress: Progress | None = None) -> None:
+        """Returns once the vehicle reports the mode. `name` as in `Status.mode`, `by` the client."""
         mode = BY_NAME.get(name)
         if mode is None or not mode.settable:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
             raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
         self._vehicle.require_commandable()
-        await self._set_mode(self._begin(mode.label), mode, progress)
+        await self._set_mode(self._begin(f"mode {mode.label}", mode, by), mode, progress)
 
-    async def takeoff(self, alt_home_m: float, *, progress: Progress | None = None) -> None:
+    async def takeoff(
+        self, alt_home_m: float, *, by: str | None = None, progress: Progress | None = None
+    ) -> None:
         """Arms where needed and climbs; returns once the vehicle is taking off (not: has arrived)."""
         number("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
         vehicle = self._vehicle
@@ -77,7 +103,7 @@ class CommandService:
         if vehicle.facts.armed and vehicle.facts.landed_state in AIRBORNE:
             raise Refused(f"Vehicle {vehicle.id} flies already.", remedy="Use go-to for another height.")
         position_of(vehicle)
-        token = self._begin("take off")
+        token = self._begin("take off", BY_NAME["takeoff"], by)
         alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
         request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
         await self._takeoff_mode(token, request, progress)
@@ -100,18 +126,18 @@ class CommandService:
             progress("Armed, waiting for lift-off", None)
         await self._run(token, None, lifted, progress)
 
-    async def land(self, *, progress: Progress | None = None) -> None:
+    async def land(self, *, by: str | None = None, progress: Progress | None = None) -> None:
         """Lands where it is; returns once it is landing (or is down and disarmed already)."""
-        await self._down(BY_NAME["land"], progress)
+        await self._down(BY_NAME["land"], by, progress)
 
-    async def rtl(self, *, progress: Progress | None = None) -> None:
+    async def rtl(self, *, by: str | None = None, progress: Progress | None = None) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
-        await self._down(BY_NAME["rtl"], progress)
+        await self._down(BY_NAME["rtl"], by, progress)
 
-    async def hold(self, *, progress: Progress | None = None) -> None:
+    async def hold(self, *, by: str | None = None, progress: Progress | None = None) -> None:
         """Stops and stays."""
         self._vehicle.require_commandable()
-        await self._set_mode(self._begin("hold"), BY_NAME["hold"], progress)
+        await self._set_mode(self._begin("hold", BY_NAME["hold"], by), BY_NAME["hold"], progress)
 
     async def goto(
         self,
@@ -122,6 +148,7 @@ class CommandService:
         alt_home_m: float | None = None,
         yaw_ned_deg: float | None = None,
         max_distance_m: float = GOTO_MAX_DISTANCE_M,
+        by: str | None = None,
         progress: Progress | None = None,
     ) -> None:
         """Flies there in Hold; exactly one altitude. Returns once under way (not: has arrived)."""
@@ -139,7 +166,7 @@ class CommandService:
         vehicle.require_commandable()
         if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} does not fly.", remedy="Take off first.")
-        token = self._begin("go to")
+        token = self._begin("go to", BY_NAME["hold"], by)
         if alt_amsl_m is None:
             assert alt_home_m is not None
             alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
@@ -223,7 +250,7 @@ class CommandService:
             with suppress(GcsError):
                 await self._set_mode(token, BY_NAME["hold"], None)
 
-    async def _down(self, mode: Mode, progress: Progress | None) -> None:
+    async def _down(self, mode: Mode, by: str | None, progress: Progress | None) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
         flying = vehicle.facts.armed
@@ -238,7 +265,7 @@ class CommandService:
             (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
         )
         goal = Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S)
-        await self._run(self._begin(mode.label), request, goal, progress)
+        await self._run(self._begin(mode.label, mode, by), request, goal, progress)
 
     def _check_distance(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, max_m: float) -> None:
         here = position_of(self._vehicle)
@@ -270,9 +297,11 @@ class CommandService:
         mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
         return self._vehicle.arming_report.against_arming(mode.nav_state if mode else None)
 
-    def _begin(self, what: str) -> int:
+    def _begin(self, what: str, mode: Mode | None = None, by: str | None = None) -> int:
         self._newest += 1
         self._newest_what = what
+        if mode is not None:
+            self._asked = Asked(what, mode.name, by, self._vehicle.clock.monotonic_s())
         return self._newest
 
     async def _run(self, token: int, request: Request | None, goal: Goal, progress: Progress | None) -> None:

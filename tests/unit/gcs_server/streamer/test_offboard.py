@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.clock import SystemClock
-from gcs_server.errors import Refused, Rejected
+from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.streamer import offboard as module
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.streamer.setpoints import Order, Setpoint
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
+from gcs_server.vehicle.services.command import Asked
 
 UP = Setpoint(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
@@ -29,6 +30,8 @@ class Vehicle:
         self.offboard = None
         self.located = True
         self.refuses = None
+        self.ours = None
+        self.hangs = False
         self.sent = []
         self.asked = []
 
@@ -37,9 +40,14 @@ class Vehicle:
 
     async def set_mode(self, name):
         self.asked.append((name, len(self.sent)))
+        if self.hangs:
+            await asyncio.sleep(30)
         if self.refuses:
             raise self.refuses
         self.status.mode = name
+
+    def asked_for(self, mode):
+        return self.ours if self.ours is not None and self.ours.mode == mode else None
 
     async def get(self, name):
         return SimpleNamespace(value=PARAMS[name])
@@ -131,3 +139,47 @@ def test_leaving_offboard_ends_the_stream_and_is_told():
         assert [e.data["code"] for e in vehicle.events.since()] == ["left_offboard"]
 
     told(story)
+
+
+def test_a_mode_that_we_commanded_ends_the_stream_as_news_not_as_a_warning():
+    async def story(vehicle):
+        await vehicle.offboard.start(Order(UP, 60.0))
+        vehicle.ours = Asked("Land", "land", "page", 0.0)
+        vehicle.status.mode = "land"
+        await asyncio.sleep(0.35)
+        (told,) = vehicle.events.since()
+        assert (told.kind, told.severity, told.data["code"]) == ("command", 6, "commanded")
+        assert "page commanded 'Land'" in told.text
+        assert "page" in vehicle.offboard.status().ended
+
+    told(story)
+
+
+def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_more_than_the_deadline(
+    monkeypatch,
+):
+    monkeypatch.setattr(module, "STOP_ALL_S", 0.4)
+
+    async def run():
+        clock = SystemClock()
+        supervisor, streamer = Supervisor(clock), Streamer(clock)
+        fleet = [Vehicle() for _ in range(3)]
+        for number, vehicle in enumerate(fleet, 1):
+            vehicle.id = str(number)
+            streamer.attach(vehicle)
+        streamer.start(supervisor)
+        try:
+            await asyncio.gather(*(v.offboard.start(Order(UP, 60.0)) for v in fleet))
+            fleet[1].hangs = fleet[2].hangs = True
+            began_s = time.monotonic()
+            done = {s.vehicle: s for s in await streamer.stop_all()}
+            assert time.monotonic() - began_s < 0.7
+            assert done["1"].error is None
+            assert [type(done[v].error) for v in "23"] == [NoReply, NoReply]
+            assert [v.status.mode for v in fleet] == ["hold", "offboard", "offboard"]
+            assert [e.severity for e in fleet[1].events.since()] == [4]
+        finally:
+            streamer.close()
+            await supervisor.close()
+
+    asyncio.run(run())
