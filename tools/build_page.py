@@ -102,7 +102,8 @@ def install(root: Path) -> None:
     lock = root / "web" / "package-lock.json"
     if not marker.exists() or marker.stat().st_mtime < lock.stat().st_mtime:
         print("installing the page's packages …", file=sys.stderr)
-        npm(root, "ci", "--no-audit", "--no-fund", "--loglevel=error")
+        # Not `npm ci`: it refuses where a registry lacks the builds of some other platform.
+        npm(root, "install", "--no-save", "--no-audit", "--no-fund", "--loglevel=error")
 
 
 def build(root: Path) -> None:
