@@ -46,7 +46,9 @@ class Server:
     def __init__(self, settings: Settings, clock: Clock, *, more_links: tuple[str, ...] = ()) -> None:
         self._settings = settings
         folder = DataFolder(settings.data)
-        self._simulator = SimulatorProcess(clock, settings.sim, folder) if settings.sim else None
+        self._simulator = (
+            SimulatorProcess(clock, settings.sim, folder, more=settings.sim_args) if settings.sim else None
+        )
         self.supervisor = Supervisor(clock)
         self.router = Router(
             clock,

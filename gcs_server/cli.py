@@ -16,7 +16,7 @@ import uvicorn
 
 from gcs_server.app import create_app
 from gcs_server.errors import GcsError
-from gcs_server.settings import Settings, load
+from gcs_server.settings import Settings, load, split_arguments
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
 
@@ -29,12 +29,14 @@ examples:
   gcs serve --sim 3                        the same with three vehicles
   gcs serve --no-sim --link udpin://0.0.0.0:14550        listen for real vehicles on all addresses
   gcs serve --no-sim --link serial:/dev/ttyUSB0:57600    a telemetry radio
+  gcs serve --link udpin://127.0.0.1:14650 --sim-args='--gcs-remote-port 14650 --gcs-local-port 18670'
+                                           a simulated vehicle on other ports
   gcs replay flight.tlog --speed 2         look at a recording
   gcs sim --help                           the simulated PX4 by itself
 
-Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_DATA,
-GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with `schema_version = 1`.
-Flags go before environment, environment before file.
+Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_SIM_ARGS,
+GCS_DATA, GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with
+`schema_version = 1`. Flags go before environment, environment before file.
 """
 
 
@@ -67,6 +69,12 @@ def build_parser() -> argparse.ArgumentParser:
     simulated = serve.add_mutually_exclusive_group()
     simulated.add_argument("--sim", type=int, metavar="N", help="simulated vehicles to start (default 1)")
     simulated.add_argument("--no-sim", dest="sim", action="store_const", const=0, help="start none")
+    serve.add_argument(
+        "--sim-args",
+        metavar="ARGS",
+        help="further arguments of the simulator in one word, see `gcs sim --help`: "
+        "--sim-args='--speed 2 --param COM_OBL_RC_ACT=5'",
+    )
     replay = commands.add_parser(
         "replay", help="serve a recording", description="Serves a recorded tlog; nothing can be commanded."
     )
@@ -114,6 +122,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if command == "replay":
             more_links = (_replay_link(options.pop("file"), options.pop("speed")),)
             options |= {"sim": 0, "links": [], "record": False}
+        if options.get("sim_args") is not None:
+            options["sim_args"] = split_arguments(options["sim_args"], "--sim-args")
         settings = load({k: v for k, v in options.items() if v is not None}, config=config)
         return serve(settings, more_links)
     except GcsError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import shlex
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,6 +31,9 @@ class Settings(BaseModel):
         default=("udpin://127.0.0.1:14550",), description="MAVLink links to open, as URLs."
     )
     sim: int = Field(default=1, ge=0, le=50, description="Simulated vehicles to start; 0 starts none.")
+    sim_args: tuple[str, ...] = Field(
+        default=(), description="Further arguments of the simulator, such as its ports (`gcs sim --help`)."
+    )
     data: Path = Field(default_factory=default_folder, description="Data folder: journal, recordings.")
     system_id: int = Field(default=255, ge=1, le=255, description="Our MAVLink system id.")
     record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")
@@ -89,7 +93,21 @@ def read_environment(environment: Mapping[str, str]) -> dict[str, Any]:
         if text is None or text == "":
             continue
         values[name] = tuple(text.replace(",", " ").split()) if name in LISTS else text
+    if isinstance(values.get("sim_args"), str):
+        values["sim_args"] = split_arguments(values["sim_args"], "GCS_SIM_ARGS")
     return values
+
+
+def split_arguments(text: str, source: str) -> tuple[str, ...]:
+    """As a shell would.
+
+    Raises:
+        InvalidRequest: a quotation has no end.
+    """
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as error:
+        raise InvalidRequest("sim_args", f"{source}: {error} (given: {text!r}).") from error
 
 
 def load(

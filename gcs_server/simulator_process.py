@@ -7,6 +7,7 @@ server that ends cleanly ends the simulator that it started or took over; one th
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
 import logging
@@ -15,6 +16,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from gcs_server.clock import Clock
@@ -39,6 +41,18 @@ def port_is_held(port: int) -> bool:
     return False
 
 
+def first_port(arguments: Sequence[str]) -> int:
+    """The UDP port that the first vehicle holds, given the simulator's arguments; 0: any free one."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    parser.add_argument("--gcs-local-port", type=int, default=PX4_GCS_LOCAL_PORT)
+    parser.add_argument("--first-instance", type=int, default=0)
+    try:
+        known, _ = parser.parse_known_args(list(arguments))
+    except argparse.ArgumentError:
+        return PX4_GCS_LOCAL_PORT  # the simulator itself says what is wrong
+    return known.gcs_local_port + known.first_instance if known.gcs_local_port else 0
+
+
 def is_simulator(pid: int) -> bool:
     """Whether the process lives and is one of ours: a pid may have been given to another one since."""
     try:
@@ -55,8 +69,9 @@ class SimulatorProcess:
     Args:
         count: simulated vehicles.
         folder: for its log and the note of who it is.
+        more: further arguments of `vehicle_sim`, such as its ports.
         command: what to run; the default is the simulator in this installation.
-        probe_port: which port tells that a simulator runs.
+        probe_port: which port tells that a simulator runs; the simulator's own unless given.
     """
 
     def __init__(
@@ -65,13 +80,14 @@ class SimulatorProcess:
         count: int,
         folder: DataFolder,
         *,
+        more: Sequence[str] = (),
         command: list[str] | None = None,
-        probe_port: int = PX4_GCS_LOCAL_PORT,
+        probe_port: int | None = None,
     ) -> None:
         self._clock = clock
         self._folder = folder
-        self._command = command or [sys.executable, "-m", "vehicle_sim", "--instances", str(count)]
-        self._probe_port = probe_port
+        self._command = command or [sys.executable, "-m", "vehicle_sim", "--instances", str(count), *more]
+        self._probe_port = first_port(more) if probe_port is None else probe_port
         self._child: subprocess.Popen[bytes] | None = None
         self._pid: int | None = None
         self._warning: str | None = None
@@ -85,14 +101,17 @@ class SimulatorProcess:
 
     def start(self) -> None:
         """Finds the one that runs, else starts one; what goes wrong becomes a warning, not an error."""
-        if port_is_held(self._probe_port):
+        self._pid = self._noted_pid()
+        if port_is_held(self._probe_port) if self._probe_port else self._pid is not None:
             self.found = True
-            self._pid = self._noted_pid()
             who = f"process {self._pid}" if self._pid else "not started by this data folder's server"
             log.info("a simulated vehicle runs already (%s); it is used, no second one is started", who)
             return
         try:
-            with self._folder.simulator_log.open("ab") as output:
+            log_file = self._folder.simulator_log
+            with contextlib.suppress(FileNotFoundError):
+                log_file.replace(log_file.with_name(f"{log_file.name}.1"))
+            with log_file.open("wb") as output:
                 self._child = subprocess.Popen(
                     self._command,
                     stdin=subprocess.DEVNULL,
@@ -101,6 +120,7 @@ class SimulatorProcess:
                     start_new_session=True,
                 )
         except OSError as error:
+            self._pid = None
             self._warn(f"The simulator could not be started: {error.strerror or error}.")
             return
         self._pid = self._child.pid

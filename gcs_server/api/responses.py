@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 from gcs_server.api.models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.reflect import model_of
 from gcs_server.control.journal import Entry
-from gcs_server.links.base import LinkInfo
+from gcs_server.links.base import LinkInfo, Recording
 from gcs_server.streamer.offboard import OffboardStatus
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.events import Event
@@ -29,7 +29,7 @@ TOPIC_MODELS = {name: model_of(kind) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
 StatusModel = TOPIC_MODELS["status"]
 GimbalModel = TOPIC_MODELS["gimbal"]
-LinkModel = model_of(LinkInfo, "Link")
+LinkModel = model_of(LinkInfo, "Link", recording=model_of(Recording) | None)
 NoticeModel = model_of(Notice)
 ParamModel = model_of(Param, "Parameter")
 JournalEntryModel = model_of(Entry, "JournalEntry")
@@ -178,6 +178,7 @@ class Version(_Out):
     schema_version: int = Field(description="Of the telemetry; a page of another one cannot read it.")
     simulator: bool = Field(description="Whether this server started or found a simulated vehicle.")
     scene: bool = Field(description="Whether there is a 3D view at /scene/.")
+    recording: bool = Field(description="Whether links are to be recorded; how it goes stands in /links.")
 
 
 def answer(value: object, status_code: int = 200) -> Response:

@@ -33,6 +33,7 @@ async def version(station: StationDep) -> Response:
             "schema_version": SCHEMA_VERSION,
             "simulator": station.simulator,
             "scene": station.has_scene,
+            "recording": station.router.settings.recording_dir is not None,
         }
     )
 

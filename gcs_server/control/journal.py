@@ -10,6 +10,7 @@ import asyncio
 import json
 import logging
 from collections import deque
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -20,6 +21,8 @@ log = logging.getLogger(__name__)
 
 TAIL_LENGTH = 1000
 QUEUE_LENGTH = 2000
+MAX_BYTES = 10_000_000
+"""A file of this size becomes the one before (`journal.1.jsonl`), and a new one begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +47,13 @@ class Journal:
     Args:
         clock: for people's time.
         path: the file; None keeps the tail in memory only.
+        max_bytes: of one file; two are kept.
     """
 
-    def __init__(self, clock: Clock, path: Path | None) -> None:
+    def __init__(self, clock: Clock, path: Path | None, *, max_bytes: int = MAX_BYTES) -> None:
         self._clock = clock
         self._path = path
+        self._max_bytes = max_bytes
         self._tail: deque[Entry] = deque(maxlen=TAIL_LENGTH)
         self._unwritten: deque[Entry] = deque(maxlen=QUEUE_LENGTH)
         self._wake = asyncio.Event()
@@ -90,6 +95,7 @@ class Journal:
             return
         lines = "".join(json.dumps(asdict(e), allow_nan=False, default=str) + "\n" for e in self._unwritten)
         try:
+            self._rotate(self._path)
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(lines)
         except OSError as error:
@@ -100,6 +106,11 @@ class Journal:
             return
         self._unwritten.clear()
         self.warning = None
+
+    def _rotate(self, path: Path) -> None:
+        with suppress(FileNotFoundError):
+            if path.stat().st_size >= self._max_bytes:
+                path.replace(path.with_suffix(f".1{path.suffix}"))
 
     async def _write_for_ever(self) -> None:
         while True:

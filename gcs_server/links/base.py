@@ -19,6 +19,20 @@ class Peer:
 
 
 @dataclass(frozen=True, slots=True)
+class Recording:
+    """What of a link is on disk."""
+
+    file: str | None
+    """The tlog's name in the data folder's `recordings`; null before the first frame."""
+    bytes: int
+    """Written to this file; a full one is followed by the next."""
+    started_unix_s: float | None
+    """When this file began."""
+    stopped: str | None
+    """Why nothing is recorded now, for people; null while all is well."""
+
+
+@dataclass(frozen=True, slots=True)
 class LinkInfo:
     """One line of `GET /links`."""
 
@@ -35,6 +49,18 @@ class LinkInfo:
     bytes_sent: int
     bytes_dropped: int
     """Not sent because the outbox was full or nobody was connected."""
+    frames_received: int = 0
+    """Whole MAVLink frames, of peers that have gone, too; so are the next four."""
+    frames_unknown: int = 0
+    """Frames of messages that the dialect does not have."""
+    frames_lost: int = 0
+    """By the gaps in their sequence numbers."""
+    crc_errors: int = 0
+    """Frames whose checksum is wrong."""
+    bytes_skipped: int = 0
+    """Bytes that belong to no frame: garbage, another protocol, a wrong baud rate."""
+    recording: Recording | None = None
+    """Null where nothing is to be recorded: a replay, or a server with --no-record."""
 
 
 OnBytes = Callable[[bytes, Peer, float], None]
@@ -146,9 +172,10 @@ class Link:
         self._retry = self._loop.call_later(self._retry_s, self._try)
         self._retry_s = min(self._retry_s * 2, LONGEST_RETRY_S)
 
-    def _received(self, data: bytes, peer: Peer) -> None:
+    def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
+        """`now_s`: the loop's time, from a kind that knows it already."""
         self._bytes_received += len(data)
-        self._on_bytes(data, peer, self._loop.time())
+        self._on_bytes(data, peer, self._loop.time() if now_s is None else now_s)
 
     def _forget(self, peer: Peer) -> None:
         if self._peers.pop(peer.name, None) is not None:

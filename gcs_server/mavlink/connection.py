@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gcs_server.clock import Clock
-from gcs_server.links.base import Link, Peer
+from gcs_server.links.base import Link, LinkInfo, Peer
 from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame
 from gcs_server.mavlink.tlog_writer import TlogChannel
 
@@ -21,6 +21,16 @@ class ParserCounts:
     bytes_skipped: int
     crc_errors: int
     frames_lost: int
+
+    def plus(self, other: ParserCounts) -> ParserCounts:
+        """The sum."""
+        return ParserCounts(
+            self.frames + other.frames,
+            self.frames_unknown + other.frames_unknown,
+            self.bytes_skipped + other.bytes_skipped,
+            self.crc_errors + other.crc_errors,
+            self.frames_lost + other.frames_lost,
+        )
 
 
 class FrameSender:
@@ -89,6 +99,8 @@ class Connection:
         self._on_peer_gone = on_peer_gone
         self._on_state = on_state
         self._parsers: dict[str, FrameParser] = {}
+        self._gone = ParserCounts(0, 0, 0, 0, 0)
+        """Of peers that have gone."""
         self.sender = FrameSender(link, system_id, component_id, self._record)
 
     @property
@@ -119,14 +131,24 @@ class Connection:
             if (parser := self._parsers.get(peer.name)) is None or parser.frames
         )
 
+    def info(self) -> LinkInfo:
+        """The link's state with what was in its bytes and what of it is on disk."""
+        total = self._gone
+        for counts in self.counts().values():
+            total = total.plus(counts)
+        return replace(
+            self.link.info(),
+            frames_received=total.frames,
+            frames_unknown=total.frames_unknown,
+            frames_lost=total.frames_lost,
+            crc_errors=total.crc_errors,
+            bytes_skipped=total.bytes_skipped,
+            recording=None if self._recording is None else self._recording.info(),
+        )
+
     def counts(self) -> dict[str, ParserCounts]:
         """By peer."""
-        return {
-            name: ParserCounts(
-                p.frames, p.frames_unknown, p.bytes_skipped, p.crc_errors, sum(p.lost.values())
-            )
-            for name, p in self._parsers.items()
-        }
+        return {name: _counts_of(parser) for name, parser in self._parsers.items()}
 
     def _bytes(self, data: bytes, peer: Peer, received_s: float) -> None:
         parser = self._parsers.get(peer.name)
@@ -147,10 +169,22 @@ class Connection:
             on_frame(frame, self, peer)
 
     def _peer_gone(self, peer: Peer) -> None:
-        self._parsers.pop(peer.name, None)
+        parser = self._parsers.pop(peer.name, None)
+        if parser is not None:
+            self._gone = self._gone.plus(_counts_of(parser))
         self.sender.forget(peer)
         self._on_peer_gone(self, peer)
 
     def _record(self, raw: bytes) -> None:
         if self._recording is not None:
             self._recording.append(int(self._clock.unix_s() * 1e6), raw)
+
+
+def _counts_of(parser: FrameParser) -> ParserCounts:
+    return ParserCounts(
+        parser.frames,
+        parser.frames_unknown,
+        parser.bytes_skipped,
+        parser.crc_errors,
+        sum(parser.lost.values()),
+    )

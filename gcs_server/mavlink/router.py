@@ -118,7 +118,7 @@ class Router:
         self._connections[link.name] = connection
         self._forwarder.use(self._connections.values())
         connection.start()
-        return link.info()
+        return connection.info()
 
     async def remove_link(self, name: str) -> None:
         """Closes a link and forgets it.
@@ -135,7 +135,7 @@ class Router:
 
     def links(self) -> list[LinkInfo]:
         """State and counters of all links."""
-        return [connection.link.info() for connection in self._connections.values()]
+        return [connection.info() for connection in self._connections.values()]
 
     def connection(self, name: str) -> Connection:
         """One link's connection, for its counters.

@@ -18,6 +18,8 @@ from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 
+from gcs_server.links.base import Recording
+
 log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
@@ -41,6 +43,7 @@ class TlogChannel:
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
         self._file: int | None = None
+        self._began_unix_s: float | None = None
         self._size = 0
         self._flushes_until_retry = 0
 
@@ -92,9 +95,14 @@ class TlogChannel:
                 self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
             except FileExistsError:
                 continue
-            self.path, self._size = path, 0
+            self.path, self._size, self._began_unix_s = path, 0, time_us / 1e6
             return
         raise FileExistsError(errno.EEXIST, f"too many recordings named {stamp}-{safe}")
+
+    def info(self) -> Recording:
+        """For `GET /links`; from any thread."""
+        name = None if self.path is None else self.path.name
+        return Recording(name, self._size, self._began_unix_s, self.problem or None)
 
     def end(self) -> None:
         """Closes the file; the next write begins another."""

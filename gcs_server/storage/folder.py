@@ -40,7 +40,7 @@ class DataFolder:
 
     @property
     def simulator_log(self) -> Path:
-        """What the simulator says."""
+        """What the simulator says; that of the one before it ends in `.1`."""
         return self.path / "simulator.log"
 
     @property

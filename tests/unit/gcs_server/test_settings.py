@@ -53,3 +53,14 @@ def test_a_bad_value_names_where_it_came_from(flags, env, says):
 )
 def test_who_can_reach_the_server(host, alone):
     assert Settings(host=host).loopback_only is alone
+
+
+def test_the_simulators_arguments_are_split_as_a_shell_does(tmp_path):
+    settings = load({}, {"GCS_SIM_ARGS": "--speed 3 --data-dir 'a b'"})
+    assert settings.sim_args == ("--speed", "3", "--data-dir", "a b")
+    file = tmp_path / "gcs.toml"
+    file.write_text('schema_version = 1\nsim_args = ["--speed", "2"]\n')
+    assert load({}, {}, file).sim_args == ("--speed", "2")
+    with pytest.raises(InvalidRequest) as caught:
+        load({}, {"GCS_SIM_ARGS": "--data-dir 'a"})
+    assert caught.value.field == "sim_args"

@@ -5,8 +5,10 @@ import os
 import socket
 import sys
 
+import pytest
+
 from gcs_server.clock import SystemClock
-from gcs_server.simulator_process import SimulatorProcess, is_simulator
+from gcs_server.simulator_process import SimulatorProcess, first_port, is_simulator
 from gcs_server.storage.folder import DataFolder
 
 STAND_IN = (
@@ -78,3 +80,51 @@ def test_one_that_dies_is_a_warning(tmp_path):
 def test_a_foreign_process_is_never_taken_for_the_simulator():
     assert not is_simulator(1)
     assert not is_simulator(2**22 + 1)
+
+
+def test_each_start_begins_a_log_and_keeps_the_one_before(tmp_path):
+    async def story():
+        folder = DataFolder(tmp_path)
+        folder.prepare()
+        for number in range(3):
+            process = simulator(folder, free_port(), f"print('run {number}')")
+            process.start()
+            process._child.wait(5)
+        assert folder.simulator_log.read_text() == "run 2\n"
+        assert (tmp_path / "simulator.log.1").read_text() == "run 1\n"
+
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "port"),
+    [
+        ("", 18570),
+        ("--gcs-local-port 19000", 19000),
+        ("--gcs-local-port=19000 --first-instance 7 --speed 3", 19007),
+        ("--first-instance 100 --gcs-local-port 0", 0),
+        ("--gcs-local-port nonsense", 18570),
+    ],
+)
+def test_the_port_that_tells_of_a_running_simulator_follows_its_arguments(arguments, port):
+    assert first_port(arguments.split()) == port
+
+
+def test_without_a_port_of_its_own_it_is_found_by_its_note(tmp_path):
+    async def story():
+        folder = DataFolder(tmp_path)
+        folder.prepare()
+        first = simulator(folder, 0)
+        first.start()
+        await until(lambda: is_simulator(first.pid))
+        second = simulator(folder, 0)
+        second.start()
+        assert second.found
+        assert second.pid == first.pid
+        await second.stop()
+        third = simulator(folder, 0)
+        third.start()
+        assert not third.found
+        await third.stop()
+
+    asyncio.run(story())

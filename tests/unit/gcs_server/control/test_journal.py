@@ -32,3 +32,18 @@ def test_a_refusing_disk_is_a_warning_and_heals(tmp_path):
     journal.flush()
     assert journal.warning is None
     assert len(path.read_text().splitlines()) == 1
+
+
+def test_a_full_file_becomes_the_one_before_and_two_are_kept(tmp_path):
+    journal = Journal(SystemClock(), tmp_path / "journal.jsonl", max_bytes=1000)
+    for number in range(40):
+        add(journal, f"command-{number}")
+        journal.flush()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["journal.1.jsonl", "journal.jsonl"]
+    kept = [
+        json.loads(line)["command"]
+        for name in ("journal.1.jsonl", "journal.jsonl")
+        for line in (tmp_path / name).read_text().splitlines()
+    ]
+    assert kept == [f"command-{number}" for number in range(40 - len(kept), 40)]
+    assert all(p.stat().st_size < 1200 for p in tmp_path.iterdir())

@@ -1,0 +1,78 @@
+"""What `GET /links` says of a link: what came, what of it was no frame, and whether it is recorded."""
+
+import asyncio
+
+from gcs_server.mavlink import tlog_writer
+
+
+def told(kit, jump, story, **settings):
+    async def run():
+        world = kit.World(**settings)
+        try:
+            await story(world)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_garbage_is_counted_also_of_a_peer_that_has_gone(kit, jump):
+    async def story(world):
+        link = world.link()
+        world.pilot(link)
+        await world.ready()
+        before = world.router.links()[0]
+        assert (before.bytes_skipped, before.crc_errors, before.frames_lost) == (0, 0, 0)
+        raw = bytearray(kit.sim.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(world.pilot(link).mav))
+        raw[-1] ^= 0x55
+        link.inject(bytes(raw), "stranger")
+        link.inject(b"AT+RST\r\n" * 20, "stranger")
+        link.inject(b"\x00" * 300, "stranger")
+        now = world.router.links()[0]
+        assert now.crc_errors == 1
+        assert 460 <= now.bytes_skipped <= 460 + len(raw)
+        for peer in link.peers():
+            if peer.name == "stranger":
+                link._forget(peer)
+        after = world.router.links()[0]
+        assert (after.crc_errors, after.bytes_skipped) == (now.crc_errors, now.bytes_skipped)
+        await asyncio.sleep(2)
+        assert world.router.links()[0].frames_received > before.frames_received
+        assert not world.fleet.get("1").status.link_lost
+
+    told(kit, jump, story)
+
+
+def test_the_recording_of_a_link_is_told_and_why_it_stopped(kit, jump, tmp_path, monkeypatch):
+    async def story(world):
+        link = world.link()
+        nothing = world.router.links()[0].recording
+        assert (nothing.file, nothing.bytes, nothing.started_unix_s, nothing.stopped) == (None, 0, None, None)
+        world.pilot(link)
+        await world.ready()
+        recorder = world.router._recorder
+        recorder.flush()
+        runs = world.router.links()[0].recording
+        path = tmp_path / runs.file
+        assert runs.bytes == path.stat().st_size > 0
+        assert abs(runs.started_unix_s - world.clock.unix_s()) < 3600
+        assert runs.stopped is None
+        monkeypatch.setattr(recorder, "_keep_free_bytes", 1 << 62)
+        await asyncio.sleep(1)
+        recorder.flush()
+        stopped = world.router.links()[0].recording
+        assert "Make room" in stopped.stopped
+        assert stopped.file == runs.file
+        replay = world.link("tape", replay=True)
+        assert world.router.connection(replay.name).info().recording is None
+
+    monkeypatch.setattr(tlog_writer.TlogRecorder, "start", lambda self: None)
+    told(kit, jump, story, recording_dir=tmp_path, recording_keep_free_bytes=0)
+
+
+def test_without_recording_it_is_null(kit, jump):
+    async def story(world):
+        world.link()
+        assert world.router.links()[0].recording is None
+
+    told(kit, jump, story)
