@@ -48,8 +48,7 @@ class VehicleSim:
         self.simulation = Simulation(count, parameters=stores, seed=seed, home=home)
         self.autopilots = [Autopilot(Body(self.simulation, row, boot_time_unix_s)) for row in range(count)]
         self.nodes = [
-            Node(autopilot, first_instance + row + 1, first_instance + row)
-            for row, autopilot in enumerate(self.autopilots)
+            Node(autopilot, first_instance + row + 1) for row, autopilot in enumerate(self.autopilots)
         ]
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         for row in range(count):

@@ -164,6 +164,25 @@ def test_in_their_own_order(shared: Path, group: str) -> None:
     compare(outcomes)
 
 
+def test_the_autopilot_version_is_the_real_ones(shared: Path) -> None:
+    """Every field, on any instance: clients tell simulators by it."""
+    dialogue = next(d for d in load(shared, "request_message") if d["id"] == "request_148_autopilot_version")
+    real = next(e["fields"] for e in dialogue["received"] if e["msg"] == "AUTOPILOT_VERSION")
+    for instance in (0, 6):
+        s = Station(first_instance=instance)
+        s.run(0.5)
+        s.command(512, 148)
+        s.run(0.1)
+        ours = s.heard("AUTOPILOT_VERSION")[0]
+        fields = {name: _plain(ours.values[name]) for name in real}
+        assert fields == real
+        assert ours.system_id == instance + 1
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple | bytes) else value
+
+
 def _gimbal_owner(s: Station, dialogue: dict[str, Any]) -> None:
     words = dialogue["precondition"]
     for owner in ((255, 190), (42, 99), (7, 8)):

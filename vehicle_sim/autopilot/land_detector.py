@@ -79,7 +79,7 @@ class LandDetector:
         self.ground_contact = _held(self._contact_since_s, now_s, third_s)
         maybe = self.ground_contact and minimum_thrust and not rotates
         if self.landed:
-            maybe = low_thrust
+            maybe = minimum_thrust
         self._maybe_since_s = _since(maybe, self._maybe_since_s, now_s)
         self.maybe_landed = _held(self._maybe_since_s, now_s, third_s)
         self._landed_since_s = _since(self.maybe_landed, self._landed_since_s, now_s)

@@ -280,8 +280,12 @@ class Navigator:
             if distance > 1e-6:
                 wanted_n, wanted_e = speed * dn / distance, speed * de / distance
         x, y, _ = self._body.belief.position_ned_m
-        error = math.hypot(x - self._x.position_m, y - self._y.position_m)
-        stretch = 1.0 - min(1.0, error / max(0.1, self._body.parameter("MPC_XY_ERR_MAX")))
+        behind_n, behind_e = self._x.position_m - x, self._y.position_m - y
+        stretch = 1.0
+        if behind_n * self._x.velocity_m_s + behind_e * self._y.velocity_m_s >= 0.0:
+            # A vehicle that is ahead is not waited for: a trajectory that stood would never arrive.
+            error_m = math.hypot(behind_n, behind_e)
+            stretch -= min(1.0, error_m / max(0.1, self._body.parameter("MPC_XY_ERR_MAX")))
         self._x.advance(wanted_n, TICK_S, stretch=stretch, **limit)
         self._y.advance(wanted_e, TICK_S, stretch=stretch, **limit)
 

@@ -126,7 +126,10 @@ class Cascade:
             self._hover.reset(grounded)
         trajectory = level == _TRAJECTORY
         if trajectory.any():
-            fresh = trajectory & (~self._was_trajectory | setpoints.landed)
+            # PX4 integrates from the start of the take-off ramp on, though the vehicle still stands: that
+            # downward part is what lets it lift about 3 s after the ramp began.
+            standing = setpoints.landed & ~setpoints.ramp_thrust
+            fresh = trajectory & (~self._was_trajectory | standing)
             if fresh.any():
                 self._position.reset(fresh)
             self._position.update(setpoints, estimate, self._hover.value, target)

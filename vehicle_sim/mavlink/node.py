@@ -24,13 +24,13 @@ MAV_TYPE_GCS = 6
 class Node:
     """The MAVLink side of one vehicle."""
 
-    def __init__(self, autopilot: Autopilot, system_id: int, instance: int) -> None:
+    def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self.context = Context(autopilot, system_id)
         self._texts = TextService(self.context)
         self._time = TimeService(self.context)
         self._params = ParamService(self.context)
         self._mission = MissionService(self.context)
-        requests = RequestService(self.context, instance)
+        requests = RequestService(self.context)
         gimbal = GimbalService(self.context)
         commands = CommandService(self.context, {**requests.commands, **gimbal.commands})
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}

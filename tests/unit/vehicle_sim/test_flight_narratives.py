@@ -54,6 +54,22 @@ def test_from_power_up_to_the_ground_again() -> None:
     assert s.texts()[-2:] == ["Landing detected\t", "Disarmed by landing\t"]
 
 
+@pytest.mark.parametrize("armed_first", [True, False])
+def test_take_off_keeps_its_height_in_both_orders(armed_first: bool) -> None:
+    s = Station()
+    s.run_until(lambda: s.ready, 15)
+    wanted_m = 6.0
+    takeoff = (22, -1, 0, 0, NAN, NAN, NAN, s.sim.autopilots[0].home.alt_amsl_m + wanted_m)
+    for command in ((400, 1), takeoff) if armed_first else (takeoff, (400, 1)):
+        s.command(*command)
+        s.run(0.3)
+    assert (s.acks(22), s.acks(400), s.flown_mode) == ([0], [0], TAKEOFF)
+    s.run_until(lambda: s.flown_mode == HOLD, 20)
+    s.run(2)
+    assert s.height_m == pytest.approx(wanted_m, abs=1.0)
+    assert not any("default takeoff altitude" in text for text in s.texts())
+
+
 def test_offboard_stream_lost_lands_disarms_and_says_offboard_again() -> None:
     s = Station()
     s.run_until(lambda: s.ready, 15)

@@ -179,8 +179,8 @@ class CommandService:
     # --- flying ----------------------------------------------------------------------------------------
 
     def _takeoff(self, c: Command) -> int:
-        if self._commander.armed:
-            self._navigator.request_takeoff(c.p7)
+        # Kept while disarmed too: ground stations may command the take-off first and arm afterwards.
+        self._navigator.request_takeoff(c.p7)
         return self._switch(NavState.TAKEOFF)
 
     def _land(self, c: Command) -> int:

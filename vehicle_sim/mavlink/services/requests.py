@@ -18,8 +18,8 @@ REQUEST_CAMERA_INFORMATION = 521
 CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
-UID_BASE = 0x5349_4D50_5834_0000
-"""Distinct from any real vehicle's; the instance is added."""
+UID = 0x4954_414C_4449_4E4F
+"""What every PX4 built for Linux reports, on every instance: it tells no two vehicles apart."""
 NOT_ON_REQUEST = frozenset({"GPS_RAW_INT", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"})
 """PX4 denies these although it streams them: no newer sample at the moment of the request."""
 
@@ -27,9 +27,8 @@ NOT_ON_REQUEST = frozenset({"GPS_RAW_INT", "MISSION_CURRENT", "TIME_ESTIMATE_TO_
 class RequestService:
     """Commands 510, 511, 512 and the old single requests."""
 
-    def __init__(self, context: Context, instance: int) -> None:
+    def __init__(self, context: Context) -> None:
         self._context = context
-        self._instance = instance
         self._senders: dict[int, Callable[[Link, Command], bool]] = {
             BY_NAME["AUTOPILOT_VERSION"].id: self._autopilot_version,
             BY_NAME["PROTOCOL_VERSION"].id: self._protocol_version,
@@ -114,7 +113,7 @@ class RequestService:
             board_version=1,
             flight_custom_version=GIT_HASH,
             middleware_custom_version=GIT_HASH,
-            uid=UID_BASE + self._instance + 1,
+            uid=UID,
         )
         return True
 
