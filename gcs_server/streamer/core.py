@@ -6,6 +6,9 @@
       │              landing                 holding ── time ──► to_hold
       └── end ◄─────────┴───────────────────────┴───────────────────┘
 
+A start that fails once Offboard has been asked for is `undoing` for a while: the vehicle may take Offboard
+late, and must not then find the stream gone.
+
 It knows no clock, thread or socket: `tick` is handed the time and an immutable snapshot of the vehicle.
 """
 
@@ -31,7 +34,14 @@ MODE_ASK_PERIOD_S = 1.0
 MODE_ASKS = 5
 """Asked this often without the vehicle's word, the stream stops and PX4's own failsafe takes over."""
 LONGEST_START_S = 20.0
-LONGEST_EXTRAPOLATION_S = 0.5
+LONGEST_EXTRAPOLATION_S = 1.0
+"""An estimate older than this says nothing of where the vehicle is."""
+WIND_DOWN_S = 7.0
+"""A stop that the loop has not brought about by then is brought about by the thread."""
+UNDO_S = 2.5
+"""So long a vehicle may yet report an Offboard that nobody waits for: two heartbeats, one of them lost."""
+JUMP_M, JUMP_M_S = 5.0, 20.0
+"""A local position that moves by more than this (and this a second) did not fly: its origin was moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +54,25 @@ class Snapshot:
     """None where there is no fresh estimate."""
     velocity_ned_m_s: Vector3 | None
     yaw_ned_rad: float | None
+    """None where the vehicle's attitude is not heard: it is silent."""
     mode_asked_by: str | None = None
     """Where a command of ours brought the vehicle into this mode: which, and whose."""
+    estimate_s: float | None = None
+    """When the position was heard; with the snapshot, unless given."""
+    armed: bool = False
+    lost: bool = False
+    """No heartbeat for so long that the link counts as lost."""
+
+    @property
+    def heard_s(self) -> float:
+        """When the position was heard."""
+        return self.taken_s if self.estimate_s is None else self.estimate_s
 
     def position_at(self, now_s: float) -> Vector3 | None:
-        """The estimate carried on with its velocity over the snapshot's age."""
-        if self.position_ned_m is None:
+        """The estimate carried on with its velocity over its age; None where it is too old for that."""
+        age_s = max(now_s - self.heard_s, 0.0)
+        if self.position_ned_m is None or age_s > LONGEST_EXTRAPOLATION_S:
             return None
-        age_s = min(max(now_s - self.taken_s, 0.0), LONGEST_EXTRAPOLATION_S)
         n, e, d = self.position_ned_m
         vn, ve, vd = self.velocity_ned_m_s or (0.0, 0.0, 0.0)
         return (n + vn * age_s, e + ve * age_s, d + vd * age_s)
@@ -70,7 +91,8 @@ class Report:
     """Something a person should be told."""
 
     code: str
-    """expired, held, landing, commanded, left_offboard, server_silent, not_confirmed, fault."""
+    """expired, lost, jumped, held, landing, commanded, left_offboard, disarmed, server_silent, not_confirmed,
+    fault."""
     severity: int
     text: str
 
@@ -107,6 +129,8 @@ class StreamCore:
         self._mode_asks = 0
         self._next_ask_s = 0.0
         self._yaw_kept = False
+        self._was_armed = False
+        self._last_estimate: tuple[float, Vector3] | None = None
 
     # --- what the loop asks for -------------------------------------------------------------------
 
@@ -116,6 +140,7 @@ class StreamCore:
         self._sent_at.clear()
         self._asked_mode, self.last_end = None, None
         self._engaged_s = math.inf
+        self._was_armed, self._last_estimate = False, None
         self._enter("starting", now_s, LONGEST_START_S)
         self.sent = None
         self._take(now_s, order, snapshot)
@@ -123,7 +148,7 @@ class StreamCore:
     def engage(self, now_s: float) -> bool:
         """The vehicle reports Offboard: validity counts from now. False: the stream has ended meanwhile."""
         if self.phase != "starting" or self.order is None:
-            return self.phase != "idle"
+            return False
         self._engaged_s = self._since_s = now_s
         self._enter("streaming", now_s, self.order.valid_for_s)
         return True
@@ -143,8 +168,16 @@ class StreamCore:
         If the loop then fails to, the thread asks itself, as after an expiry.
         """
         if self.phase in ("streaming", "holding"):
-            self._hold_here(now_s, snapshot)
+            self._stand_still(now_s, snapshot)
+            self._enter("holding", now_s, WIND_DOWN_S)
             self._asked_mode = "hold"
+
+    def abandon(self, now_s: float, snapshot: Snapshot) -> None:
+        """Offboard was asked for and not confirmed: should it come yet, the vehicle is put into Hold."""
+        if self.phase == "starting":
+            self._since_s = now_s
+            self._stand_still(now_s, snapshot)
+            self._enter("undoing", now_s, UNDO_S)
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, tell: bool = True) -> None:
         """Nothing is sent from here on."""
@@ -184,6 +217,7 @@ class StreamCore:
             return []
         if self._has_left(snapshot):
             return []
+        self._look_at(now_s, snapshot)
         if now_s >= self._phase_until_s:
             self._time_is_up(now_s, snapshot)
         outgoing: list[Outgoing] = []
@@ -246,8 +280,14 @@ class StreamCore:
 
     def _has_left(self, snapshot: Snapshot) -> bool:
         """Ends where the vehicle flies another mode than Offboard, by whoever's will: never fights for it."""
-        if snapshot.taken_s < self._engaged_s or snapshot.mode == "offboard":
+        if snapshot.taken_s < self._engaged_s:
             return False
+        if snapshot.mode == "offboard":
+            disarmed = self._was_armed and not snapshot.armed
+            self._was_armed = snapshot.armed
+            if disarmed:  # armed again, it would fly off at once
+                self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
+            return disarmed
         if snapshot.mode == self._asked_mode:
             mode = snapshot.mode
             code = "held" if mode == "hold" else "landing"
@@ -262,8 +302,42 @@ class StreamCore:
             )
         return True
 
+    def _look_at(self, now_s: float, snapshot: Snapshot) -> None:
+        """What the vehicle's news mean for what is sent to it."""
+        jumped_m = self._jumped_m(snapshot)
+        if self.phase == "undoing" and snapshot.taken_s > self._since_s:
+            if (
+                snapshot.mode == "offboard" or snapshot.lost
+            ):  # lost: the last word it may hear is not Offboard
+                self._ask("hold", now_s)
+        elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
+            self._engaged_s = now_s
+        elif snapshot.lost and self.phase in ("streaming", "holding"):
+            self._give_up(now_s, snapshot, "lost", "The vehicle is not heard any more")
+        elif jumped_m is not None and self.sent is not None and self.sent.position_ned_m is not None:
+            why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
+            if self.phase == "streaming":
+                self._give_up(now_s, snapshot, "jumped", f"{why}: the setpoint means another place now")
+            elif self.phase in ("holding", "to_hold", "landing", "undoing"):
+                self._stand_still(now_s, snapshot)
+
+    def _jumped_m(self, snapshot: Snapshot) -> float | None:
+        """How far the local position moved without flying there; None where it did not."""
+        if snapshot.position_ned_m is None:
+            return None
+        before, self._last_estimate = self._last_estimate, (snapshot.heard_s, snapshot.position_ned_m)
+        if before is None:
+            return None
+        moved_m = math.dist(before[1], snapshot.position_ned_m)
+        allowed_m = JUMP_M + JUMP_M_S * max(snapshot.heard_s - before[0], 0.0)
+        return moved_m if moved_m > allowed_m else None
+
     def _time_is_up(self, now_s: float, snapshot: Snapshot) -> None:
-        if self.phase == "starting":
+        if self.phase == "undoing":
+            self.end(
+                "not_confirmed", "Offboard was not confirmed; the setpoint stream has ended.", tell=False
+            )
+        elif self.phase == "starting":
             self.end("not_confirmed", "Offboard was never confirmed; the setpoint stream has ended.", WARNING)
         elif self.phase == "streaming":
             self._expired(now_s, snapshot)
@@ -273,23 +347,32 @@ class StreamCore:
     def _expired(self, now_s: float, snapshot: Snapshot) -> None:
         assert self.order is not None
         why = f"The setpoint of {self.order.client or 'a client'} expired after {self.order.valid_for_s:g} s"
-        action = self.order.on_expiry.action
-        if action == "stop_stream":
-            self.end("expired", f"{why}: the stream stopped, the vehicle fails safe.", WARNING)
-        elif action == "land" or snapshot.position_ned_m is None:
-            reason = "" if action == "land" else " (no position estimate to hold)"
-            self._report("expired", f"{why}: landing{reason}.")
-            self._stand_still(now_s, snapshot)
-            self._ask("land", now_s)
-        else:
+        if self.order.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
             hold_for_s = self.order.on_expiry.hold_for_s
             self._report("expired", f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
-            self._hold_here(now_s, snapshot)
+            self._stand_still(now_s, snapshot)
+            self._enter("holding", now_s, hold_for_s)
+        else:
+            self._give_up(now_s, snapshot, "expired", why)
 
-    def _hold_here(self, now_s: float, snapshot: Snapshot) -> None:
+    def _give_up(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+        """Ends the flight as the order says, where setpoints of ours cannot hold its place."""
         assert self.order is not None
+        action = self.order.on_expiry.action
+        if action == "stop_stream":
+            self.end(code, f"{why}: the stream stopped, the vehicle fails safe.", WARNING)
+            return
         self._stand_still(now_s, snapshot)
-        self._enter("holding", now_s, self.order.on_expiry.hold_for_s)
+        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.heard_s <= LONGEST_EXTRAPOLATION_S
+        if action == "land":
+            self._report(code, f"{why}: landing.")
+            self._ask("land", now_s)
+        elif heard and snapshot.position_ned_m is None:
+            self._report(code, f"{why}: landing (no position estimate to hold).")
+            self._ask("land", now_s)
+        else:  # where it is may be known to itself, though not to us
+            self._report(code, f"{why}: asking for Hold mode.")
+            self._ask("hold", now_s)
 
     def _stand_still(self, now_s: float, snapshot: Snapshot) -> None:
         """The place reached, or without an estimate no speed: what is sent until the mode has changed."""

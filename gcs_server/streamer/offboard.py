@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict, dataclass
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, NoReply, Refused
+from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from gcs_server.streamer.core import Snapshot
 from gcs_server.streamer.failsafe import MAV_SYS_STATUS_SENSOR_RC_RECEIVER, Failsafe
 from gcs_server.streamer.setpoints import OnExpiry, Order, Vector3
@@ -34,7 +34,8 @@ class OffboardStatus:
     streaming: bool
     """Whether setpoints go out to the vehicle now."""
     state: str
-    """idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for)."""
+    """idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
+    (the start failed, but the vehicle may yet take Offboard)."""
     client: str | None
     """Whose setpoint it is."""
     setpoint: dict[str, object] | None
@@ -61,11 +62,16 @@ class OffboardControl:
         self._vehicle = vehicle
         self._thread = thread
         self._failsafe: Failsafe | None = None
+        self._asked = 0
+        """The number of the stream for which Offboard has been asked for."""
         identity = vehicle.identity
         thread.attach(vehicle.id, vehicle, (identity.system_id, identity.component_id))
 
     async def start(self, order: Order, rate_hz: float = 50.0) -> OffboardStatus:
-        """Streams, asks for Offboard, and returns once the vehicle reports it.
+        """Streams, asks for Offboard, and returns once the vehicle reports it; from any other mode.
+
+        Where Offboard was asked for and its coming is in doubt (no answer, another command, the caller gone),
+        the stream goes on for `UNDO_S` and puts the vehicle into Hold should it take Offboard yet.
 
         Raises:
             Refused: an estimate is missing, the target is too far, or somebody streams already.
@@ -80,24 +86,46 @@ class OffboardControl:
                 remedy="Stop the other program, or command Hold first.",
             )
         self._check(order)
-        if not self._thread.begin(vehicle.id, order, rate_hz, self.snapshot()):
+        number = self._thread.begin(vehicle.id, order, rate_hz, self.snapshot())
+        if not number:
             raise Refused(
                 f"Vehicle {vehicle.id} is streamed to already.",
                 remedy="Send a setpoint to change the target, or stop the stream first.",
             )
         try:
             began_s = self._clock.monotonic_s()
-            await self.read_failsafe()
+            self._check_rate(await self.read_failsafe(), rate_hz)
             await self._clock.sleep(max(0.0, PRE_STREAM_S - (self._clock.monotonic_s() - began_s)))
+            self._still_starting(number)
+            self._check(order)  # seconds may have passed
+            self._asked = number
             await vehicle.command.set_mode("offboard")
-            if not self._thread.engage(vehicle.id, self.snapshot()):
-                ended = self._thread.state(vehicle.id).last_end
-                raise Refused(ended.text if ended else "The stream was stopped while it started.")
+            if not self._thread.engage(vehicle.id, self.snapshot(), number):
+                self._still_starting(number)
         except BaseException as error:
-            reason = str(error) or "it was cancelled"
-            self._thread.end(vehicle.id, "refused", f"Offboard did not start: {reason}")
+            if self._asked == number and not isinstance(error, Rejected):
+                self._thread.abandon(vehicle.id, self.snapshot(), number)
+            else:
+                reason = str(error) or "it was cancelled"
+                self._thread.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
             raise
         return self.status()
+
+    def _still_starting(self, number: int) -> None:
+        if not self._thread.starting(self._vehicle.id, number):
+            ended = self._thread.state(self._vehicle.id).last_end
+            raise Refused(ended.text if ended else "The stream was stopped while it started.")
+
+    @staticmethod
+    def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
+        """Two setpoints must fit into the vehicle's patience, so that one may be lost."""
+        patience_s = failsafe.loss_timeout_s
+        if patience_s is not None and 2.0 / rate_hz > patience_s:
+            raise Refused(
+                f"{rate_hz:g} setpoints a second are too few: the vehicle gives up after {patience_s:g} s "
+                "(COM_OF_LOSS_T).",
+                remedy=f"Stream at {math.ceil(2.0 / max(patience_s, 0.02)):d} Hz or more.",
+            )
 
     def setpoint(self, order: Order) -> OffboardStatus:
         """A new target, sent at once.
@@ -124,15 +152,18 @@ class OffboardControl:
     async def stop(self) -> OffboardStatus:
         """Puts the vehicle into Hold, waits for its own word, then stops; nothing is sent afterwards.
 
-        Without a stream nothing is done: the vehicle is not ours to put into Hold.
+        Without a stream nothing is done: the vehicle is not ours to put into Hold. A landing that the order
+        asked for on its expiry goes on.
         """
         vehicle = self._vehicle
-        if self._thread.state(vehicle.id).phase == "idle":
+        state = self._thread.state(vehicle.id)
+        if state.phase in ("idle", "landing"):
             return self.status()
         self._thread.wind_down(vehicle.id, self.snapshot())
-        if vehicle.status.mode == "offboard":
+        may_come = state.phase in ("starting", "undoing") and self._asked == state.number
+        if may_come or vehicle.status.mode == "offboard":
             await vehicle.command.set_mode("hold")
-        self._thread.end(vehicle.id, "stopped", "The stream was stopped.")
+        self._thread.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
         return self.status()
 
     async def read_failsafe(self) -> Failsafe:
@@ -188,7 +219,8 @@ class OffboardControl:
         now_s = self._clock.monotonic_s()
         local = self._fresh("local_position", now_s)
         attitude = self._fresh("attitude", now_s)
-        mode = self._vehicle.status.mode
+        status = self._vehicle.status
+        mode = status.mode
         asked = self._vehicle.command.asked_for(mode)
         usable = isinstance(local, LocalPosition) and self._estimator_has(_FLAGS_POSITION_HORIZONTAL)
         return Snapshot(
@@ -198,7 +230,14 @@ class OffboardControl:
             local.velocity_ned_m_s if isinstance(local, LocalPosition) else None,
             attitude.yaw_ned_rad if isinstance(attitude, Attitude) else None,
             None if asked is None else f"{asked.by or 'The server'} commanded {asked.what!r}",
+            estimate_s=self._heard_s("local_position") if usable else None,
+            armed=status.armed,
+            lost=status.link_lost,
         )
+
+    def _heard_s(self, topic: str) -> float | None:
+        sample = self._vehicle.topic(topic)
+        return None if sample is None else sample.received_monotonic_s
 
     def _fresh(self, topic: str, now_s: float) -> object | None:
         sample = self._vehicle.topic(topic)

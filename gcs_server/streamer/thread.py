@@ -13,13 +13,14 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.streamer.core import WARNING, Report, Snapshot, StreamCore
 from gcs_server.streamer.setpoints import Order, Setpoint
 
 log = logging.getLogger(__name__)
+T = TypeVar("T")
 
 SWITCH_INTERVAL_S = 0.0005
 LONGEST_WAIT_S = 0.5
@@ -39,6 +40,8 @@ class _Stream:
     sender: PayloadSender
     snapshot: Snapshot
     sends_failed: int = 0
+    number: int = 0
+    """Of the newest `begin`: whoever began an earlier stream has no say in this one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,7 @@ class StreamState:
     valid_left_s: float | None
     sends_failed: int
     last_end: Report | None
+    number: int = 0
 
 
 class StreamThread:
@@ -110,28 +114,46 @@ class StreamThread:
         with self._changed:
             self._streams[vehicle_id] = _Stream(core, sender, nothing)
 
-    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> bool:
-        """Starts a stream; False where there is one already."""
+    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        """Starts a stream and numbers it; 0 where there is one already."""
 
-        def work(stream: _Stream, now_s: float) -> bool:
+        def work(stream: _Stream, now_s: float) -> int:
             if stream.core.streaming:
-                return False
+                return 0
             stream.snapshot = snapshot
+            stream.number += 1
             stream.sends_failed = 0
             self._beat_s = max(self._beat_s, now_s)  # the loop is here, so it lives
             stream.core.begin(now_s, order, rate_hz, snapshot)
-            return True
+            return stream.number
 
         return self._with(vehicle_id, work)
 
-    def engage(self, vehicle_id: str, snapshot: Snapshot) -> bool:
-        """The vehicle reports Offboard; False: the stream has ended meanwhile."""
+    def starting(self, vehicle_id: str, number: int) -> bool:
+        """Whether that stream is still being started."""
+        return self._with(vehicle_id, lambda s, _: s.number == number and s.core.phase == "starting")
+
+    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        """The vehicle reports Offboard; False: that stream has ended meanwhile."""
 
         def work(stream: _Stream, now_s: float) -> bool:
+            if number not in (None, stream.number):
+                return False
             stream.snapshot = snapshot
             return stream.core.engage(now_s)
 
         return self._with(vehicle_id, work)
+
+    def abandon(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        """That stream's start failed after Offboard had been asked for."""
+
+        def work(stream: _Stream, now_s: float) -> bool:
+            if stream.number == number:
+                stream.snapshot = snapshot
+                stream.core.abandon(now_s, snapshot)
+            return True
+
+        self._with(vehicle_id, work)
 
     def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
         """A new setpoint, sent at once; False where there is no stream to change."""
@@ -152,11 +174,12 @@ class StreamThread:
 
         self._with(vehicle_id, work)
 
-    def end(self, vehicle_id: str, code: str, text: str) -> None:
-        """Stops sending now; the caller tells whom it concerns."""
+    def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        """Stops sending now (that stream, where it is named); the caller tells whom it concerns."""
 
         def work(stream: _Stream, now_s: float) -> bool:
-            stream.core.end(code, text, tell=False)
+            if number in (None, stream.number):
+                stream.core.end(code, text, tell=False)
             return True
 
         self._with(vehicle_id, work)
@@ -176,6 +199,7 @@ class StreamThread:
                 core.valid_left_s(now_s),
                 stream.sends_failed,
                 core.last_end,
+                stream.number,
             )
 
     def sent_setpoint(self, vehicle_id: str) -> Setpoint | None:
@@ -193,7 +217,7 @@ class StreamThread:
                     taken.append((vehicle_id, stream.core.reports.popleft()))
             return taken
 
-    def _with(self, vehicle_id: str, work: Callable[[_Stream, float], bool]) -> bool:
+    def _with(self, vehicle_id: str, work: Callable[[_Stream, float], T]) -> T:
         with self._changed:
             result = work(self._streams[vehicle_id], self._clock.monotonic_s())
             self._changed.notify()

@@ -26,8 +26,9 @@ from gcs_server.vehicle.state import VehicleState
 
 ASK_LIMITS_TIMES = 5
 ASK_LIMITS_EVERY_S = 1.0
-STAY_ON_LINK_S = 1.0
-"""A link that was heard within this time is kept for sending, though another was heard later."""
+STAY_ON_LINK_S = 0.4
+"""The link in use is kept until another was heard later by this. Well within PX4's patience with a setpoint
+stream (COM_OF_LOSS_T, 1 s)."""
 
 
 class Vehicle:
@@ -134,8 +135,13 @@ class Vehicle:
         """As `send`, for a payload already packed in wire order (the streamer's way)."""
         if self._identity.replayed:
             return False
-        endpoint = self._choose_endpoint()
-        return endpoint is not None and endpoint.connection.sender.send(msg_id, payload, endpoint.peer)
+        chosen = self._choose_endpoint()
+        if chosen is None:
+            return False
+        if chosen.connection.sender.send(msg_id, payload, chosen.peer):
+            return True
+        others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.heard_s)
+        return any(e.connection.sender.send(msg_id, payload, e.peer) for e in others)
 
     # --- written by the fleet only --------------------------------------------------------------
 
@@ -243,7 +249,8 @@ class Vehicle:
 
     def _choose_endpoint(self) -> Endpoint | None:
         endpoints, sending = self._endpoints, self._sending
-        if sending in endpoints and self.clock.monotonic_s() - sending.heard_s < STAY_ON_LINK_S:
+        newest = max(endpoints, key=lambda e: e.heard_s, default=None)
+        if newest is not None and sending in endpoints and newest.heard_s - sending.heard_s < STAY_ON_LINK_S:
             return sending
-        self._sending = max(endpoints, key=lambda e: e.heard_s, default=None)
-        return self._sending
+        self._sending = newest
+        return newest

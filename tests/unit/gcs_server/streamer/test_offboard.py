@@ -24,7 +24,7 @@ class Vehicle:
     def __init__(self):
         self.id = "1"
         self.identity = SimpleNamespace(system_id=1, component_id=1)
-        self.status = SimpleNamespace(mode="hold", armed=True)
+        self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
         self.command = self.params = self
         self.offboard = None

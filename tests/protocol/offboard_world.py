@@ -1,0 +1,134 @@
+"""A vehicle that flies Offboard as the recordings of PX4 show, and the whole streamer, on simulated time.
+
+The streamer's rounds are run by the loop instead of its thread, so that a flight is the same every time;
+the thread itself is tested in `tests/unit/gcs_server/streamer/test_thread.py`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
+from tests.protocol.conftest import OFFBOARD, FakeAutopilot, World, sim
+
+POSITION = 3 << 16
+ROUND_S = 0.004
+OF_LOSS_S = 1.0
+
+
+class OffboardPilot(FakeAutopilot):
+    """Takes Offboard only with a stream, fails safe to Position a second after the last setpoint, and says
+    Offboard again once it has disarmed, since that is still the mode asked for."""
+
+    def __init__(self, link: Any, **options: Any) -> None:
+        super().__init__(link, **options)
+        self.params |= {"COM_OF_LOSS_T": (9, OF_LOSS_S), "COM_OBL_RC_ACT": (6, 0)}
+        self.setpoints: list[tuple[float, Any]] = []
+        self.ned = [0.0, 0.0, 0.0]
+        self.velocity = (0.0, 0.0, 0.0)
+        self.estimates = True
+        self.take_offboard_after_s = 0.008
+        self.asked_mode = self.mode
+        self.failsafes = 0
+        self.next_mode_s = 0.0
+        self._every(0.03, self.local_position)
+        self._every(0.05, self.attitude)
+        self._every(0.05, self.commander)
+
+    def local_position(self) -> None:
+        if self.estimates:
+            self.send(sim.MAVLink_local_position_ned_message(self.boot_ms(), *self.ned, *self.velocity))
+
+    def attitude(self) -> None:
+        self.send(sim.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0.5, 0, 0, 0))
+
+    def fly(self) -> None:
+        """In the air, in Hold."""
+        self.armed, self.landed, self.ned = True, 2, [0.0, 0.0, -5.0]
+
+    def handle(self, message: Any) -> None:
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            self.setpoints.append((self.loop.time(), message))
+        super().handle(message)
+
+    def has_stream(self) -> bool:
+        return bool(self.setpoints) and self.loop.time() - self.setpoints[-1][0] <= OF_LOSS_S
+
+    def set_mode(self, p: list[float]) -> None:
+        mode = int(p[1]) << 16 | int(p[2]) << 24
+        self.ack(176, 0)
+        delay_s = self.take_offboard_after_s if mode == OFFBOARD else 0.008
+        self.next_mode_s = max(self.loop.time() + delay_s, self.next_mode_s + 0.001)  # one after the other
+
+        def commander() -> None:
+            if mode != OFFBOARD:
+                self.mode = self.asked_mode = mode
+                self.ack(176, 0)
+                self.current_mode()
+            elif not self.armed or self.has_stream():
+                self.mode = self.asked_mode = OFFBOARD
+                self.ack(176, 0)
+                self.current_mode()
+            else:
+                self.ack(176, 1)
+
+        self.loop.call_at(self.next_mode_s, commander)
+
+    def commander(self) -> None:
+        if self.armed and self.mode == OFFBOARD and not self.has_stream():
+            self.mode = POSITION
+            self.failsafes += 1
+            self.current_mode()
+
+    def land_and_disarm(self) -> None:
+        """What ends the failsafe; the mode asked for comes back."""
+        self.armed, self.landed, self.mode = False, 1, self.asked_mode
+        self.heartbeat()
+        self.current_mode()
+
+
+class OffboardWorld(World):
+    """With a streamer for every vehicle."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.streamer = Streamer(self.clock)
+        self.fleet.on_vehicle_added(self.streamer.attach)
+        self.supervisor.start("offboard-beat", self.streamer._beat)
+        self.supervisor.start("stream", self._rounds)
+
+    async def _rounds(self) -> None:
+        while True:
+            self.streamer._thread.step()
+            await self.clock.sleep(ROUND_S)
+
+    def offboard_pilot(self, link: Any, *, peer: str = "peer", **options: Any) -> OffboardPilot:
+        pilot = OffboardPilot(link, peer=peer, **options)
+        link.pilots[peer] = pilot
+        return pilot
+
+
+def order(
+    *,
+    position: tuple[float, float, float] | None = (0.0, 0.0, -5.0),
+    velocity: tuple[float, float, float] | None = None,
+    valid_for_s: float = 60.0,
+    action: str = "hold",
+    hold_for_s: float = 1.0,
+    client: str = "test",
+) -> Order:
+    setpoint = Setpoint(
+        position_ned_m=None if velocity else position, velocity_ned_m_s=velocity, yaw_ned_rad=0.0
+    )
+    return Order(setpoint, valid_for_s, OnExpiry(action, hold_for_s), client)
+
+
+async def seconds(duration_s: float) -> None:
+    await asyncio.sleep(duration_s)
+
+
+def sent_by_us(link: Any) -> int:
+    """Datagrams that left on a link so far."""
+    return len(link.sent)

@@ -1,0 +1,598 @@
+"""Offboard flights with everything between the call and the bytes; what goes wrong, goes wrong here."""
+
+import asyncio
+import itertools
+
+import pytest
+
+from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
+from tests.protocol.conftest import HOLD, LAND, OFFBOARD
+from tests.protocol.offboard_world import POSITION, OffboardWorld, order, seconds
+
+
+def flight(jump, story, *, flying=True, loss=0.0, seed=0):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilot = world.offboard_pilot(link, loss=loss, seed=seed)
+        if flying:
+            pilot.fly()
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            await story(world, vehicle, pilot, link)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def codes(vehicle):
+    return [e.data["code"] for e in vehicle.events.since() if (e.data or {}).get("source") == "offboard"]
+
+
+def gaps_s(pilot):
+    return [b - a for (a, _), (b, _) in itertools.pairwise(pilot.setpoints)]
+
+
+def asks(pilot, mode):
+    return [m for m in pilot.commands(176) if (int(m.param2) << 16 | int(m.param3) << 24) == mode]
+
+
+async def silent(pilot, link, seconds_=3.0, settle_s=0.02):
+    """Nothing leaves that flies the vehicle."""
+    await seconds(settle_s)
+    setpoints, commands = len(pilot.setpoints), len(pilot.commands(176))
+    await seconds(seconds_)
+    assert len(pilot.setpoints) == setpoints
+    assert len(pilot.commands(176)) == commands
+
+
+# --- whole flights --------------------------------------------------------------------------------
+
+
+def test_nothing_is_sent_after_stop(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order())
+        await seconds(2)
+        await vehicle.offboard.stop()
+        assert pilot.mode == HOLD
+        await silent(pilot, link)
+        assert max(gaps_s(pilot)) < 0.05
+        assert pilot.failsafes == 0
+
+    flight(jump, story)
+
+
+def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order())
+        await seconds(1)
+        pilot.mode = pilot.asked_mode = POSITION
+        pilot.current_mode()
+        await silent(pilot, link, settle_s=0.15)
+        assert codes(vehicle) == ["left_offboard"]
+
+    flight(jump, story)
+
+
+@pytest.mark.parametrize("seed", range(21))
+def test_twenty_percent_loss_start_setpoints_and_stop(jump, seed):
+    async def story(world, vehicle, pilot, link):
+        began = world.loop.time()
+        await vehicle.offboard.start(order())
+        assert world.loop.time() - began < 12
+        for north in range(5):
+            vehicle.offboard.setpoint(order(position=(float(north), 0.0, -5.0)))
+            await seconds(0.2)
+        began = world.loop.time()
+        await vehicle.offboard.stop()
+        assert world.loop.time() - began < 6
+        assert pilot.mode == HOLD
+        assert pilot.failsafes == 0
+        await silent(pilot, link)
+
+    flight(jump, story, loss=0.2, seed=seed)
+
+
+@pytest.mark.parametrize("seed", range(21))
+def test_twenty_percent_loss_every_command(jump, seed):
+    async def story(world, vehicle, pilot, link):
+        command = vehicle.command
+        calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
+        for limit_s, call in calls:
+            began = world.loop.time()
+            await call()
+            assert world.loop.time() - began <= limit_s
+        assert not pilot.armed
+
+    flight(jump, story, loss=0.2, seed=seed)
+
+
+# --- starting -------------------------------------------------------------------------------------
+
+
+def test_of_two_racing_starts_one_flies_and_the_other_is_refused(jump):
+    async def story(world, vehicle, pilot, link):
+        first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
+        await asyncio.sleep(0)
+        with pytest.raises(Refused, match="streamed to already"):
+            await vehicle.offboard.start(order(client="b"))
+        assert (await first).client == "a"
+        assert pilot.mode == OFFBOARD
+
+    flight(jump, story)
+
+
+def test_stopped_before_offboard_was_asked_for_it_is_never_asked_for(jump):
+    async def story(world, vehicle, pilot, link):
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        await seconds(0.5)
+        await vehicle.offboard.stop()
+        with pytest.raises(Refused, match="stopped"):
+            await starting
+        await seconds(8)
+        assert not asks(pilot, OFFBOARD)
+        assert pilot.mode == HOLD
+
+    flight(jump, story)
+
+
+def test_stopped_while_the_vehicle_takes_offboard_it_ends_in_hold_not_in_a_failsafe(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.take_offboard_after_s = 0.4
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.01)
+        await vehicle.offboard.stop()
+        with pytest.raises(Refused):
+            await starting
+        await seconds(8)
+        assert pilot.failsafes == 0
+        assert pilot.mode == HOLD
+        await silent(pilot, link)
+
+    flight(jump, story)
+
+
+def test_a_start_that_was_stopped_neither_engages_nor_ends_its_successor(jump):
+    async def story(world, vehicle, pilot, link):
+        first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
+        await seconds(0.5)
+        await vehicle.offboard.stop()
+        second = asyncio.ensure_future(vehicle.offboard.start(order(client="b")))
+        with pytest.raises(Refused):
+            await first
+        assert (await second).client == "b"
+        await seconds(2)
+        assert vehicle.offboard.status().state == "streaming"
+        assert pilot.failsafes == 0
+
+    flight(jump, story)
+
+
+def test_another_command_during_start_does_not_leave_it_in_offboard_without_a_stream(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.take_offboard_after_s = 0.6
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.01)
+        await vehicle.command.arm()
+        with pytest.raises(Refused, match="arm"):
+            await starting
+        await seconds(6)
+        assert pilot.failsafes == 0
+        assert pilot.mode == HOLD
+        assert not vehicle.offboard.status().streaming
+
+    flight(jump, story)
+
+
+def test_a_start_whose_caller_is_cancelled_does_not_leave_it_in_offboard(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.take_offboard_after_s = 0.4
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.01)
+        starting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await starting
+        await seconds(6)
+        assert pilot.failsafes == 0
+        assert pilot.mode == HOLD
+        await silent(pilot, link)
+
+    flight(jump, story)
+
+
+def test_offboard_that_comes_after_the_deadline_is_undone(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.take_offboard_after_s = 7.0
+        with pytest.raises((NoReply, Rejected)) as caught:
+            await vehicle.offboard.start(order())
+        assert not vehicle.offboard.status().streaming or isinstance(caught.value, NoReply)
+        await seconds(10)
+        assert pilot.failsafes == 0 or isinstance(caught.value, Rejected)
+
+    flight(jump, story)
+
+
+def test_refused_late_the_stream_ends_at_once(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.has_stream = lambda: False
+        with pytest.raises(Rejected):
+            await vehicle.offboard.start(order())
+        await silent(pilot, link)
+        assert pilot.mode == HOLD
+
+    flight(jump, story)
+
+
+def test_a_vehicle_lost_in_the_pre_stream_ends_it(jump):
+    async def story(world, vehicle, pilot, link):
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        await seconds(0.3)
+        pilot.alive = False
+        with pytest.raises((Disconnected, NoReply, Refused)):
+            await starting
+        await seconds(9)
+        assert not vehicle.offboard.status().streaming
+        assert pilot.mode == HOLD, "though it heard of Offboard, and nobody heard of it"
+        assert pilot.failsafes == 0
+        await silent(pilot, link)
+
+    flight(jump, story)
+
+
+def test_too_few_setpoints_for_the_vehicles_patience_are_refused(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.params["COM_OF_LOSS_T"] = (9, 0.4)
+        with pytest.raises(Refused, match="too few"):
+            await vehicle.offboard.start(order(), rate_hz=2.0)
+        await silent(pilot, link)
+        await vehicle.offboard.start(order(), rate_hz=5.0)
+
+    flight(jump, story)
+
+
+def test_it_takes_over_a_mission_and_says_nothing_in_somebody_elses_offboard(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.mode = pilot.asked_mode = 4 << 16 | 4 << 24
+        await seconds(2)
+        assert vehicle.status.mode == "mission"
+        await vehicle.offboard.start(order())
+        assert pilot.mode == OFFBOARD
+
+    flight(jump, story)
+
+
+def test_on_the_ground_disarmed_it_streams_until_it_expires_and_then_arms_in_hold(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=1.0, hold_for_s=1.0))
+        await seconds(4)
+        assert pilot.mode == HOLD, "armed now, it would not fly off"
+        assert not vehicle.offboard.status().streaming
+
+    flight(jump, story, flying=False)
+
+
+# --- expiry ---------------------------------------------------------------------------------------
+
+
+def test_expiry_holds_where_it_is_by_an_estimate_of_that_moment(jump):
+    async def story(world, vehicle, pilot, link):
+        async def move():
+            while True:
+                await seconds(0.01)
+                pilot.ned[0] += 0.1
+                pilot.velocity = (10.0, 0.0, 0.0)
+
+        moving = asyncio.ensure_future(move())
+        await vehicle.offboard.start(order(velocity=(10.0, 0.0, 0.0), valid_for_s=0.5))
+        while vehicle.offboard.status().state == "streaming":
+            await seconds(0.004)
+        at = pilot.ned[0]
+        await seconds(0.05)
+        held = pilot.setpoints[-1][1]
+        assert held.type_mask == 2552
+        assert held.x == pytest.approx(at, abs=0.6), "10 m/s and 60 ms"
+        moving.cancel()
+
+    flight(jump, story)
+
+
+def test_expiry_while_the_vehicle_is_not_heard_asks_it_for_hold_and_never_flies_it_back(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
+        pilot.send_raw = lambda raw: None  # we are heard, it is not
+        await seconds(2)
+        assert pilot.mode == HOLD
+        assert not asks(pilot, LAND)
+        after = [m for t, m in pilot.setpoints if m.type_mask == 2552]
+        assert not after, "a place a second old is behind it"
+        await seconds(8)
+        assert not vehicle.offboard.status().streaming
+
+    flight(jump, story)
+
+
+def test_expiry_of_a_vehicle_that_lost_its_position_lands_it(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
+        pilot.estimates = False
+        await seconds(3)
+        assert pilot.mode == LAND
+        assert not asks(pilot, HOLD)
+
+    flight(jump, story)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_hold_is_asked_for_until_it_comes_and_the_stream_goes_on_meanwhile(jump, seed):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5))
+        await seconds(9)
+        assert pilot.mode == HOLD
+        assert pilot.failsafes == 0
+        assert codes(vehicle) == ["expired", "held"]
+
+    flight(jump, story, loss=0.2, seed=seed)
+
+
+def test_hold_refused_for_good_ends_in_the_vehicles_own_failsafe(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5))
+        pilot.refuse[176] = 1
+        await seconds(9)
+        assert codes(vehicle) == ["expired", "not_confirmed"]
+        assert len(asks(pilot, HOLD)) == 5
+        assert pilot.failsafes == 1
+        await silent(pilot, link)
+
+    flight(jump, story)
+
+
+def test_a_setpoint_while_holding_resumes_and_while_hold_mode_is_asked_for_is_refused(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=1.0))
+        await seconds(0.8)
+        assert vehicle.offboard.status().state == "holding"
+        assert vehicle.offboard.setpoint(order(valid_for_s=0.5, hold_for_s=0.2)).state == "streaming"
+        pilot.silent_commands.add(176)
+        await seconds(1.0)
+        assert vehicle.offboard.status().state == "to_hold"
+        with pytest.raises(Refused, match="ending"):
+            vehicle.offboard.setpoint(order())
+
+    flight(jump, story)
+
+
+def test_a_start_while_expiring_is_refused(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=5.0))
+        await seconds(1)
+        with pytest.raises(Refused, match="streamed to already"):
+            await vehicle.offboard.start(order())
+
+    flight(jump, story)
+
+
+def test_stop_does_not_turn_an_expiry_landing_into_a_hover(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=0.5, action="land"))
+        pilot.silent_commands.add(176)
+        await seconds(1)
+        assert vehicle.offboard.status().state == "landing"
+        assert (await vehicle.offboard.stop()).state == "landing"
+        pilot.silent_commands.clear()
+        await seconds(3)
+        assert pilot.mode == LAND
+
+    flight(jump, story)
+
+
+def test_a_stop_that_the_vehicle_does_not_hear_goes_on_being_asked_for(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(hold_for_s=3600.0))
+        pilot.silent_commands.add(176)
+        with pytest.raises(NoReply):
+            await vehicle.offboard.stop()
+        assert pilot.failsafes == 0
+        pilot.silent_commands.clear()
+        await seconds(3)
+        assert pilot.mode == HOLD
+        await silent(pilot, link)
+
+    flight(jump, story)
+
+
+def test_the_last_of_two_clients_wins_and_either_may_stop(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(client="a"))
+        for number in range(10):
+            client = "ab"[number % 2]
+            place = (float(number), 0.0, -5.0)
+            status = vehicle.offboard.setpoint(order(position=place, client=client))
+            assert (status.client, status.setpoint["position_ned_m"]) == (client, place)
+            await seconds(0.05)
+            assert pilot.setpoints[-1][1].x == number
+        await vehicle.offboard.stop()
+        with pytest.raises(Refused, match="stopped"):
+            vehicle.offboard.setpoint(order(client="a"))
+
+    flight(jump, story)
+
+
+# --- the vehicle's own doing ----------------------------------------------------------------------
+
+
+def test_an_origin_that_moves_ends_a_position_setpoint_in_hold(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order())
+        await seconds(0.5)
+        pilot.ned = [80.0, -30.0, -5.0]
+        await seconds(0.3)
+        assert "jumped" in codes(vehicle)
+        far = [m for t, m in pilot.setpoints if t > world.loop.time() - 0.1]
+        assert {(round(m.x), round(m.y)) for m in far} in ({(80, -30)}, set())
+        await seconds(2)
+        assert pilot.mode == HOLD
+        with pytest.raises(Refused):
+            vehicle.offboard.setpoint(order())
+
+    flight(jump, story)
+
+
+def test_offboard_reported_again_after_the_failsafes_landing_does_not_revive_the_stream(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await seconds(0.5)
+        pilot.failsafes, pilot.mode = 1, POSITION
+        pilot.current_mode()
+        await seconds(0.5)
+        pilot.land_and_disarm()
+        await seconds(1)
+        assert vehicle.status.mode == "offboard"
+        status = vehicle.offboard.status()
+        assert not status.streaming
+        assert "Position" in status.ended or "position" in status.ended
+        await silent(pilot, link)
+        with pytest.raises(Refused, match="no setpoint stream"):
+            vehicle.offboard.setpoint(order())
+
+    flight(jump, story)
+
+
+def test_a_vehicle_that_disarmed_unseen_while_its_link_was_gone_is_not_streamed_to(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await seconds(0.5)
+        pilot.alive = False
+        await seconds(2.0)
+        pilot.alive = True
+        pilot.land_and_disarm()
+        await silent(pilot, link, settle_s=1.2)
+        assert codes(vehicle) == ["disarmed"]
+
+    flight(jump, story)
+
+
+def test_a_vehicle_that_is_not_heard_any_more_is_given_up_long_before_its_setpoint_expires(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        pilot.alive = False
+        pilot.silent_commands.add(176)
+        await seconds(3.5 + 5 + 1.5)
+        assert not vehicle.offboard.status().streaming
+        assert codes(vehicle) == ["lost", "not_confirmed"]
+
+    flight(jump, story)
+
+
+def test_killed_in_flight_the_stream_ends_with_the_motors(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await vehicle.command.kill()
+        await silent(pilot, link, settle_s=0.2)
+        assert codes(vehicle) == ["disarmed"]
+
+    flight(jump, story)
+
+
+# --- whom it is sent to ---------------------------------------------------------------------------
+
+
+def test_two_vehicles_on_one_link_get_their_own_and_nothing_of_the_others(jump):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilots = [world.offboard_pilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2)]
+        for pilot in pilots:
+            pilot.fly()
+        try:
+            vehicles = [await world.ready(str(i)) for i in (1, 2)]
+            await seconds(1.5)
+            for number, vehicle in enumerate(vehicles, 1):
+                await vehicle.offboard.start(order(position=(float(number), 0.0, -5.0)))
+            await seconds(0.5)
+            await vehicles[0].command.kill()
+            for number, pilot in enumerate(pilots, 1):
+                addressed = [m for m in pilot.heard if hasattr(m, "target_system")]
+                assert {m.target_system for m in addressed} == {number}
+                assert {m.target_component for m in addressed} == {1}
+                assert {m.x for _, m in pilot.setpoints} == {float(number)}
+            assert pilots[1].armed
+            assert not pilots[0].armed
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_twins_on_two_links_get_only_what_is_meant_for_them(jump):
+    async def run():
+        world = OffboardWorld()
+        links = [world.link("one"), world.link("two")]
+        pilots = [
+            world.offboard_pilot(link, uid=i + 7, boot_s=900.0 - 50 * i) for i, link in enumerate(links)
+        ]
+        for pilot in pilots:
+            pilot.fly()
+        try:
+            await world.ready("1")
+            await world.ready("1~2")
+            await seconds(1.5)
+            by_link = {world.fleet.get(i).links[0]: world.fleet.get(i) for i in ("1", "1~2")}
+            await by_link["two"].offboard.start(order())
+            await by_link["two"].command.kill()
+            assert pilots[0].armed
+            assert not pilots[0].setpoints
+            assert not pilots[0].commands(400)
+            assert not pilots[0].commands(176)
+            assert not pilots[1].armed
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+@pytest.mark.parametrize("how", ["silent", "write_fails"])
+def test_a_sending_link_that_dies_hands_over_to_the_other_before_px4_fails_safe(jump, how):
+    async def run():
+        world = OffboardWorld()
+        first, second = world.link("one"), world.link("two")
+        pilot = world.offboard_pilot(first)
+        pilot.fly()
+        second.pilots["peer"] = pilot
+        dead = []
+
+        def both(raw):
+            pilot.mav.seq = (pilot.mav.seq + 1) % 256
+            for link in (first, second):
+                if link.name not in dead:
+                    link.inject(raw, "peer")
+
+        pilot.send_raw = both
+        try:
+            vehicle = await world.ready()
+            await seconds(5)
+            assert set(vehicle.links) == {"one", "two"}
+            await vehicle.offboard.start(order())
+            await seconds(1)
+            used = max((first, second), key=lambda link: len(link.sent))
+            other = second if used is first else first
+            before = len(other.sent)
+            if how == "silent":
+                dead.append(used.name)
+                used.pilots.clear()
+            else:
+                used._write = lambda data, peer: False
+            await seconds(3)
+            assert len(other.sent) > before + 100
+            assert max(gaps_s(pilot)) < 0.5
+            assert pilot.failsafes == 0
+            assert vehicle.offboard.status().state == "streaming"
+        finally:
+            await world.close()
+
+    jump(run)
