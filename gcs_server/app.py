@@ -14,6 +14,7 @@ from starlette.requests import Request
 from starlette.types import Scope
 
 from gcs_server.api.guard import OriginGuard
+from gcs_server.api.headers import SecurityHeaders
 from gcs_server.api.schema import bare_app
 from gcs_server.api.station import Station, client_name
 from gcs_server.clock import Clock, SystemClock
@@ -36,7 +37,7 @@ STATIC = Path(__file__).resolve().parent / "static"
 NO_PAGE = """The page has not been built yet.
 
 Build it with `make web` (or start the server with `make run`, which does), then reload.
-The API works without it: /api/v1/docs describes it.
+The API works without it: /docs describes it.
 """
 
 
@@ -142,7 +143,6 @@ class Page(StaticFiles):
         response = await super().get_response(path, scope)
         hashed = path.startswith("assets/")
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if hashed else "no-cache"
-        response.headers["X-Content-Type-Options"] = "nosniff"
         return response
 
 
@@ -182,6 +182,7 @@ def create_app(
 
     app.state.note_invalid = note_invalid
     app.add_middleware(OriginGuard, loopback_only=settings.loopback_only)
+    app.add_middleware(SecurityHeaders)  # the outermost: refusals carry them, too
     if server.scene is not None:
         app.include_router(server.scene.router())
     if (static / "index.html").is_file():

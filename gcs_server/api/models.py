@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
 
@@ -17,12 +17,20 @@ Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, descrip
 Yaw = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
 
 
+def _example(**fields: JsonValue) -> ConfigDict:
+    """What such a body may look like, for the reference."""
+    examples: list[JsonValue] = [fields]
+    return ConfigDict(json_schema_extra={"examples": examples})
+
+
 class _Body(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class TakeoffRequest(_Body):
     """How high to climb."""
+
+    model_config = _example(alt_home_m=10)
 
     alt_home_m: float = Field(
         allow_inf_nan=False, ge=1, le=120, description="Height above home to climb to [m], 1 to 120."
@@ -32,6 +40,8 @@ class TakeoffRequest(_Body):
 class ModeRequest(_Body):
     """Which flight mode to ask for."""
 
+    model_config = _example(mode="position")
+
     mode: str = Field(
         min_length=1, max_length=32, description="hold, position, altitude, mission, … as in `status.mode`."
     )
@@ -39,6 +49,8 @@ class ModeRequest(_Body):
 
 class GotoRequest(_Body):
     """Where to fly; exactly one of the two altitudes."""
+
+    model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15)
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -69,6 +81,8 @@ class GotoRequest(_Body):
 class KillRequest(_Body):
     """Says in words what is about to happen."""
 
+    model_config = _example(confirm="motors stop, vehicle 1 falls")
+
     confirm: str = Field(
         max_length=100,
         description="Exactly `motors stop, vehicle {id} falls`, with the vehicle's id.",
@@ -93,6 +107,8 @@ class _YawOrRate(_Body):
 class PositionSetpoint(_YawOrRate):
     """A place in the vehicle's local frame."""
 
+    model_config = _example(type="position", position_ned_m=[0, 0, -10])
+
     type: Literal["position"]
     position_ned_m: tuple[Metres, Metres, Metres] = Field(
         description="North, east, down of the vehicle's local origin [m]; down is negative above it."
@@ -101,6 +117,8 @@ class PositionSetpoint(_YawOrRate):
 
 class VelocitySetpoint(_YawOrRate):
     """A velocity in the vehicle's local frame."""
+
+    model_config = _example(type="velocity", velocity_ned_m_s=[1, 0, 0])
 
     type: Literal["velocity"]
     velocity_ned_m_s: tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond] = Field(
@@ -173,6 +191,8 @@ AnyOrder = Annotated[PositionOrder | VelocityOrder, Field(discriminator="type")]
 class GimbalAngles(_Body):
     """Where the camera is to look."""
 
+    model_config = _example(pitch_deg=-30, yaw_deg=0)
+
     pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Up is positive [deg].")
     yaw_deg: float = Field(
         allow_inf_nan=False, ge=-360, le=360, description="From the nose; from north with `yaw_lock` [deg]."
@@ -184,6 +204,8 @@ class GimbalAngles(_Body):
 class GimbalRates(_Body):
     """How fast the camera is to turn; zero stops both axes."""
 
+    model_config = _example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
+
     pitch_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360, description="Upward [deg/s].")
     yaw_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360, description="Clockwise [deg/s].")
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
@@ -191,6 +213,8 @@ class GimbalRates(_Body):
 
 class GimbalRoi(_Body):
     """A place to keep looking at."""
+
+    model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_amsl_m=488)
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -202,11 +226,15 @@ class GimbalRoi(_Body):
 class ParamRequest(_Body):
     """A parameter's new value."""
 
+    model_config = _example(value=5)
+
     value: Finite = Field(description="In the parameter's own unit.")
 
 
 class LinkRequest(_Body):
     """A link to open."""
+
+    model_config = _example(url="udpin://127.0.0.1:14551", name="second")
 
     url: str = Field(
         min_length=3,

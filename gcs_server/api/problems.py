@@ -9,6 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
+from gcs_server.api.headers import security_headers
 from gcs_server.errors import (
     Disconnected,
     GcsError,
@@ -134,13 +135,15 @@ def install(app: FastAPI) -> None:
 
     async def unforeseen(request: Request, error: Exception) -> Response:
         log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-        return problem(
+        answer = problem(
             500,
             "The server failed",
             "internal",
             f"{type(error).__name__} while handling {request.method} {request.url.path}.",
             remedy="Look at what the vehicle does before you try again; the server's log has the details.",
         )
+        answer.headers.update(security_headers(request.scope))  # it is made outside of all middleware
+        return answer
 
     app.add_exception_handler(GcsError, gcs_error)
     app.add_exception_handler(RequestValidationError, invalid)

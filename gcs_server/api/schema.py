@@ -7,7 +7,14 @@ import sys
 
 from fastapi import APIRouter, FastAPI
 
-from gcs_server.api import gimbal_routes, offboard_routes, problems, station_routes, vehicle_routes
+from gcs_server.api import (
+    gimbal_routes,
+    offboard_routes,
+    problems,
+    reference_page,
+    station_routes,
+    vehicle_routes,
+)
 from gcs_server.version import __version__
 
 API = "/api/v1"
@@ -31,11 +38,12 @@ def bare_app() -> FastAPI:
             "A command succeeds when the vehicle's own state shows it. Name your program in `X-Client`."
         ),
         openapi_url=f"{API}/openapi.json",
-        docs_url=f"{API}/docs",
+        docs_url=None,
         redoc_url=None,
     )
     problems.install(app)
     app.include_router(api_router())
+    app.include_router(reference_page.router)
     return app
 
 

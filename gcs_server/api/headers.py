@@ -1,0 +1,61 @@
+"""What every answer tells the browser: run and load what this server serves, and nothing else.
+
+The 3D view brings a policy of its own (`scene/page.py`); what a route has set stays as it is.
+"""
+
+from __future__ import annotations
+
+import re
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+_HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
+
+FIXED = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "SAMEORIGIN",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+def content_policy(host: str, *, secure: bool) -> str:
+    """Programs, styles and connections from this server alone; pictures also made by the page itself."""
+    # Named besides 'self' because not every browser counts a WebSocket as that.
+    stream = f" {'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
+    return (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+        f"font-src 'self'; manifest-src 'self'; connect-src 'self'{stream}; frame-src 'self'; "
+        "worker-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'self'"
+    )
+
+
+def security_headers(scope: Scope) -> dict[str, str]:
+    """All of them, for an answer to this request."""
+    host = Headers(scope=scope).get("host", "")
+    return {
+        **FIXED,
+        "Content-Security-Policy": content_policy(host, secure=scope.get("scheme") in ("https", "wss")),
+    }
+
+
+class SecurityHeaders:
+    """ASGI middleware: adds what the answer does not carry yet."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in security_headers(scope).items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, with_headers)

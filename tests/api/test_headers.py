@@ -1,0 +1,82 @@
+"""Nothing but this server's own files may run or load, and every answer says so."""
+
+import re
+
+import pytest
+from fastapi.testclient import TestClient
+from starlette.routing import Route
+
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    (data / "index.html").write_text("<!doctype html><title>page</title>")
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=True, record=False)
+    app = create_app(settings, static=data)
+
+    async def broken(_):
+        raise RuntimeError("boom")
+
+    app.router.routes.insert(0, Route("/broken", broken))
+    with TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:
+        yield client
+
+
+def directives(answer):
+    parts = (part.split() for part in answer.headers["content-security-policy"].split(";"))
+    return {part[0]: part[1:] for part in parts}
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/", 200),
+        ("/docs", 200),
+        ("/docs/reference.js", 200),
+        ("/api/v1/health", 200),
+        ("/api/v1/openapi.json", 200),
+        ("/api/v1/vehicles/77", 404),
+        ("/nothing", 404),
+        ("/broken", 500),
+    ],
+)
+def test_every_answer_carries_them(client, path, status):
+    answer = client.get(path)
+    assert answer.status_code == status
+    policy = directives(answer)
+    assert policy["default-src"] == ["'none'"]
+    assert policy["script-src"] == policy["style-src"] == policy["frame-src"] == ["'self'"]
+    assert policy["frame-ancestors"] == ["'self'"]
+    assert policy["connect-src"] == ["'self'", "ws://localhost"]
+    assert "unsafe" not in answer.headers["content-security-policy"]
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["x-frame-options"] == "SAMEORIGIN"
+    assert answer.headers["referrer-policy"] == "same-origin"
+
+
+def test_refusals_carry_them_and_a_strange_host_gets_into_no_policy(client):
+    answer = client.get("/api/v1/health", headers={"Host": "x; script-src *"})
+    assert answer.status_code == 403
+    assert directives(answer)["connect-src"] == ["'self'"]
+    assert directives(answer)["script-src"] == ["'self'"]
+
+
+def test_the_3d_view_keeps_its_own_policy(client):
+    answer = client.get("/scene/")
+    if answer.status_code == 503:  # it is still starting: no document, so the common policy
+        assert directives(answer)["script-src"] == ["'self'"]
+        return
+    assert "'unsafe-inline'" in directives(answer)["script-src"]
+    assert answer.headers["referrer-policy"] == "no-referrer"
+    assert len(answer.headers.get_list("content-security-policy")) == 1
+    assert answer.headers["x-frame-options"] == "SAMEORIGIN"
+
+
+def test_the_reference_needs_nothing_from_elsewhere(client):
+    assert client.get("/api/v1/docs", follow_redirects=False).headers["location"] == "/docs"
+    texts = [client.get(path).text for path in ("/docs", "/docs/reference.js", "/docs/reference.css")]
+    assert not [text for text in texts if re.search(r"https?://|\burl\(|\bimport\b", text)]
+    assert 'href="/"' in texts[0]
