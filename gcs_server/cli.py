@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import logging
 import os
 import socket
@@ -169,6 +170,10 @@ class _Announcing(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
+        # All that was imported stays for ever. Looking through it again at each full garbage collection would
+        # halt the process, the offboard stream included, for some 20 ms, and cost more than decoding.
+        gc.collect()
+        gc.freeze()
         if self.started:
             print(f"Ready: {self.address}", flush=True)
 

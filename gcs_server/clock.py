@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from datetime import UTC, datetime
 from typing import Protocol
 
 
@@ -31,7 +30,7 @@ class SystemClock:
         return time.monotonic()
 
     def unix_s(self) -> float:
-        return datetime.now(UTC).timestamp()
+        return time.time_ns() / 1e9
 
     async def sleep(self, seconds: float) -> None:
         await asyncio.sleep(seconds)

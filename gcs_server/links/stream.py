@@ -48,21 +48,24 @@ class StreamSession:
         self._reader.close()
         self._outbox.close()
 
-    def _drain(self) -> None:
+    def _drain(self) -> bool:
+        came = False
         for _ in range(READS_A_WAKE):
             if self._over:
-                return
+                break
             try:
                 data = self._read(READ_BYTES)
             except (BlockingIOError, InterruptedError):
-                return
+                break
             except OSError as error:
                 self._end(f"{error.strerror or error}.")
-                return
+                break
             if not data:
                 self._end("The other side closed the connection.")
-                return
+                break
+            came = True
             self._received(data)
+        return came
 
     def _end(self, why: str) -> None:
         if not self._over:

@@ -15,6 +15,7 @@ FORGET_AFTER_S = 30.0
 MAX_PEERS = 256
 DATAGRAMS_A_WAKE = 4000
 BUFFER_BYTES = 4_000_000
+LONGEST_DATAGRAM_BYTES = 65536
 
 
 class UdpLink(Link):
@@ -79,25 +80,26 @@ class UdpLink(Link):
             return f"UDP port {self._port} may not be used by this user. Choose one above 1023."
         return super()._explain(error)
 
-    def _drain(self) -> None:
-        sock = self._socket
-        if sock is None:
-            return
+    def _drain(self) -> bool:
+        sock, came, now_s = self._socket, False, self._loop.time()
+        by_address, heard_s, received = self._by_address, self._heard_s, self._received
         for _ in range(DATAGRAMS_A_WAKE):
+            if sock is None or self._socket is not sock:  # closed by what came
+                break
             try:
-                data, address = sock.recvfrom(65536)
+                data, address = sock.recvfrom(LONGEST_DATAGRAM_BYTES)
             except BlockingIOError:
-                return
+                break
             except ConnectionError:  # an earlier datagram found nobody; others may come
                 continue
             except OSError as error:
                 self._lost(self._explain(error))
-                return
-            peer = self._by_address.get(address) or self._peer(address)
-            self._heard_s[peer.name] = self._loop.time()
-            self._received(data, peer)
-            if self._socket is None:
-                return
+                break
+            came = True
+            peer = by_address.get(address) or self._peer(address)
+            heard_s[peer.name] = now_s
+            received(data, peer, now_s)
+        return came
 
     def _peer(self, address: Address) -> Peer:
         if len(self._peers) >= MAX_PEERS:

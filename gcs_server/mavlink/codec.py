@@ -26,17 +26,23 @@ _checksum = struct.Struct("<H")
 
 @dataclass(slots=True, eq=False)
 class Frame:
-    """One checked frame; `payload` still without the zeros that MAVLink 2 cuts off."""
+    """One checked frame; few are ever looked into, so the payload is cut out when it is asked for."""
 
     msg_id: int
     system_id: int
     component_id: int
     seq: int
-    payload: bytes
     raw: bytes
     received_monotonic_s: float
     known: bool = True
     """False: not in the dialect, so its CRC could not be checked."""
+
+    @property
+    def payload(self) -> bytes:
+        """Still without the zeros that MAVLink 2 cuts off."""
+        raw = self.raw
+        start = HEADER_V2 if raw[0] == STX_V2 else HEADER_V1
+        return raw[start : start + raw[1]]
 
 
 class FrameParser:
@@ -126,7 +132,6 @@ class FrameParser:
             system_id,
             component_id,
             seq,
-            data[at + header : end - 2],
             data[at:whole],
             now_s,
             extra is not None,

@@ -8,14 +8,13 @@ from gcs_server.clock import Clock
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import decoders
+from gcs_server.vehicle.history import HISTORY_S, History
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.reducers import REDUCERS, Facts
-from gcs_server.vehicle.samples import TOPICS, Sample, Status
+from gcs_server.vehicle.samples import Sample, Status
 
 LINK_LOST_AFTER_S = 3.5
 """As QGroundControl."""
-HISTORY_S = 300.0
-HISTORY_INTERVAL_S = 0.25
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 MADE_OF: dict[str, tuple[int, ...]] = {
@@ -25,6 +24,9 @@ MADE_OF: dict[str, tuple[int, ...]] = {
 ANY_COMPONENT = frozenset(decoders.GIMBAL_IDS)
 """Messages that a gimbal of its own may send in the vehicle's stead."""
 ALSO_READS: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
+READS: dict[str, tuple[int, ...]] = {
+    topic: (*ids, *ALSO_READS.get(topic, ())) for topic, ids in MADE_OF.items()
+}
 Frames = tuple[Frame | None, ...]
 
 
@@ -42,7 +44,9 @@ class VehicleState:
         self._component_id = component_id
         self._clock = clock
         self._cache: dict[str, tuple[Frames, Sample | None]] = {}
-        self._history: dict[str, deque[tuple[float, Frames | Sample]]] = {t: deque() for t in TOPICS}
+        self._history = History({msg_id for ids in READS.values() for msg_id in ids})
+        self._statuses: deque[tuple[float, Facts, bool, Sample]] = deque()
+        """(when kept, what it was made of, sample), of the last minutes."""
 
     def take(self, frame: Frame) -> bool:
         """Keeps a frame; False where it is another component's affair."""
@@ -94,34 +98,31 @@ class VehicleState:
     def remember(self) -> None:
         """Called at up to 4 Hz: keeps what is new for `history`; decodes nothing."""
         now_s = self._clock.monotonic_s()
-        for name, past in self._history.items():
-            if name == "status":
-                sample = self.topic(name)
-                if sample is not None:
-                    past.append((now_s, sample))
-            else:
-                frames = self._frames(name)
-                if any(frames) and not (past and past[-1][1] == frames):
-                    past.append((now_s, frames))
-            while past and past[0][0] < now_s - HISTORY_S:
-                past.popleft()
+        self._history.keep(self.latest, now_s)
+        statuses, lost = self._statuses, self.link_lost
+        if not statuses or statuses[-1][1] is not self.facts or statuses[-1][2] != lost:
+            sample = self.topic("status")
+            if sample is not None:
+                statuses.append((now_s, self.facts, lost, sample))
+        while statuses and statuses[0][0] < now_s - HISTORY_S:
+            statuses.popleft()
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
         """Samples not older than `since_unix_s`, oldest first."""
-        since_s = since_unix_s - self._clock.unix_s() + self._clock.monotonic_s()
+        now_s = self._clock.monotonic_s()
+        since_s = max(since_unix_s - self._clock.unix_s() + now_s, now_s - HISTORY_S)
         samples: list[Sample] = []
         for name in topics:
-            for kept_s, item in self._history[name]:
-                if kept_s < since_s:
-                    continue
-                sample = item if isinstance(item, Sample) else self._decode(name, item)
-                if sample is not None and sample.received_monotonic_s >= since_s:
-                    samples.append(sample)
+            if name == "status":
+                made = [sample for *_, sample in self._statuses]
+            else:
+                past = self._history.frames(READS[name])
+                made = [self._decode(name, frames) for kept_s, frames in past if kept_s >= since_s]
+            samples += [s for s in made if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
     def _frames(self, name: str) -> Frames:
-        latest = self.latest
-        return tuple(latest.get(i) for i in (*MADE_OF[name], *ALSO_READS.get(name, ())))
+        return tuple(map(self.latest.get, READS[name]))
 
     def _decode(self, name: str, frames: Frames) -> Sample | None:
         present = [f for f in frames[: len(MADE_OF[name])] if f is not None]

@@ -155,7 +155,7 @@ def test_cut_off_zeros_and_longer_payloads_are_understood():
     (frame,) = codec.FrameParser().feed(codec.encode_frame(0, payload, 0, 1, 1), 0.0)
     assert codec.full_payload(frame) == payload + b"\0" * 3
     assert codec.decode(frame).base_mode == 0
-    longer = codec.Frame(0, 1, 1, 0, b"\1" * 12, b"", 0.0)
+    longer = codec.Frame(0, 1, 1, 0, codec.encode_frame(0, b"\1" * 12, 0, 1, 1), 0.0)
     assert codec.full_payload(longer) == b"\1" * 9
 
 
@@ -164,7 +164,8 @@ def test_target_systems_are_found_where_they_stand():
         layout = LAYOUTS[msg_id]
         payload = bytearray(layout.unpacker.size)
         payload[offset] = 42
-        frame = codec.Frame(msg_id, 1, 1, 0, bytes(payload), b"", 0.0)
+        raw = codec.encode_frame(msg_id, bytes(payload), 0, 1, 1)
+        frame = codec.Frame(msg_id, 1, 1, 0, raw, 0.0)
         assert codec.decode(frame).target_system == 42
     assert dialect.MAVLINK_MSG_ID_COMMAND_LONG in TARGET_SYSTEM_OFFSET
     assert dialect.MAVLINK_MSG_ID_HEARTBEAT not in TARGET_SYSTEM_OFFSET
