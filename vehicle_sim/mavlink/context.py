@@ -21,7 +21,7 @@ class Context:
         self.body = autopilot.body
         self.system_id = system_id
         self.links: list[Link] = []
-        self.telemetry = Telemetry(autopilot, system_id)
+        self.telemetry = Telemetry(autopilot)
         self._later: list[Callable[[], None]] = []
         self._timers: list[tuple[float, Callable[[], None]]] = []
 

@@ -1,0 +1,68 @@
+"""The gimbal manager and its device; silent while the gimbal module is off."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.messages.family import Family
+
+
+class GimbalMessages(Family):
+    """Builders of the gimbal messages."""
+
+    def mount_orientation(self) -> bytes | None:
+        gimbal = self._autopilot.gimbal
+        if not gimbal.enabled:
+            return None
+        a = gimbal.actual
+        return pack(
+            "MOUNT_ORIENTATION",
+            time_boot_ms=self._body.time_boot_ms(),
+            roll=math.degrees(a.roll_rad),
+            pitch=math.degrees(a.pitch_rad),
+            yaw=math.degrees(a.yaw_rad),
+            yaw_absolute=math.degrees(gimbal.yaw_ned_rad) % 360.0,
+        )[1]
+
+    def gimbal_manager_information(self) -> bytes | None:
+        gimbal, parameter = self._autopilot.gimbal, self._body.parameter
+        if not gimbal.enabled:
+            return None
+        pitch, yaw, roll = (parameter(f"MNT_RANGE_{axis}") for axis in ("PITCH", "YAW", "ROLL"))
+        return pack(
+            "GIMBAL_MANAGER_INFORMATION",
+            time_boot_ms=self._body.time_boot_ms(),
+            cap_flags=132530,
+            gimbal_device_id=gimbal.device_id,
+            roll_min=-roll, roll_max=roll, pitch_min=-pitch, pitch_max=pitch, yaw_min=-yaw, yaw_max=yaw,
+        )[1]  # fmt: skip
+
+    def gimbal_manager_status(self) -> bytes | None:
+        gimbal = self._autopilot.gimbal
+        if not gimbal.enabled:
+            return None
+        return pack(
+            "GIMBAL_MANAGER_STATUS",
+            time_boot_ms=self._body.time_boot_ms(),
+            flags=int(gimbal.flags),
+            gimbal_device_id=gimbal.device_id,
+            primary_control_sysid=gimbal.primary[0],
+            primary_control_compid=gimbal.primary[1],
+        )[1]
+
+    def gimbal_device_attitude_status(self) -> bytes | None:
+        gimbal = self._autopilot.gimbal
+        if not gimbal.enabled:
+            return None
+        rates = gimbal.rates_rad_s
+        return pack(
+            "GIMBAL_DEVICE_ATTITUDE_STATUS",
+            time_boot_ms=self._body.time_boot_ms(),
+            flags=int(gimbal.flags),
+            q=gimbal.device_quaternion(),
+            angular_velocity_x=rates.roll_rad,
+            angular_velocity_y=rates.pitch_rad,
+            angular_velocity_z=rates.yaw_rad,
+            gimbal_device_id=gimbal.device_id,
+        )[1]

@@ -1,0 +1,164 @@
+"""Where the vehicle is, how it moves, and what its controllers follow."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.geodesy import to_global
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.messages.family import NAN, Family, i16, packer
+
+_ATTITUDE = packer("ATTITUDE")
+_ATTITUDE_QUATERNION = packer("ATTITUDE_QUATERNION")
+_LOCAL = packer("LOCAL_POSITION_NED")
+_GLOBAL = packer("GLOBAL_POSITION_INT")
+_TARGET_LOCAL = packer("POSITION_TARGET_LOCAL_NED")
+_TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
+
+
+class MotionMessages(Family):
+    """Builders of attitude, position and set point messages."""
+
+    def attitude(self) -> bytes:
+        b = self._body.belief
+        return _ATTITUDE(
+            self._body.time_boot_ms(), b.roll_rad, b.pitch_rad, b.yaw_ned_rad, *b.rates_frd_rad_s
+        )
+
+    def attitude_quaternion(self) -> bytes:
+        b = self._body.belief
+        return _ATTITUDE_QUATERNION(
+            self._body.time_boot_ms(), *b.q_ned_frd, *b.rates_frd_rad_s, 1.0, 0.0, 0.0, 0.0
+        )
+
+    def local_position_ned(self) -> bytes | None:
+        b = self._body.belief
+        if not b.valid_altitude:
+            return None
+        return _LOCAL(self._body.time_boot_ms(), *b.position_ned_m, *b.velocity_ned_m_s)
+
+    def global_position_int(self) -> bytes | None:
+        b, home = self._body.belief, self._autopilot.home
+        if not b.valid_position or not math.isfinite(b.lat_deg):
+            return None
+        relative = b.alt_amsl_m - home.alt_amsl_m if home.valid else 0.0
+        vn, ve, vd = b.velocity_ned_m_s
+        return _GLOBAL(
+            self._body.time_boot_ms(),
+            round(b.lat_deg * 1e7),
+            round(b.lon_deg * 1e7),
+            round(b.alt_amsl_m * 1000),
+            round(relative * 1000),
+            i16(vn * 100),
+            i16(ve * 100),
+            i16(vd * 100),
+            int(math.degrees(b.yaw_ned_rad) % 360.0 * 100.0) % 36000,
+        )
+
+    def odometry(self) -> bytes:
+        b = self._body.belief
+        variances = [NAN] * 21
+        return pack(
+            "ODOMETRY",
+            time_usec=self._body.time_boot_us(),
+            frame_id=1,
+            child_frame_id=1,
+            x=b.position_ned_m[0],
+            y=b.position_ned_m[1],
+            z=b.position_ned_m[2],
+            q=b.q_ned_frd,
+            vx=b.velocity_ned_m_s[0],
+            vy=b.velocity_ned_m_s[1],
+            vz=b.velocity_ned_m_s[2],
+            rollspeed=b.rates_frd_rad_s[0],
+            pitchspeed=b.rates_frd_rad_s[1],
+            yawspeed=b.rates_frd_rad_s[2],
+            pose_covariance=variances,
+            velocity_covariance=variances,
+            estimator_type=8,
+        )[1]
+
+    def altitude(self) -> bytes:
+        b, home = self._body.belief, self._autopilot.home
+        baro = float(self._body.simulation.sensors.baro_alt_amsl_m[self._body.row])
+        known = b.valid_position and math.isfinite(b.alt_amsl_m)
+        relative = b.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
+        return pack(
+            "ALTITUDE",
+            time_usec=self._body.time_boot_us(),
+            altitude_monotonic=baro,
+            altitude_amsl=b.alt_amsl_m if known else NAN,
+            altitude_local=-b.position_ned_m[2] if known else NAN,
+            altitude_relative=relative,
+            altitude_terrain=-home.position_ned_m[2] if known and home.valid else NAN,
+            bottom_clearance=max(0.0, relative) if known and home.valid else NAN,
+        )[1]
+
+    def vfr_hud(self) -> bytes:
+        b = self._body.belief
+        vn, ve, vd = b.velocity_ned_m_s
+        armed = self._autopilot.commander.armed
+        thrust = float(self._body.simulation.target.thrust[self._body.row]) if armed else 0.0
+        return pack(
+            "VFR_HUD",
+            groundspeed=math.hypot(vn, ve),
+            heading=int(math.degrees(b.yaw_ned_rad) % 360.0) % 360,
+            throttle=max(0, min(100, int(100 * thrust))),
+            alt=b.alt_amsl_m if math.isfinite(b.alt_amsl_m) else -b.position_ned_m[2],
+            climb=-vd,
+        )[1]
+
+    def position_target_local_ned(self) -> bytes:
+        row, i = self._body.simulation.target, self._body.row
+        time_ms = self._body.time_boot_ms()
+        setpoints = self._body.simulation.setpoints
+        idle = int(setpoints.level[i]) != ControlLevel.TRAJECTORY
+        if idle:
+            yaw = self._body.belief.yaw_ned_rad
+            return _TARGET_LOCAL(time_ms, *(NAN,) * 6, 0.0, 0.0, 100.0, yaw, 0.0, 63, 1)
+        p = row.position_ned_m[i].tolist()
+        v = row.velocity_ned_m_s[i].tolist()
+        a = row.acceleration_ned_m_s2[i].tolist()
+        yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
+        mask = 0
+        for bit, value in enumerate((*p, *v, *a)):
+            if value != value:
+                mask |= 1 << bit
+        mask |= (1024 if yaw != yaw else 0) | (2048 if rate != rate else 0)
+        return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, mask, 1)
+
+    def position_target_global_int(self) -> bytes | None:
+        commander, navigator = self._autopilot.commander, self._autopilot.navigator
+        north, east, down = navigator.target_ned_m
+        if not commander.armed or north is None or east is None or down is None:
+            return None
+        lat_deg, lon_deg, alt_m = self._to_global(north, east, down)
+        return pack(
+            "POSITION_TARGET_GLOBAL_INT",
+            time_boot_ms=self._body.time_boot_ms(),
+            coordinate_frame=5,
+            lat_int=round(lat_deg * 1e7),
+            lon_int=round(lon_deg * 1e7),
+            alt=alt_m,
+        )[1]
+
+    def _to_global(self, north: float, east: float, down: float) -> tuple[float, float, float]:
+        lat0, lon0, alt0 = self._body.origin
+        lat, lon = to_global(north, east, lat0, lon0)  # type: ignore[arg-type]
+        return float(lat), float(lon), alt0 - down
+
+    def attitude_target(self) -> bytes:
+        target, i = self._body.simulation.target, self._body.row
+        return _TARGET_ATTITUDE(
+            self._body.time_boot_ms(),
+            *target.q_ned_frd[i].tolist(),
+            *target.rates_frd_rad_s[i].tolist(),
+            float(target.thrust[i]),
+            0,
+        )
+
+    def servo_output_raw(self) -> bytes:
+        motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
+        values = {f"servo{n + 1}_raw": (motors[n] if n < len(motors) else 900) for n in range(16)}
+        return pack("SERVO_OUTPUT_RAW", time_usec=self._body.time_boot_us() & 0xFFFFFFFF, **values)[1]

@@ -1,0 +1,93 @@
+"""Home, the local origin, and what remote identification and the way home say about them."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.messages.family import Family, i16
+
+GPS_WEEK_ODID_EPOCH_S = 1546300800
+
+
+class PlaceMessages(Family):
+    """Builders of messages about fixed places."""
+
+    def home_position(self) -> bytes | None:
+        home = self._autopilot.home
+        if not home.valid:
+            return None
+        return pack(
+            "HOME_POSITION",
+            latitude=round(home.lat_deg * 1e7),
+            longitude=round(home.lon_deg * 1e7),
+            altitude=round(home.alt_amsl_m * 1000),
+            x=home.position_ned_m[0],
+            y=home.position_ned_m[1],
+            z=home.position_ned_m[2],
+            q=(math.cos(home.yaw_ned_rad / 2), 0.0, 0.0, math.sin(home.yaw_ned_rad / 2)),
+            time_usec=home.set_at_us,
+        )[1]
+
+    def gps_global_origin(self) -> bytes | None:
+        lat, lon, alt = self._body.origin
+        if not math.isfinite(lat):
+            return None
+        return pack(
+            "GPS_GLOBAL_ORIGIN",
+            latitude=round(lat * 1e7),
+            longitude=round(lon * 1e7),
+            altitude=round(alt * 1000),
+            time_usec=self._body.time_boot_us(),
+        )[1]
+
+    def open_drone_id_location(self) -> bytes | None:
+        b, home = self._body.belief, self._autopilot.home
+        if not math.isfinite(b.lat_deg) or not home.valid:
+            return None
+        vn, ve, vd = b.velocity_ned_m_s
+        return pack(
+            "OPEN_DRONE_ID_LOCATION",
+            status=2 if not self._autopilot.commander.landed else 1,
+            direction=round(math.degrees(math.atan2(ve, vn)) % 360.0 * 100) % 36000,
+            speed_horizontal=min(25425, round(math.hypot(vn, ve) * 100)),
+            speed_vertical=i16(-vd * 100),
+            latitude=round(b.lat_deg * 1e7),
+            longitude=round(b.lon_deg * 1e7),
+            altitude_barometric=float(self._body.simulation.sensors.baro_alt_amsl_m[self._body.row]),
+            altitude_geodetic=float(round(b.alt_amsl_m)),
+            height=b.alt_amsl_m - home.alt_amsl_m,
+            horizontal_accuracy=12,
+            vertical_accuracy=5,
+            barometer_accuracy=0,
+            speed_accuracy=4,
+            timestamp=(self._body.time_unix_us() // 1_000_000) % 3600,
+            timestamp_accuracy=1,
+        )[1]
+
+    def open_drone_id_system(self) -> bytes | None:
+        home = self._autopilot.home
+        if not home.valid:
+            return None
+        return pack(
+            "OPEN_DRONE_ID_SYSTEM",
+            operator_latitude=round(home.lat_deg * 1e7),
+            operator_longitude=round(home.lon_deg * 1e7),
+            area_count=1,
+            area_ceiling=-1000.0,
+            area_floor=-1000.0,
+            operator_altitude_geo=home.alt_amsl_m,
+            timestamp=max(0, self._body.time_unix_us() // 1_000_000 - GPS_WEEK_ODID_EPOCH_S),
+        )[1]
+
+    def time_estimate_to_target(self) -> bytes:
+        home, b = self._autopilot.home, self._body.belief
+        seconds = 0
+        if home.valid and not self._autopilot.commander.landed:
+            way = math.dist(b.position_ned_m[:2], home.position_ned_m[:2])
+            height = max(0.0, home.position_ned_m[2] - b.position_ned_m[2])
+            seconds = round(way / max(0.1, self._body.parameter("MPC_XY_CRUISE")) + height / 0.7)
+        return pack(
+            "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,
+            commanded_action=-1,
+        )[1]  # fmt: skip

@@ -1,0 +1,80 @@
+"""Mode, arming, health, clock and battery, as the vehicle tells them about itself."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.modes import MODES
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.messages.family import Family
+
+SENSORS_PRESENT = 50348079
+SENSORS_ENABLED = 50413615
+SENSORS_HEALTHY = 52480063
+PREARM_BIT = 0x10000000
+"""MAV_SYS_STATUS_PREARM_CHECK."""
+
+
+class StateMessages(Family):
+    """Builders of HEARTBEAT, SYS_STATUS and their kind."""
+
+    def heartbeat(self) -> bytes:
+        commander = self._autopilot.commander
+        return pack(
+            "HEARTBEAT",
+            type=2,
+            autopilot=12,
+            base_mode=commander.base_mode(),
+            custom_mode=commander.custom_mode(),
+            system_status=commander.system_status(),
+            mavlink_version=3,
+        )[1]
+
+    def sys_status(self) -> bytes:
+        commander, battery, i = self._autopilot.commander, self._body.simulation.battery, self._body.row
+        started = self._body.belief.valid_attitude
+        ready = commander.report.armable(commander.intended)
+        return pack(
+            "SYS_STATUS",
+            onboard_control_sensors_present=SENSORS_PRESENT if started else 0,
+            onboard_control_sensors_enabled=SENSORS_ENABLED if started else 0,
+            onboard_control_sensors_health=SENSORS_HEALTHY | (PREARM_BIT if ready else 0),
+            load=100,
+            voltage_battery=round(float(battery.voltage_v[i]) * 1000),
+            current_battery=round(float(battery.current_a[i]) * 100),
+            battery_remaining=math.ceil(float(battery.remaining[i]) * 100),
+            onboard_control_sensors_health_extended=1,
+        )[1]
+
+    def extended_sys_state(self) -> bytes:
+        return pack("EXTENDED_SYS_STATE", landed_state=self._autopilot.commander.landed_state())[1]
+
+    def current_mode(self) -> bytes:
+        commander = self._autopilot.commander
+        return pack(
+            "CURRENT_MODE",
+            standard_mode=MODES[commander.active].standard_mode,
+            custom_mode=commander.custom_mode(),
+            intended_custom_mode=commander.intended_custom_mode(),
+        )[1]
+
+    def system_time(self) -> bytes:
+        body = self._body
+        return pack("SYSTEM_TIME", time_unix_usec=body.time_unix_us(), time_boot_ms=body.time_boot_ms())[1]
+
+    def battery_status(self) -> bytes:
+        battery, i = self._body.simulation.battery, self._body.row
+        volts = round(float(battery.voltage_v[i]) * 1000)
+        warning = self._autopilot.commander.battery_warning
+        return pack(
+            "BATTERY_STATUS",
+            battery_function=1,
+            type=1,
+            temperature=32767,
+            voltages=[volts] + [65535] * 9,
+            current_battery=round(float(battery.current_a[i]) * 100),
+            current_consumed=round(float(battery.consumed_mah[i])),
+            energy_consumed=-1,
+            battery_remaining=math.ceil(float(battery.remaining[i]) * 100),
+            charge_state=1 + warning,
+        )[1]
