@@ -1,0 +1,228 @@
+"""The server as its operator meets it: ports taken, recordings, garbage, twins, its simulator, its end."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from gcs_server.client import SyncGcs
+from tests.station import (
+    answers,
+    end,
+    free_port,
+    running,
+    server_command,
+    vehicle,
+    wait_until,
+)
+
+
+class Server:
+    """A server's process and its API."""
+
+    def __init__(self, url: str, process: subprocess.Popen[bytes]) -> None:
+        self.url, self.process = url, process
+
+    def get(self, path: str) -> Any:
+        answer = httpx.get(f"{self.url}/api/v1{path}", timeout=5)
+        answer.raise_for_status()
+        return answer.json()
+
+    def link(self) -> dict[str, Any]:
+        return self.get("/links")["links"][0]
+
+    def vehicles(self) -> dict[str, dict[str, Any]]:
+        return {shown["id"]: shown for shown in self.get("/vehicles")}
+
+    def texts(self) -> list[str]:
+        return [notice["text"] for notice in self.get("/warnings")["warnings"]]
+
+
+@contextlib.contextmanager
+def serving(command: list[str], **options: Any) -> Iterator[Server]:
+    """Runs a server command (its --port is given in it) until the block ends."""
+    url = f"http://127.0.0.1:{command[command.index('--port') + 1]}"
+    with running(command, **options) as process:
+        wait_until(lambda: answers(url), "the server's start")
+        yield Server(url, process)
+
+
+def bare(links: list[str], data: Path) -> list[str]:
+    return [*server_command(free_port(socket.SOCK_STREAM), links, data), "--no-scene"]
+
+
+def test_a_taken_http_port_ends_it_with_words_that_name_port_and_remedy(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        done = subprocess.run(server_command(port, [], tmp_path), capture_output=True, text=True, timeout=30)
+    assert done.returncode == 2
+    assert str(port) in done.stderr
+    assert "--port" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_taken_mavlink_port_is_named_and_used_once_it_is_free(tmp_path: Path) -> None:
+    taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    taken.bind(("127.0.0.1", 0))
+    port = taken.getsockname()[1]
+    with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server:
+        wait_until(lambda: server.link()["state"] == "waiting", "the link's trouble")
+        assert str(port) in server.link()["detail"]
+        assert any(str(port) in text for text in server.texts())
+        taken.close()
+        wait_until(lambda: server.link()["state"] == "open", "the link's recovery", 10)
+        assert server.texts() == []
+        with vehicle(port):
+            wait_until(lambda: "101" in server.vehicles(), "the vehicle")
+
+
+def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path, tmp_path: Path) -> None:
+    tape = shared / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
+    port = free_port(socket.SOCK_STREAM)
+    command = [*server_command(port, [], tmp_path)[:3], "replay", str(tape), "--speed", "4", "--no-scene"]
+    command += ["--port", str(port), "--data", str(tmp_path)]
+    with serving(command) as server:
+        wait_until(lambda: server.vehicles(), "the recorded vehicle")
+        shown = next(iter(server.vehicles().values()))
+        assert shown["identity"]["replayed"]
+        assert server.link()["replay"]
+        assert server.link()["recording"] is None
+        url = f"{server.url}/api/v1/vehicles/{shown['id']}"
+        for command_name in ("arm", "land", "gimbal/take", "offboard/stop"):
+            answer = httpx.post(f"{url}/{command_name}", timeout=5)
+            if command_name == "offboard/stop":
+                assert answer.status_code == 200, "nothing streams: nothing to refuse"
+            else:
+                assert answer.status_code == 409
+                assert "recording" in answer.json()["detail"]
+
+        def boot_s() -> float:
+            return server.get(f"/vehicles/{shown['id']}")["topics"]["attitude"]["vehicle_time_boot_s"]
+
+        wait_until(lambda: "attitude" in server.get(f"/vehicles/{shown['id']}")["topics"], "an attitude")
+        before_s = boot_s()
+        wait_until(lambda: boot_s() > before_s + 4, "the recording's time", 10)
+
+
+def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_path: Path) -> None:
+    mavlink, own = free_port(), free_port()
+    more = f"--gcs-remote-port {mavlink} --gcs-local-port {own} --no-api --tcp-port 0"
+
+    def command() -> list[str]:
+        one = bare([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
+        return [*(part for part in one if part != "--no-sim"), "--sim", "1", f"--sim-args={more}"]
+
+    def booted_s(server: Server) -> float:
+        wait_until(lambda: "attitude" in server.vehicles().get("1", {}).get("topics", {}), "the vehicle")
+        return server.vehicles()["1"]["topics"]["attitude"]["vehicle_time_boot_s"]
+
+    note = tmp_path / "simulator.json"
+    try:
+        with serving(command()) as first:
+            before_s = booted_s(first)
+            pid = json.loads(note.read_text())["pid"]
+            end(first.process, signal.SIGKILL)
+        assert Path(f"/proc/{pid}").exists(), "it flies on"
+        with serving(command()) as second:
+            assert booted_s(second) > before_s, "the same flight, not a new boot"
+            assert json.loads(note.read_text())["pid"] == pid
+            assert second.get("/version")["simulator"]
+            wait_until(lambda: second.vehicles()["1"]["identity"]["simulated"] is True, "its identity")
+            end(second.process, signal.SIGTERM)
+        wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server", 5)
+        assert not note.exists()
+    finally:
+        if note.exists():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(json.loads(note.read_text())["pid"], signal.SIGKILL)
+
+
+def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_path: Path) -> None:
+    port = free_port()
+    with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
+        wait_until(lambda: "101" in server.vehicles(), "the vehicle")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise:
+            for number in range(200):
+                noise.sendto(bytes((number * 7 + n * 13) % 251 for n in range(120)), ("127.0.0.1", port))
+            noise.sendto(
+                b"\xfd\x09\x00\x00\x00\x01\x01\x00\x00\x00" + bytes(9) + b"\x12\x34", ("127.0.0.1", port)
+            )
+        wait_until(lambda: server.link()["bytes_skipped"] > 10_000, "the count of garbage", 5)
+        counted = server.link()
+        assert counted["crc_errors"] >= 1
+        time.sleep(1)
+        after = server.link()
+        assert after["frames_received"] > counted["frames_received"] + 20
+        assert list(server.vehicles()) == ["101"]
+        assert not server.vehicles()["101"]["status"]["link_lost"]
+        recording = after["recording"]
+        assert recording["stopped"] is None
+        assert (tmp_path / "recordings" / recording["file"]).stat().st_size >= recording["bytes"] > 0
+
+
+def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: Path) -> None:
+    port = free_port()
+    with (
+        serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
+        vehicle(port),
+        vehicle(port, more=["--home", "47.5,8.6,500"]),
+    ):
+        wait_until(lambda: {"101", "101~2"} <= set(server.vehicles()), "the second vehicle")
+        wait_until(lambda: len(server.texts()) == 2, "the warnings", 5)
+        assert all("system id 101" in text for text in server.texts())
+        for key in ("101", "101~2"):
+            wait_until(lambda key=key: "global_position" in server.vehicles()[key]["topics"], "positions", 40)
+        shown = server.vehicles()
+        places = [shown[key]["topics"]["global_position"]["value"]["lat_deg"] for key in ("101", "101~2")]
+        assert sorted(places) == pytest.approx([47.397, 47.5], abs=0.01)
+
+
+def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_hold(tmp_path: Path) -> None:
+    port = free_port()
+    command = bare([f"udpin://127.0.0.1:{port}"], tmp_path)
+    with vehicle(port, more=["--speed", "3"]), serving(command) as server:
+        with SyncGcs(server.url, client="e2e") as gcs:
+            drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+            drone.takeoff(5)
+            drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
+            start = {"setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}, "valid_for_s": 60}
+            drone.request("POST", "/offboard/start", start)
+            drone.hold()
+            ended = drone.until(lambda v: not v["offboard"]["streaming"], what="the stream's end")
+            assert ended["offboard"]["ended"] == "e2e commanded 'hold'; the setpoint stream has ended."
+
+            def said() -> list[tuple[str, int, str]]:
+                messages = drone.request("GET", "/messages")["messages"]
+                told = [m for m in messages if m["data"].get("source") == "offboard"]
+                return [(m["kind"], m["severity"], m["data"]["code"]) for m in told]
+
+            wait_until(said, "a line that says so", 2)
+            assert said() == [("command", 6, "commanded")]
+            drone.request("POST", "/offboard/start", start)
+        began_s = time.monotonic()
+        end(server.process, signal.SIGTERM)
+        assert time.monotonic() - began_s < 5
+        line = json.loads((tmp_path / "journal.jsonl").read_text().splitlines()[-1])
+        assert (line["client"], line["command"], line["vehicle"], line["result"]) == (
+            "server",
+            "offboard/stop",
+            "101",
+            "ok",
+        )
+        with serving(command) as successor:
+            wait_until(lambda: "101" in successor.vehicles(), "the vehicle")
+            status = successor.vehicles()["101"]["status"]
+            assert (status["armed"], status["mode"]) == (True, "hold")
