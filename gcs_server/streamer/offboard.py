@@ -232,7 +232,7 @@ class OffboardControl:
             None if asked is None else f"{asked.by or 'The server'} commanded {asked.what!r}",
             estimate_s=self._heard_s("local_position") if usable else None,
             armed=status.armed,
-            lost=status.link_lost,
+            lost=status.link_lost or not self._vehicle.endpoints,
         )
 
     def _heard_s(self, topic: str) -> float | None:

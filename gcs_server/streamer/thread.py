@@ -96,7 +96,7 @@ class StreamThread:
     def beat(self, snapshots: dict[str, Snapshot]) -> None:
         """The loop lives, and this is what it knows of the vehicles that are streamed to."""
         with self._changed:
-            self._beat_s = self._clock.monotonic_s()
+            self._alive(self._clock.monotonic_s())
             for vehicle_id, snapshot in snapshots.items():
                 stream = self._streams.get(vehicle_id)
                 if stream is not None:
@@ -123,7 +123,7 @@ class StreamThread:
             stream.snapshot = snapshot
             stream.number += 1
             stream.sends_failed = 0
-            self._beat_s = max(self._beat_s, now_s)  # the loop is here, so it lives
+            self._alive(now_s)  # the loop is here
             stream.core.begin(now_s, order, rate_hz, snapshot)
             return stream.number
 
@@ -216,6 +216,13 @@ class StreamThread:
                 while stream.core.reports:
                     taken.append((vehicle_id, stream.core.reports.popleft()))
             return taken
+
+    def _alive(self, now_s: float) -> None:
+        """The loop lives; streams that its silence should have ended (the process stood still) end first."""
+        if now_s - self._beat_s >= self._silent_limit_s:
+            for stream in self._streams.values():
+                stream.core.tick(now_s, stream.snapshot, self._beat_s)
+        self._beat_s = max(self._beat_s, now_s)
 
     def _with(self, vehicle_id: str, work: Callable[[_Stream, float], T]) -> T:
         with self._changed:

@@ -26,6 +26,7 @@ class Vehicle:
         self.identity = SimpleNamespace(system_id=1, component_id=1)
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
+        self.endpoints = ("somewhere",)
         self.command = self.params = self
         self.offboard = None
         self.located = True

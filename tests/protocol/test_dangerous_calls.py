@@ -1,0 +1,216 @@
+"""The calls that can drop an aircraft, through the API's own functions: named exactly, or nothing is sent."""
+
+import json
+import math
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from gcs_server.api import models, offboard_routes, vehicle_routes
+from gcs_server.api.station import Station
+from gcs_server.control.journal import Journal
+from gcs_server.errors import InvalidRequest, Refused, UnknownVehicle
+from tests.protocol.conftest import OFFBOARD
+from tests.protocol.offboard_world import OffboardWorld, order, seconds
+
+ORDER = TypeAdapter(models.AnyOrder)
+PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
+
+
+def station_of(world):
+    return Station(
+        clock=world.clock,
+        router=world.router,
+        fleet=world.fleet,
+        hub=None,
+        journal=Journal(world.clock, None),
+        started_s=0.0,
+        own_ids=(255, 190),
+    )
+
+
+def twins(jump, story):
+    async def run():
+        world = OffboardWorld()
+        pilots = {}
+        for number, name in enumerate(("one", "two")):
+            pilots[name] = world.offboard_pilot(world.link(name), uid=number + 7, boot_s=900.0 - 50 * number)
+            pilots[name].fly()
+        try:
+            for vehicle_id in ("1", "1~2"):
+                await world.ready(vehicle_id)
+            await seconds(1.5)
+            first, second = (pilots[world.fleet.get(i).links[0]] for i in ("1", "1~2"))
+            await story(world, station_of(world), first, second)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def lines(station):
+    return [(e.client, e.command, e.vehicle, e.result) for e in station.journal._tail]
+
+
+@pytest.mark.parametrize(
+    ("vehicle_id", "confirm"),
+    [
+        ("1~2", "motors stop, vehicle 1 falls"),
+        ("1", "motors stop, vehicle 1~2 falls"),
+        ("1", "motors stop, vehicle 2 falls"),
+        ("1", "Motors stop, vehicle 1 falls"),
+        ("1", "motors stop, vehicle 1 falls "),
+        ("1", "yes"),
+        ("1", ""),
+    ],
+)
+def test_kill_with_another_text_sends_nothing_to_anybody(jump, vehicle_id, confirm):
+    async def story(world, station, first, second):
+        with pytest.raises(InvalidRequest, match="nothing was sent"):
+            await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, "me")
+        await seconds(1)
+        for pilot in (first, second):
+            assert pilot.armed
+            assert not pilot.commands(400)
+        assert lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
+
+    twins(jump, story)
+
+
+@pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
+def test_kill_hits_the_vehicle_that_it_names_and_not_its_twin(jump, vehicle_id):
+    async def story(world, station, first, second):
+        confirm = f"motors stop, vehicle {vehicle_id} falls"
+        await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, "me")
+        meant, other = (first, second) if vehicle_id == "1" else (second, first)
+        assert not meant.armed
+        assert other.armed
+        assert not other.commands(400)
+
+    twins(jump, story)
+
+
+def test_kill_of_a_vehicle_that_is_not_there_is_unknown(jump):
+    async def story(world, station, first, second):
+        with pytest.raises(UnknownVehicle):
+            body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
+            await vehicle_routes.kill("3", body, station, "me")
+        assert lines(station) == [("me", "kill", "3", "unknown_vehicle")]
+
+    twins(jump, story)
+
+
+def test_a_vehicle_that_turns_out_to_be_another_loses_its_stream_with_a_word(jump):
+    """`1~2` is found to be `1` on another link while it is streamed to: the id is gone and may come again."""
+
+    async def story(world, station, first, second):
+        gone, kept = world.fleet.get("1~2"), world.fleet.get("1")
+        await gone.offboard.start(order())
+        world.fleet._merge(kept, gone)
+        sent = len(second.setpoints)
+        await seconds(6)
+        assert len(second.setpoints) == sent
+        assert not first.setpoints
+        assert not gone.offboard.status().streaming
+        assert [e.data["code"] for e in gone.events.since() if e.data.get("source")] == [
+            "lost",
+            "not_confirmed",
+        ]
+
+    twins(jump, story)
+
+
+def test_two_clients_that_take_turns_stand_both_in_the_journal(jump):
+    async def story(world, station, first, second):
+        body = models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        await offboard_routes.start("1", body, station, "anna")
+        for number in range(30):
+            target = {"type": "position", "position_ned_m": [number, 0, -5], "valid_for_s": 60}
+            client = ("anna", "bert")[number % 2]
+            done = await offboard_routes.setpoint("1", ORDER.validate_python(target), station, client)
+            assert json.loads(done.body)["client"] == client
+            await seconds(0.1)
+        await offboard_routes.stop("1", station, "carla")
+        with pytest.raises(Refused):
+            await offboard_routes.setpoint("1", ORDER.validate_python(PLACE), station, "anna")
+        said = lines(station)
+        assert said[0] == ("anna", "offboard/start", "1", "ok")
+        assert {client for client, command, *_ in said if command == "offboard/setpoint"} == {"anna", "bert"}
+        assert said[-2:] == [
+            ("carla", "offboard/stop", "1", "ok"),
+            ("anna", "offboard/setpoint", "1", "refused"),
+        ]
+        assert not second.setpoints
+
+    twins(jump, story)
+
+
+def test_hold_by_another_client_ends_the_stream_and_nothing_more_is_sent(jump):
+    async def story(world, station, first, second):
+        body = models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        await offboard_routes.start("1", body, station, "anna")
+        assert first.mode == OFFBOARD
+        await vehicle_routes.hold("1", station, "bert")
+        await seconds(0.15)
+        sent = len(first.setpoints)
+        await seconds(3)
+        assert len(first.setpoints) == sent
+        assert "bert" in world.fleet.get("1").offboard.status().ended
+
+    twins(jump, story)
+
+
+BAD = [
+    {"position_ned_m": [0, 0, math.nan]},
+    {"position_ned_m": [0, 0, math.inf]},
+    {"position_ned_m": [1e30, 0, 0]},
+    {"position_ned_m": [0, 0]},
+    {"position_ned_m": [0, 0, 0, 0]},
+    {"position_ned_m": [True, None, 0]},
+    {"position_ned_m": "000"},
+    {"yaw_ned_rad": 1e9},
+    {"yaw_ned_rad": math.nan},
+    {"yaw_rate_ned_rad_s": 100},
+    {"yaw_ned_rad": 0, "yaw_rate_ned_rad_s": 0},
+    {"velocity_ned_m_s": [0, 0, 0]},
+    {"valid_for_s": 0},
+    {"valid_for_s": -1},
+    {"valid_for_s": 3601},
+    {"valid_for_s": math.inf},
+    {"on_expiry": {"action": "hold", "hold_for_s": -1}},
+    {"on_expiry": {"action": "hold", "hold_for_s": 1e30}},
+    {"on_expiry": {"action": "land", "hold_for_s": 1}},
+    {"on_expiry": {"action": "crash"}},
+]
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_nonsense_setpoints_do_not_come_past_the_door(bad):
+    with pytest.raises(ValidationError):
+        ORDER.validate_python(PLACE | bad)
+
+
+@pytest.mark.parametrize("bad", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
+def test_nonsense_rates_do_not_come_past_the_door(bad):
+    with pytest.raises(ValidationError):
+        models.StartRequest.model_validate({"setpoint": PLACE} | bad)
+
+
+@pytest.mark.parametrize(
+    "place", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
+)
+def test_places_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, place):
+    async def story(world, station, first, second):
+        far = {"type": "position", "position_ned_m": place}
+        with pytest.raises(Refused, match="at most 1000 m"):
+            body = models.StartRequest.model_validate({"setpoint": far})
+            await offboard_routes.start("1", body, station, "me")
+        assert not first.setpoints
+        start = models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        await offboard_routes.start("1", start, station, "me")
+        with pytest.raises(Refused, match="at most 1000 m"):
+            await offboard_routes.setpoint("1", ORDER.validate_python(far), station, "me")
+        await seconds(0.2)
+        assert first.setpoints[-1][1].z == -5.0
+
+    twins(jump, story)
