@@ -5,6 +5,8 @@ Azimuthal equidistant about a reference point on PX4's sphere of 6,371,000 m.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,3 +45,8 @@ def to_global(
     lat = np.arcsin(np.clip(cos_angle * sin_lat0 + x * over * cos_lat0, -1.0, 1.0))
     d_lon = np.arctan2(y * over, cos_lat0 * cos_angle - x * over * sin_lat0)
     return np.degrees(lat), np.asarray(origin_lon_deg) + np.degrees(d_lon)
+
+
+def is_place(lat_deg: float, lon_deg: float) -> bool:
+    """Whether a command names a place (PX4 ignores NaN and impossible latitudes)."""
+    return math.isfinite(lat_deg) and abs(lat_deg) <= 90.0 and math.isfinite(lon_deg)

@@ -7,10 +7,12 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.autopilot.navigator import TICK_S, Home, Navigator
+from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
 from vehicle_sim.control.setpoints import ControlLevel
@@ -119,7 +121,7 @@ class Autopilot:
             return
         if commander.active is not NavState.OFFBOARD:
             # keep the trajectory at the vehicle while it cannot follow
-            self.navigator.idle()
+            self.navigator.path.idle()
 
     def _steer_offboard(self) -> None:
         setpoint = self.offboard.setpoint

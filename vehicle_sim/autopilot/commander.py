@@ -9,9 +9,10 @@ from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Cause, Conditions, Decision, decide
+from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.modes import MODES, NavState
-from vehicle_sim.autopilot.navigator import Home, Navigator
+from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.geodesy import to_local

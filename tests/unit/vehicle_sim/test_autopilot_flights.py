@@ -91,10 +91,10 @@ def flown() -> dict[str, Curve]:
         lat0, lon0, _ = body.origin
         x, y, _ = body.belief.position_ned_m
         lat, lon = to_global(np.float64(x + north), np.float64(y + east), np.float64(lat0), np.float64(lon0))
-        navigator.cruise_m_s = cruise
+        navigator.path.cruise_m_s = cruise
         navigator.goto(float(lat), float(lon), math.nan, math.nan)
         for when, speed in changes.items():
-            at.setdefault(when, []).append(lambda n=navigator, v=speed: setattr(n, "cruise_m_s", v))
+            at.setdefault(when, []).append(lambda p=navigator.path, v=speed: setattr(p, "cruise_m_s", v))
     # In Hold already: the recording's DO_SET_MODE Hold stops nothing.
     at[5.0] = [lambda: sim.autopilots[1].commander.set_mode(NavState.HOLD)]
     t_s, position, velocity = fly(sim, 26, at)

@@ -130,7 +130,7 @@ class MotionMessages(Family):
 
     def position_target_global_int(self) -> bytes | None:
         commander, navigator = self._autopilot.commander, self._autopilot.navigator
-        north, east, down = navigator.target_ned_m
+        north, east, down = navigator.path.target_ned_m
         if not commander.armed or north is None or east is None or down is None:
             return None
         lat_deg, lon_deg, alt_m = self._to_global(north, east, down)

@@ -216,18 +216,18 @@ class CommandService:
         if result == ACCEPTED and self._commander.armed:
             self._navigator.goto(c.p5, c.p6, c.p7, c.p4)
             if math.isfinite(c.p1) and c.p1 > 0.0:
-                self._navigator.cruise_m_s = c.p1
+                self._navigator.path.cruise_m_s = c.p1
         return result
 
     def _change_speed(self, c: Command) -> int:
         kind, speed = (int(c.p1) if math.isfinite(c.p1) else 0), c.p2
         value = speed if math.isfinite(speed) and speed > 0.0 else math.nan
         if kind in (0, 1):
-            self._navigator.cruise_m_s = value
+            self._navigator.path.cruise_m_s = value
         elif kind == 2:
-            self._navigator.climb_m_s = value
+            self._navigator.path.climb_m_s = value
         elif kind == 3:
-            self._navigator.descent_m_s = value
+            self._navigator.path.descent_m_s = value
         return ACCEPTED
 
     def _set_home(self, c: Command) -> int:

@@ -1,0 +1,75 @@
+"""Take-off: straight up to the height that was asked for."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.path import TICK_S, Path
+
+CLIMB_DELAY_S = 1.4
+"""From the start of the take-off ramp until the climb begins (measured on PX4: the ramp passes zero then)."""
+CLIMB_ACCELERATION_M_S2 = 0.5
+CLIMB_APPROACH = 1.15
+"""Speed over the square root of the height left near the target (both from recorded take-offs)."""
+
+
+class Climb:
+    """The flight task of mode Takeoff."""
+
+    def __init__(self, body: Body, announcer: Announcer, path: Path, home: Home) -> None:
+        self._body = body
+        self._announcer = announcer
+        self._path = path
+        self._home = home
+        self.alt_amsl_m = math.nan
+        """What the command asked for, kept until the climb begins; NaN: MIS_TAKEOFF_ALT."""
+        self._climb_since_s = math.nan
+
+    def enter(self) -> None:
+        """Choose the height: the one asked for, never below MIS_TAKEOFF_ALT over home."""
+        self._climb_since_s = math.nan
+        origin_alt = self._body.origin[2]
+        default_m = self._body.parameter("MIS_TAKEOFF_ALT")
+        lowest = self._home.alt_amsl_m + default_m
+        wanted = self.alt_amsl_m
+        self.alt_amsl_m = math.nan
+        here = self._body.belief.alt_amsl_m
+        if not math.isfinite(wanted):
+            self._announcer.both(
+                6,
+                f"Using default takeoff altitude: {default_m:.1f} m",
+                "navigator_takeoff_default_alt",
+                "f",
+                default_m,
+            )
+        elif here > max(wanted, lowest):
+            self._announcer.both(
+                2, "Already higher than takeoff altitude", "navigator_takeoff_already_higher"
+            )
+        wanted = max(
+            lowest, here if here > lowest + 1.0 else lowest, wanted if math.isfinite(wanted) else lowest
+        )
+        north, east, _ = self._body.belief.position_ned_m
+        self._path.target_ned_m = (north, east, -(wanted - origin_alt))
+
+    def run(self) -> None:
+        """One tick of the climb; the take-off ramp limits it at first."""
+        _, _, down = self._path.target_ned_m
+        z = self._body.belief.position_ned_m[2]
+        self._path.advance_horizontal()
+        now_s = self._body.time_s
+        if math.isnan(self._climb_since_s):
+            self._climb_since_s = now_s
+        left_m = max(0.0, z - down) if down is not None else 0.0
+        wanted = min(self._body.parameter("MPC_TKO_SPEED"), CLIMB_APPROACH * math.sqrt(left_m))
+        if now_s - self._climb_since_s < CLIMB_DELAY_S:
+            wanted = 0.0
+        rate = CLIMB_ACCELERATION_M_S2 if -wanted < self._path.z.velocity_m_s else 2.0
+        step = rate * TICK_S
+        self._path.z.velocity_m_s += max(-step, min(step, -wanted - self._path.z.velocity_m_s))
+        self._path.z.acceleration_m_s2 = 0.0
+        self._path.z.position_m = z
+        self._path.write()
