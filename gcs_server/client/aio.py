@@ -6,7 +6,6 @@ Units and frames are in the names: NED from the vehicle's local origin, metres, 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -226,7 +225,8 @@ class Vehicle:
         """Flies setpoints for the length of a block; leaving it, by an exception too, ends in Hold.
 
         If the vehicle was landed or taken over inside the block, nothing is sent at its end. If this program
-        hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`.
+        hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the Hold after
+        an exception fails, a note on that exception says why.
 
         Yields:
             The stream; `started` holds what the server said, the vehicle's failsafe among it.
@@ -243,9 +243,11 @@ class Vehicle:
         stream = Offboard(self, started, life)
         try:
             yield stream
-        except BaseException:
-            with contextlib.suppress(ApiError, Unreachable):  # the block's own error is the one to see
+        except BaseException as error:
+            try:
                 await asyncio.shield(stream.stop())
+            except (ApiError, Unreachable) as problem:  # the block's own error is the one to see
+                error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
             raise
         await stream.stop()
 

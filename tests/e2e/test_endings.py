@@ -1,0 +1,174 @@
+"""How a program's offboard block ends: its own error, Ctrl-C, cancellation, a server that is gone."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_server.client import Gcs, SyncGcs, Unreachable
+from tests.e2e.test_deaths import airborne
+from tests.station import end, free_port, running, server, vehicle, wait_until
+
+SYNC = """
+import sys, time
+from gcs_server.client import SyncGcs
+with SyncGcs(sys.argv[1], client="sync") as gcs:
+    drone = gcs.vehicle("101")
+    {before}
+    with drone.offboard(velocity_ned_m_s=(1, 0, 0), valid_for_s=60) as stream:
+        print("flying", flush=True)
+        {inside}
+"""
+
+
+@pytest.fixture(scope="module")
+def flying() -> Iterator[Any]:
+    """A vehicle in the air for all tests of this file, in real time."""
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        vehicle(port, more=["--speed", "3"]),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        airborne(drone)
+        yield url, drone, process, port
+
+
+def ends_in_hold(drone: Any) -> None:
+    """Within moments, by the word of the vehicle."""
+    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "the stream's end", 8)
+    assert drone.status()["mode"] == "hold"
+
+
+def run(source: str, url: str, *, inside: str, before: str = "pass") -> Any:
+    code = source.format(inside=inside, before=before)
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return running([sys.executable, "-c", code, url], **options)
+
+
+@pytest.mark.parametrize("inside", ["time.sleep(60)", "while True: stream.velocity_ned(1, 0, 0)"])
+def test_ctrl_c_in_a_sync_program_ends_in_hold_and_the_program_ends(flying: Any, inside: str) -> None:
+    url, drone, *_ = flying
+    with run(SYNC, url, inside=inside) as program:
+        assert program.stdout.readline() == b"flying\n"
+        time.sleep(0.3)
+        program.send_signal(signal.SIGINT)
+        _, complaint = program.communicate(timeout=10)
+    assert b"KeyboardInterrupt" in complaint
+    ends_in_hold(drone)
+
+
+def test_ctrl_c_while_a_sync_program_starts_does_not_hang_and_the_vehicle_ends_in_hold(flying: Any) -> None:
+    url, drone, *_ = flying
+    code = SYNC.format(before='print("starting", flush=True)', inside="pass").replace("valid_for_s=60", "")
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with running([sys.executable, "-c", code, url], **options) as program:
+        assert program.stdout.readline() == b"starting\n"
+        time.sleep(0.6)
+        program.send_signal(signal.SIGINT)
+        program.communicate(timeout=10)
+    ends_in_hold(drone)
+
+
+def test_an_error_in_the_block_is_the_one_to_see_and_ends_in_hold(flying: Any) -> None:
+    _, drone, *_ = flying
+    with pytest.raises(ZeroDivisionError), drone.offboard(velocity_ned_m_s=(1, 0, 0), valid_for_s=60):
+        print(1 / 0)
+    ends_in_hold(drone)
+
+
+@pytest.mark.parametrize("how", ["cancel", "timeout", "cancel twice"])
+def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: str) -> None:
+    url, drone, *_ = flying
+
+    async def fly() -> None:
+        async with (
+            Gcs(url, client="async") as gcs,
+            gcs.vehicle("101").offboard(velocity_ned_m_s=(1, 0, 0), valid_for_s=60),
+        ):
+            await asyncio.sleep(60)
+
+    async def story() -> None:
+        if how == "timeout":
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(4):
+                    await fly()
+            return
+        task = asyncio.ensure_future(fly())
+        await asyncio.sleep(4)
+        task.cancel()
+        if how == "cancel twice":
+            await asyncio.sleep(0.05)
+            task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(story())
+    ends_in_hold(drone)
+
+
+def test_a_client_that_goes_away_during_start_leaves_a_stream_that_expires_into_hold(flying: Any) -> None:
+    url, drone, *_ = flying
+    host, port = url.removeprefix("http://").split(":")
+    body = b'{"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 0, 0]}, "valid_for_s": 0.5}'
+    with socket.create_connection((host, int(port))) as gone:
+        head = f"POST /api/v1/vehicles/101/offboard/start HTTP/1.1\r\nHost: {host}\r\nX-Client: gone\r\n"
+        head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+        gone.sendall(head.encode() + body)
+        wait_until(lambda: drone.request("GET", "/offboard")["state"] == "starting", "the start", 3)
+    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "holding", "the expiry", 10)
+    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "Hold", 10)
+    assert drone.status()["mode"] == "hold"
+
+
+def test_a_stop_that_fails_says_so_beside_the_blocks_own_error() -> None:
+    """The server is gone inside the block: nobody can put the vehicle into Hold, and the error tells."""
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        vehicle(port, more=["--speed", "3"]),
+        SyncGcs(url) as gcs,
+    ):
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        with (
+            pytest.raises(RuntimeError, match="mine") as caught,
+            drone.offboard(position_ned_m=(0, 0, 0), valid_for_s=60),
+        ):
+            end(process, signal.SIGKILL)
+            raise RuntimeError("mine")
+        assert any("Hold" in note for note in caught.value.__notes__)
+        with pytest.raises(Unreachable):
+            drone.status()
+
+
+def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Path) -> None:
+    port = free_port()
+    log = tmp_path / "server.log"
+    with vehicle(port, more=["--speed", "3"]):
+        with server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
+            with SyncGcs(url) as gcs:
+                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+                airborne(drone, 6)
+                started = drone.request(
+                    "POST",
+                    "/offboard/start",
+                    {"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 0, 0]}, "valid_for_s": 600},
+                )
+                assert started["streaming"]
+            process.send_signal(signal.SIGTERM)
+            process.wait(10)
+        with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url) as gcs:
+            drone = gcs.wait_for_vehicle("101", timeout_s=20)
+            status = drone.status()
+            assert (status["mode"], status["armed"]) == ("hold", True)
+    assert b"put into Hold" in log.read_bytes()
