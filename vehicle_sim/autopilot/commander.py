@@ -1,21 +1,20 @@
-"""Who is in charge: arming, the mode asked for and the mode flown, failsafes, home, automatic disarming."""
+"""Who is in charge: arming, the mode asked for and the mode flown, failsafes, automatic disarming."""
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Cause, Conditions, Decision, decide
-from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.home import HomeKeeper
 from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.geodesy import to_local
 
 NAVIGATION_GROUPS = {
     NavState.MANUAL: 0,
@@ -60,18 +59,14 @@ class Commander:
         self._row = row
         self._navigator = navigator
         self.offboard = offboard
-        self.home: Home = navigator.home
+        self.home = HomeKeeper(body, navigator.home)
+        self.checks = Checks(body, announcer, offboard, navigator.home)
         self.armed = False
         self.intended = NavState.HOLD
         self.active = NavState.HOLD
         self.landed = True
         self.terminated = False
         self.failsafe = Decision()
-        self.has_mission = False
-        self.manual_control_at_s = -math.inf
-        self.gcs_heard_at_s = -math.inf
-        self.report = health.examine(self._facts())
-        self._announced: health.Report | None = None
         self._armed_at_s = 0.0
         self._landed_at_s = 0.0
         self._flew = False
@@ -96,7 +91,7 @@ class Commander:
         self._flew = False
         self._overridden.clear()
         self._row.armed(True)
-        self._set_home_here()
+        self.home.set_here()
         self._announcer.both(
             6, "Armed by external command", "commander_armed_by", "B", Reason.EXTERNAL_COMMAND
         )
@@ -148,7 +143,9 @@ class Commander:
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
             return False
-        return mode is self.active or self._fresh_report().runnable(mode)
+        return mode is self.active or self.checks.fresh(self.intended, terminated=self.terminated).runnable(
+            mode
+        )
 
     def terminate(self) -> bool:
         """End the flight: motors off, for good. Only while armed."""
@@ -158,42 +155,18 @@ class Commander:
         self._enter_failsafe(Decision(Action.TERMINATE))
         return True
 
-    def set_home(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """A given place becomes home."""
-        origin_lat, origin_lon, origin_alt = self._body.origin
-        n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
-        home = self.home
-        home.lat_deg, home.lon_deg, home.alt_amsl_m = lat_deg, lon_deg, alt_amsl_m
-        home.position_ned_m = (float(n), float(e), -(alt_amsl_m - origin_alt))
-        home.set_at_us, home.manual = self._body.time_boot_us(), True
-
-    def set_home_here(self) -> bool:
-        """The present place becomes home, by command."""
-        if not self._body.belief.valid_position:
-            return False
-        self._set_home_here()
-        return True
-
-    def _set_home_here(self) -> None:
-        belief, home = self._body.belief, self.home
-        if not belief.valid_position or not math.isfinite(belief.lat_deg):
-            return
-        home.lat_deg, home.lon_deg, home.alt_amsl_m = belief.lat_deg, belief.lon_deg, belief.alt_amsl_m
-        home.position_ned_m = belief.position_ned_m
-        home.yaw_ned_rad = belief.yaw_ned_rad
-        home.set_at_us, home.manual = self._body.time_boot_us(), False
-
     def run_checks(self) -> None:
         """RUN_PREARM_CHECKS: check and report now."""
         self._check()
-        self._announce()
+        self.checks.announce()
 
     # --- each tick -------------------------------------------------------------------------------------
 
     def update(self, *, landed: bool) -> None:
         """Check, fail safe, disarm: call at 50 Hz after the land detector."""
         self._note_landing(landed)
-        self._keep_home()
+        if not self.armed:
+            self.home.follow()
         self._check()
         self._run_failsafe()
         self._auto_disarm()
@@ -217,67 +190,15 @@ class Commander:
         elif self.armed:
             self._flew = True
             self._announcer.both(6, "Takeoff detected", "commander_takeoff_detected")
-            if not self.home.manual:
-                self._set_home_here()
-
-    def _keep_home(self) -> None:
-        belief = self._body.belief
-        if self.armed or self.home.manual or not belief.valid_position:
-            return
-        if not self.home.valid or math.dist(belief.position_ned_m, self.home.position_ned_m) > 1.0:
-            self._set_home_here()
-
-    def _facts(self) -> health.Facts:
-        body, belief = self._body, self._body.belief
-        needs_gcs = body.choice("NAV_DLL_ACT") > 0
-        return health.Facts(
-            mode=self.intended,
-            valid_attitude=belief.valid_attitude,
-            valid_local_position=belief.valid_position and belief.valid_velocity,
-            valid_global_position=belief.valid_position and self.home.valid,
-            has_mission=self.has_mission,
-            offboard_signal=self.offboard.signal(),
-            manual_control=self.manual_control,
-            gcs_missing=needs_gcs and not self._gcs_alive(),
-            mission_required=bool(body.choice("COM_ARM_MIS_REQ")),
-            battery_warning=self.battery_warning,
-            terminated=self.terminated,
-        )
-
-    @property
-    def manual_control(self) -> bool:
-        """Whether sticks were heard within the last half second."""
-        return self._body.time_s - self.manual_control_at_s < 0.5
-
-    def _gcs_alive(self) -> bool:
-        return self._body.time_s - self.gcs_heard_at_s < self._body.choice("COM_DL_LOSS_T")
-
-    @property
-    def battery_warning(self) -> int:
-        """0 fine, 1 low, 2 critical, 3 emergency."""
-        remaining = float(self._body.simulation.battery.remaining[self._body.row])
-        for level, name in ((3, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR")):
-            if remaining < self._body.parameter(name):
-                return level
-        return 0
-
-    def _fresh_report(self) -> health.Report:
-        return health.examine(self._facts())
+            self.home.lifted()
 
     def _check(self) -> None:
-        self.report = self._fresh_report()
-        if self._announced != self.report:
-            self._announce()
+        self.checks.run(self.intended, terminated=self.terminated)
 
-    def _announce(self) -> None:
-        before = self._announced
-        if self._body.time_s > 1.0:
-            self._announced = self.report
-            health.announce(self.report, self._announcer)
-            new = {check.event for check in self.report.checks}
-            old = {check.event for check in before.checks} if before else set[str]()
-            if "check_battery_low" in new - old:
-                self._announcer.text(0, "Low battery\t")
+    @property
+    def report(self) -> health.Report:
+        """The arming report."""
+        return self.checks.report
 
     # --- failsafe --------------------------------------------------------------------------------------
 
@@ -295,9 +216,9 @@ class Commander:
                 offboard_lost=not self.offboard.signal(),
                 offboard_loss_action=body.choice("COM_OBL_RC_ACT"),
                 position_lost=needs_position and not belief.valid_position,
-                gcs_lost=math.isfinite(self.gcs_heard_at_s) and not self._gcs_alive(),
+                gcs_lost=self.checks.gcs_lost(),
                 gcs_loss_action=body.choice("NAV_DLL_ACT"),
-                battery_warning=self.battery_warning,
+                battery_warning=self.checks.battery_warning,
                 low_battery_action=body.choice("COM_LOW_BAT_ACT"),
                 overridden=frozenset(self._overridden),
             )

@@ -1,11 +1,12 @@
-"""Where the vehicle returns to."""
+"""Where the vehicle returns to, and who moves it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.autopilot.body import Vector
+from vehicle_sim.autopilot.body import Body, Vector
+from vehicle_sim.geodesy import to_local
 
 
 @dataclass(slots=True)
@@ -24,3 +25,45 @@ class Home:
     def valid(self) -> bool:
         """Whether it was ever set."""
         return math.isfinite(self.lat_deg)
+
+
+class HomeKeeper:
+    """Moves home: by command, with the vehicle while it is disarmed, and to where it arms and lifts."""
+
+    def __init__(self, body: Body, home: Home) -> None:
+        self._body = body
+        self.home = home
+
+    def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """A given place becomes home, and stays it until the next command or arming."""
+        origin_lat, origin_lon, origin_alt = self._body.origin
+        n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+        home = self.home
+        home.lat_deg, home.lon_deg, home.alt_amsl_m = lat_deg, lon_deg, alt_amsl_m
+        home.position_ned_m = (float(n), float(e), -(alt_amsl_m - origin_alt))
+        home.set_at_us, home.manual = self._body.time_boot_us(), True
+
+    def set_here(self) -> bool:
+        """The present place becomes home, where the vehicle knows it."""
+        belief, home = self._body.belief, self.home
+        if not belief.valid_position:
+            return False
+        if math.isfinite(belief.lat_deg):
+            home.lat_deg, home.lon_deg, home.alt_amsl_m = belief.lat_deg, belief.lon_deg, belief.alt_amsl_m
+            home.position_ned_m = belief.position_ned_m
+            home.yaw_ned_rad = belief.yaw_ned_rad
+            home.set_at_us, home.manual = self._body.time_boot_us(), False
+        return True
+
+    def lifted(self) -> None:
+        """The vehicle left the ground: where it did is home, unless a place was given."""
+        if not self.home.manual:
+            self.set_here()
+
+    def follow(self) -> None:
+        """While disarmed: home goes with a vehicle that is carried more than a metre."""
+        belief = self._body.belief
+        if self.home.manual or not belief.valid_position:
+            return
+        if not self.home.valid or math.dist(belief.position_ned_m, self.home.position_ned_m) > 1.0:
+            self.set_here()

@@ -106,7 +106,7 @@ class Node:
     def _heartbeat(self, link: Link, message: Message) -> None:
         if message.type == MAV_TYPE_GCS:
             link.heard_gcs = True
-            self.context.autopilot.commander.gcs_heard_at_s = self.context.body.time_s
+            self.context.autopilot.commander.checks.gcs_heard_at_s = self.context.body.time_s
 
     def _forward(self, link: Link, message: Message) -> None:
         if message.system_id == self.system_id and message.component_id == 1:

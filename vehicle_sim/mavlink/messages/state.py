@@ -65,7 +65,7 @@ class StateMessages(Family):
     def battery_status(self) -> bytes:
         battery, i = self._body.simulation.battery, self._body.row
         volts = round(float(battery.voltage_v[i]) * 1000)
-        warning = self._autopilot.commander.battery_warning
+        warning = self._autopilot.commander.checks.battery_warning
         return pack(
             "BATTERY_STATUS",
             battery_function=1,

@@ -232,10 +232,10 @@ class CommandService:
 
     def _set_home(self, c: Command) -> int:
         if c.p1 == 1.0:
-            return ACCEPTED if self._commander.set_home_here() else DENIED
+            return ACCEPTED if self._commander.home.set_here() else DENIED
         if not (abs(c.p5) <= 90.0 and abs(c.p6) <= 180.0 and abs(c.p7) <= ALTITUDE_LIMIT_M):
             return DENIED
-        self._commander.set_home(c.p5, c.p6, c.p7)
+        self._commander.home.set(c.p5, c.p6, c.p7)
         return ACCEPTED
 
     def _terminate(self, c: Command) -> int:

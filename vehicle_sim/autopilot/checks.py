@@ -1,0 +1,91 @@
+"""Keeps the arming report up to date and announces it when it changes."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot import health
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.offboard import Offboard
+
+MANUAL_CONTROL_TIMEOUT_S = 0.5
+QUIET_AFTER_BOOT_S = 1.0
+_BATTERY_LEVELS = ((3, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
+
+
+class Checks:
+    """Arming checks of one vehicle."""
+
+    def __init__(self, body: Body, announcer: Announcer, offboard: Offboard, home: Home) -> None:
+        self._body = body
+        self._announcer = announcer
+        self._offboard = offboard
+        self._home = home
+        self.has_mission = False
+        self.manual_control_at_s = -math.inf
+        self.gcs_heard_at_s = -math.inf
+        self._facts = self.facts(NavState.HOLD, terminated=False)
+        self.report = self._examined = health.examine(self._facts)
+        self._announced: health.Report | None = None
+
+    def facts(self, mode: NavState, *, terminated: bool) -> health.Facts:
+        """What the checks look at, for the mode asked for."""
+        body, belief = self._body, self._body.belief
+        return health.Facts(
+            mode=mode,
+            valid_attitude=belief.valid_attitude,
+            valid_local_position=belief.valid_position and belief.valid_velocity,
+            valid_global_position=belief.valid_position and self._home.valid,
+            has_mission=self.has_mission,
+            offboard_signal=self._offboard.signal(),
+            manual_control=body.time_s - self.manual_control_at_s < MANUAL_CONTROL_TIMEOUT_S,
+            gcs_missing=body.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
+            mission_required=bool(body.choice("COM_ARM_MIS_REQ")),
+            battery_warning=self.battery_warning,
+            terminated=terminated,
+        )
+
+    def gcs_alive(self) -> bool:
+        """Whether a ground station was heard within COM_DL_LOSS_T."""
+        return self._body.time_s - self.gcs_heard_at_s < self._body.choice("COM_DL_LOSS_T")
+
+    def gcs_lost(self) -> bool:
+        """Whether one was heard before, and is no more."""
+        return math.isfinite(self.gcs_heard_at_s) and not self.gcs_alive()
+
+    @property
+    def battery_warning(self) -> int:
+        """0 fine, 1 low, 2 critical, 3 emergency."""
+        remaining = float(self._body.simulation.battery.remaining[self._body.row])
+        for level, name in _BATTERY_LEVELS:
+            if remaining < self._body.parameter(name):
+                return level
+        return 0
+
+    def fresh(self, mode: NavState, *, terminated: bool) -> health.Report:
+        """The report as of now, without saying anything; unchanged facts are not examined again."""
+        facts = self.facts(mode, terminated=terminated)
+        if facts != self._facts:
+            self._facts, self._examined = facts, health.examine(facts)
+        return self._examined
+
+    def run(self, mode: NavState, *, terminated: bool) -> None:
+        """Check, and announce what changed."""
+        self.report = self.fresh(mode, terminated=terminated)
+        if self._announced is not self.report and self._announced != self.report:
+            self.announce()
+
+    def announce(self) -> None:
+        """Send the report, once the boot is over."""
+        before = self._announced
+        if self._body.time_s <= QUIET_AFTER_BOOT_S:
+            return
+        self._announced = self.report
+        health.announce(self.report, self._announcer)
+        new = {check.event for check in self.report.checks}
+        old = {check.event for check in before.checks} if before else set[str]()
+        if "check_battery_low" in new - old:
+            self._announcer.text(0, "Low battery\t")
