@@ -48,8 +48,8 @@ class StreamSession:
         self._reader.close()
         self._outbox.close()
 
-    def _drain(self) -> bool:
-        came = False
+    def _drain(self) -> int:
+        came = 0
         for _ in range(READS_A_WAKE):
             if self._over:
                 break
@@ -63,7 +63,7 @@ class StreamSession:
             if not data:
                 self._end("The other side closed the connection.")
                 break
-            came = True
+            came += 1
             self._received(data)
         return came
 

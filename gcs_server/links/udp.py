@@ -80,8 +80,8 @@ class UdpLink(Link):
             return f"UDP port {self._port} may not be used by this user. Choose one above 1023."
         return super()._explain(error)
 
-    def _drain(self) -> bool:
-        sock, came, now_s = self._socket, False, self._loop.time()
+    def _drain(self) -> int:
+        sock, came, now_s = self._socket, 0, self._loop.time()
         by_address, heard_s, received = self._by_address, self._heard_s, self._received
         for _ in range(DATAGRAMS_A_WAKE):
             if sock is None or self._socket is not sock:  # closed by what came
@@ -95,7 +95,7 @@ class UdpLink(Link):
             except OSError as error:
                 self._lost(self._explain(error))
                 break
-            came = True
+            came += 1
             peer = by_address.get(address) or self._peer(address)
             heard_s[peer.name] = now_s
             received(data, peer, now_s)

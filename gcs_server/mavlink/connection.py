@@ -99,6 +99,8 @@ class Connection:
         self._on_peer_gone = on_peer_gone
         self._on_state = on_state
         self._parsers: dict[str, FrameParser] = {}
+        self._stamped_s, self._stamp_us = -1.0, 0
+        """When the newest bytes came, and what the recording calls that."""
         self._gone = ParserCounts(0, 0, 0, 0, 0)
         """Of peers that have gone."""
         self.sender = FrameSender(link, system_id, component_id, self._record)
@@ -159,9 +161,10 @@ class Connection:
         if not frames:
             return
         if self._recording is not None:
-            time_us = int(self._clock.unix_s() * 1e6)
+            if received_s != self._stamped_s:  # many datagrams are read in one go
+                self._stamped_s, self._stamp_us = received_s, int(self._clock.unix_s() * 1e6)
             for frame in frames:
-                self._recording.append(time_us, frame.raw)
+                self._recording.append(self._stamp_us, frame.raw)
         if is_new:
             self._on_new_peer(self, peer)
         on_frame = self._on_frame

@@ -14,7 +14,6 @@ import re
 import shutil
 import struct
 import threading
-from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -40,8 +39,8 @@ class TlogChannel:
         """Why nothing is recorded, for people; empty while all is well."""
         self.path: Path | None = None
         self.closing = False
-        self._queue: deque[bytes] = deque()
-        self._queued_bytes = 0
+        self._lock = threading.Lock()
+        self._waiting = bytearray()
         self._file: int | None = None
         self._began_unix_s: float | None = None
         self._size = 0
@@ -51,24 +50,21 @@ class TlogChannel:
         """One frame, heard or sent."""
         if self.problem:
             return
-        self._queue.append(_time.pack(time_us) + raw)
-        self._queued_bytes += 8 + len(raw)
+        with self._lock:
+            self._waiting += _time.pack(time_us) + raw
 
-    def take(self) -> bytes:
-        """Everything queued since the last time."""
-        parts: list[bytes] = []
-        while self._queue:
-            parts.append(self._queue.popleft())
-        data = b"".join(parts)
-        self._queued_bytes -= len(data)
-        return data
+    def take(self) -> bytearray:
+        """Everything that waits since the last time."""
+        with self._lock:
+            taken, self._waiting = self._waiting, bytearray()
+        return taken
 
     @property
     def backlog_bytes(self) -> int:
         """What waits to be written."""
-        return self._queued_bytes
+        return len(self._waiting)
 
-    def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:
+    def write(self, directory: Path, data: bytes | bytearray, time_us: int, max_bytes: int) -> None:
         """Called by the recorder's thread; raises OSError, having taken back a torn record."""
         if self._file is not None and self._size and self._size + len(data) > max_bytes:
             self.end()
