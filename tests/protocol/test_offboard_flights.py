@@ -499,6 +499,72 @@ def test_killed_in_flight_the_stream_ends_with_the_motors(jump):
     flight(jump, story)
 
 
+def test_the_end_of_the_server_holds_all_at_once_and_waits_for_none_for_ever(jump):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilots = [world.offboard_pilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2, 3)]
+        for pilot in pilots:
+            pilot.fly()
+        try:
+            vehicles = [await world.ready(str(i)) for i in (1, 2, 3)]
+            await seconds(1.5)
+            await asyncio.gather(*(vehicle.offboard.start(order()) for vehicle in vehicles))
+            pilots[0].silent_commands.add(176)
+            began = world.loop.time()
+            stopped = {s.vehicle: s.error for s in await world.streamer.stop_all()}
+            assert world.loop.time() - began < 3.5
+            assert stopped["2"] is None
+            assert stopped["3"] is None
+            assert isinstance(stopped["1"], NoReply)
+            assert [pilot.mode for pilot in pilots] == [OFFBOARD, HOLD, HOLD]
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_hold_is_not_taken_for_refused_by_the_late_refusal_of_what_it_overtook(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
+        pilot.take_offboard_after_s = 0.3
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.005)
+        pilot.mode = POSITION
+        dropped = []
+
+        def lose_the_first(message):
+            if getattr(message, "command", None) == 176 and message.param3 == 3 and not dropped:
+                dropped.append(message)
+            return message in dropped
+
+        pilot.handlers.append(lose_the_first)
+        await vehicle.command.hold()
+        assert dropped
+        assert pilot.mode == HOLD
+        with pytest.raises((Refused, Rejected)):
+            await starting
+
+    flight(jump, story)
+
+
+def test_a_hold_that_is_refused_is_still_told_as_refused_where_it_overtook_something(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.take_offboard_after_s = 0.3
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.005)
+        pilot.refuse[176] = 2
+        pilot.mode = POSITION
+        with pytest.raises(Rejected, match="denied"):
+            await vehicle.command.hold()
+        with pytest.raises((Refused, Rejected)):
+            await starting
+
+    flight(jump, story)
+
+
 # --- whom it is sent to ---------------------------------------------------------------------------
 
 

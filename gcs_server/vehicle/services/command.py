@@ -63,6 +63,8 @@ class CommandService:
         self._newest = 0
         self._newest_what = ""
         self._asked: Asked | None = None
+        self._waiting: list[int] = []
+        """The MAV_CMD of each request that waits for its end."""
 
     def asked_for(self, mode: str) -> Asked | None:
         """The command of ours that brought the vehicle into this mode, where one can have just now."""
@@ -308,7 +310,15 @@ class CommandService:
         def superseded() -> str | None:
             return self._newest_what if token != self._newest else None
 
-        await Transaction(self._vehicle, request, goal, progress, superseded).run()
+        if request is None:
+            await Transaction(self._vehicle, None, goal, progress, superseded).run()
+            return
+        overtakes = request.command in self._waiting
+        self._waiting.append(request.command)
+        try:
+            await Transaction(self._vehicle, request, goal, progress, superseded, overtakes).run()
+        finally:
+            self._waiting.remove(request.command)
 
 
 ASK_STATE = (d.MAVLINK_MSG_ID_HEARTBEAT,)

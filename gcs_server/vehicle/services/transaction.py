@@ -101,6 +101,7 @@ class Transaction:
     Args:
         request: None only waits for the goal.
         superseded: says which newer command took over, or None.
+        overtakes: another request of the same MAV_CMD waits still: a first refusal may be meant for that one.
     """
 
     def __init__(
@@ -110,12 +111,14 @@ class Transaction:
         goal: Goal,
         progress: Progress | None = None,
         superseded: Callable[[], str | None] = lambda: None,
+        overtakes: bool = False,
     ) -> None:
         self._vehicle = vehicle
         self._request = request
         self._goal = goal
         self._progress = progress
         self._superseded = superseded
+        self._doubts_refusal = overtakes
         self._as_int = request is not None and request.frame is not None
         self._forms_tried = 1
         self._sent = 0
@@ -253,6 +256,9 @@ class Transaction:
             self._forms_tried += 1
             self._as_int = result == d.MAV_RESULT_COMMAND_INT_ONLY
             self._next_send_s = now_s
+        elif self._doubts_refusal:
+            self._doubts_refusal = False
+            self._next_send_s = now_s  # asked again, it is ours to be refused
         else:
             if self._refused is None:
                 self._refused_s = now_s
