@@ -29,7 +29,7 @@ examples:
   gcs                                      server, page and one simulated vehicle on http://localhost:8080
   gcs serve --sim 3                        the same with three vehicles
   gcs serve --no-sim --link udpin://0.0.0.0:14550        listen for real vehicles on all addresses
-  gcs serve --no-sim --link serial:/dev/ttyUSB0:57600    a telemetry radio
+  gcs serve --no-sim --link 'serial:///dev/ttyUSB0?baud=57600'   a telemetry radio
   gcs serve --link udpin://127.0.0.1:14650 --sim-args='--gcs-remote-port 14650 --gcs-local-port 18670'
                                            a simulated vehicle on other ports
   gcs replay flight.tlog --speed 2         look at a recording

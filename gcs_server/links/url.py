@@ -4,7 +4,7 @@
     udpout://127.0.0.1:14580           speaks first
     tcp://127.0.0.1:5760               client
     tcpin://127.0.0.1:5790             listens
-    serial:///dev/ttyACM0?baud=57600
+    serial:///dev/ttyACM0?baud=57600   or serial:/dev/ttyACM0:57600
     tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
 
 `forward=1` on a network link marks another ground station: it gets what the vehicles say, and what it
@@ -14,6 +14,7 @@ says goes to the vehicles.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from urllib.parse import parse_qs, unquote, urlsplit
 
@@ -54,10 +55,13 @@ def make_link(url: str, name: str | None = None) -> Link:
     if kind == "serial":
         if not parts.path.startswith("/"):
             raise InvalidRequest("url", f"{url!r} names no device.", remedy=REMEDY)
-        baud = _number(url, "baud", options.get("baud", str(DEFAULT_BAUD)))
+        device, rate = unquote(parts.path), str(DEFAULT_BAUD)
+        after_colon = re.fullmatch(r"(.+):(\d{4,})", device)
+        if after_colon is not None:
+            device, rate = after_colon.groups()
+        baud = _number(url, "baud", options.get("baud", rate))
         if not 1200 <= baud <= 12_000_000 or baud != int(baud):
             raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
-        device = unquote(parts.path)
         return SerialLink(name or f"serial-{Path(device).name}", url, device, int(baud), forward=forward)
     if kind == "tlog":
         return _tlog(url, name, unquote(parts.path), options)

@@ -195,6 +195,40 @@ def test_a_missing_or_forbidden_serial_port_says_what_to_do():
     run(story)
 
 
+def test_a_serial_port_that_the_system_forbids_says_how_to_get_it(monkeypatch):
+    real = os.open
+
+    def forbidden(path, flags, *more, **options):
+        if path == "/dev/ttyFORBIDDEN":
+            raise PermissionError(errno.EACCES, "Permission denied", path)
+        return real(path, flags, *more, **options)
+
+    async def story():
+        heard = Heard(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
+        info = heard.link.info()
+        assert info.state == "waiting"
+        assert "may not open /dev/ttyFORBIDDEN" in info.detail
+        assert "sudo usermod -aG dialout $USER" in info.detail
+        await heard.link.close()
+
+    monkeypatch.setattr(os, "open", forbidden)
+    run(story)
+
+
+@pytest.mark.parametrize(
+    ("url", "device", "baud"),
+    [
+        ("serial:///dev/ttyUSB0", "/dev/ttyUSB0", 57600),
+        ("serial:///dev/ttyUSB0?baud=921600", "/dev/ttyUSB0", 921600),
+        ("serial:/dev/ttyUSB0:115200", "/dev/ttyUSB0", 115200),
+        ("serial:///dev/serial/by-path/pci-0:1:1.0-port0", "/dev/serial/by-path/pci-0:1:1.0-port0", 57600),
+    ],
+)
+def test_a_serial_url_takes_its_rate_as_an_option_or_after_a_colon(url, device, baud):
+    link = make_link(url)
+    assert (link._device, link._baud, link.name) == (device, baud, f"serial-{device.rpartition('/')[2]}")
+
+
 @pytest.mark.parametrize("packed", [False, True])
 def test_a_recording_plays_at_its_pace_and_ends(tmp_path, packed):
     frames = [

@@ -1,0 +1,86 @@
+"""What the documents tell a person to paste works: each curl call and each Python program in them is run."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gcs_server.api.schema import bare_app
+from gcs_server.client import SyncGcs
+from tests.station import free_port, running, server
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEED = 3
+PRELUDE = """
+set -u
+sleep() {{ command sleep $(( ($1 + {speed} - 1) / {speed} )); }}
+curl() {{
+  command curl --fail-with-body --max-time 40 "$@" || echo "status $? of: curl $*" >> {failed}
+}}
+"""
+
+
+def blocks(document: str, language: str, containing: str) -> list[str]:
+    """Fenced blocks of a document, in order."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    found = re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    return [block for block in found if containing in block]
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """`host:port` of a station whose simulated vehicle is number 1 and ready, as after `make run`."""
+    port = free_port()
+    command = [sys.executable, "-m", "vehicle_sim", "--no-api", "--gcs-local-port", "0", "--tcp-port", "0"]
+    command += ["--gcs-remote-port", str(port), "--speed", str(SPEED)]
+    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), running(command):
+        with SyncGcs(url, client="docs") as gcs:
+            gcs.wait_for_vehicle("1", ready=True, timeout_s=40)
+        yield url.removeprefix("http://")
+
+
+@pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
+def test_every_call_of_the_document_works_in_its_order(document: str, address: str, tmp_path: Path) -> None:
+    failed = tmp_path / "failed"
+    snippets = blocks(document, "sh", "curl ")
+    assert snippets
+    script = PRELUDE.format(failed=failed, speed=SPEED) + "\n".join(snippets).replace(
+        "localhost:8080", address
+    )
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=110)
+    assert not failed.exists(), f"{failed.read_text()}\n{done.stdout[-3000:]}"
+    assert done.returncode == 0, done.stderr
+    with SyncGcs(f"http://{address}", client="docs") as gcs:
+        gcs.vehicle("1").until_disarmed(timeout_s=60)
+
+
+def test_the_page_of_the_api_has_every_call_that_there_is() -> None:
+    text = "\n".join(blocks("docs/api.md", "sh", "curl "))
+    text = re.sub(r"\\\n\s*", "", text)
+    lines = [line for line in text.splitlines() if line.startswith("curl")]
+    shown = set()
+    for line in lines:
+        method = found.group(1) if (found := re.search(r"-X (\w+)", line)) else "GET"
+        address = re.search(r"localhost:8080(/api/v1[^\s'?]*)", line)
+        assert address, line
+        path = re.sub(r"/vehicles/1\b", "/vehicles/{v}", address.group(1))
+        path = re.sub(r"/(params|links)/\w+", r"/\1/{name}", path)
+        shown.add((method, path))
+    paths = bare_app().openapi()["paths"]
+    assert shown == {(method.upper(), path) for path, methods in paths.items() for method in methods}
+
+
+@pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
+def test_every_program_of_the_document_runs(document: str, address: str, tmp_path: Path) -> None:
+    for number, program in enumerate(blocks(document, "python", "localhost:8080")):
+        file = tmp_path / f"program{number}.py"
+        file.write_text(program.replace("localhost:8080", address), encoding="utf-8")
+        done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=100)
+        assert done.returncode == 0, done.stderr
+        if document == "docs/api.md":
+            assert "1 attitude" in done.stdout
