@@ -153,7 +153,9 @@ def _note(vehicle: SceneVehicle, place: Place, lost: bool) -> str:
     facts = (
         (lost, "lost"),
         (not place.known, "no position"),
-        (vehicle.identity.simulated, "simulated"),
+        (vehicle.identity.simulated is True, "simulated"),
+        # What has not said so may well be real: then nothing here may call it one or the other.
+        (vehicle.identity.simulated is None, "simulated?"),
         (vehicle.identity.replayed, "replayed"),
     )
     return ", ".join(text for is_so, text in facts if is_so)

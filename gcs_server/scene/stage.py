@@ -106,6 +106,7 @@ class Stage:
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
+                self._show_marks(view.mode)
 
     def _look(self, view: View, pose: VehiclePose | None) -> None:
         world = world_pose(view.mode, pose)
@@ -168,6 +169,12 @@ class Stage:
             thickness_units="screen",
             position=(0.0, 0.0, 0.004 * step_m),
         )
+
+    def _show_marks(self, mode: Mode) -> None:
+        """Figures on the ground are for looking down: low behind a vehicle they are mere strokes."""
+        readable = mode in ("free", "top")
+        if self._marks.visible != readable:
+            self._marks.visible = readable
 
     def _add_grid(self) -> Any:
         return self._scene.add_grid(

@@ -47,7 +47,7 @@ def text_segments(text: str, *, height_m: float, at_m: Vector3) -> Points:
 
 def scale_marks(step_m: float) -> Points:
     """The compass and the distances from the origin: N, E, S, W and 1, 2 and 5 steps along each axis."""
-    size = step_m * 0.11
+    size = step_m * 0.08
     parts = [
         text_segments(letter, height_m=size * 1.6, at_m=(x * step_m * 6, y * step_m * 6, 0.0))
         for letter, x, y in (("N", 0, 1), ("E", 1, 0), ("S", 0, -1), ("W", -1, 0))

@@ -81,7 +81,7 @@ function post(v, what, body) {
 
 async function api(request, path) {
   const [, kind, id, ...rest] = path.split('/');
-  if (kind === 'links') return { status: 200, body: { links: [{ name: 'udpin-14550', url: 'udpin://127.0.0.1:14550', state: 'open', detail: '', replay: false, forward: false, peers: ['127.0.0.1:18570'], bytes_received: 1234567, bytes_sent: 4000, bytes_dropped: 0 }] } };
+  if (kind === 'links') return { status: 200, body: { links: [{ name: 'udpin-14550', url: 'udpin://127.0.0.1:14550', state: 'open', detail: '', replay: false, forward: false, peers: ['127.0.0.1:18570'], bytes_received: 1234567, bytes_sent: 4000, bytes_dropped: 0, recording: { file: 'fake.tlog', bytes: 1234567, started_unix_s: Date.now() / 1000 - 221, stopped: null } }] } };
   if (kind === 'warnings') return { status: 200, body: { warnings: [] } };
   if (kind !== 'vehicles') return { status: 200, body: {} };
   if (!id) return { status: 200, body: { vehicles: [...vehicles.values()].map((v) => ({ id: v.id, identity: v.identity(), topics: Object.fromEntries(v.samples().map((s) => [s.topic, s])) })) } };

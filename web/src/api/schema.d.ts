@@ -915,6 +915,10 @@ export interface components {
         /**
          * GimbalAngles
          * @description Where the camera is to look.
+         * @example {
+         *       "pitch_deg": -30,
+         *       "yaw_deg": 0
+         *     }
          */
         GimbalAngles: {
             /**
@@ -942,6 +946,10 @@ export interface components {
         /**
          * GimbalRates
          * @description How fast the camera is to turn; zero stops both axes.
+         * @example {
+         *       "pitch_rate_deg_s": 5,
+         *       "yaw_rate_deg_s": -10
+         *     }
          */
         GimbalRates: {
             /**
@@ -964,6 +972,11 @@ export interface components {
         /**
          * GimbalRoi
          * @description A place to keep looking at.
+         * @example {
+         *       "alt_amsl_m": 488,
+         *       "lat_deg": 47.3982,
+         *       "lon_deg": 8.5462
+         *     }
          */
         GimbalRoi: {
             /**
@@ -1084,6 +1097,11 @@ export interface components {
         /**
          * GotoRequest
          * @description Where to fly; exactly one of the two altitudes.
+         * @example {
+         *       "alt_home_m": 15,
+         *       "lat_deg": 47.3982,
+         *       "lon_deg": 8.5462
+         *     }
          */
         GotoRequest: {
             /**
@@ -1369,9 +1387,9 @@ export interface components {
             uid: string | null;
             /**
              * Simulated
-             * @description Simulated.
+             * @description None until the autopilot has said who it is, and where nothing tells (other autopilots than PX4).
              */
-            simulated: boolean;
+            simulated: boolean | null;
             /**
              * Replayed
              * @description Replayed.
@@ -1455,6 +1473,9 @@ export interface components {
         /**
          * KillRequest
          * @description Says in words what is about to happen.
+         * @example {
+         *       "confirm": "motors stop, vehicle 1 falls"
+         *     }
          */
         KillRequest: {
             /**
@@ -1529,10 +1550,41 @@ export interface components {
              * @description Not sent because the outbox was full or nobody was connected.
              */
             bytes_dropped: number;
+            /**
+             * Frames Received
+             * @description Whole MAVLink frames, of peers that have gone, too; so are the next four.
+             */
+            frames_received: number;
+            /**
+             * Frames Unknown
+             * @description Frames of messages that the dialect does not have.
+             */
+            frames_unknown: number;
+            /**
+             * Frames Lost
+             * @description By the gaps in their sequence numbers.
+             */
+            frames_lost: number;
+            /**
+             * Crc Errors
+             * @description Frames whose checksum is wrong.
+             */
+            crc_errors: number;
+            /**
+             * Bytes Skipped
+             * @description Bytes that belong to no frame: garbage, another protocol, a wrong baud rate.
+             */
+            bytes_skipped: number;
+            /** @description Null where nothing is to be recorded: a replay, or a server with --no-record. */
+            recording: components["schemas"]["Recording"] | null;
         };
         /**
          * LinkRequest
          * @description A link to open.
+         * @example {
+         *       "name": "second",
+         *       "url": "udpin://127.0.0.1:14551"
+         *     }
          */
         LinkRequest: {
             /**
@@ -1656,6 +1708,9 @@ export interface components {
         /**
          * ModeRequest
          * @description Which flight mode to ask for.
+         * @example {
+         *       "mode": "position"
+         *     }
          */
         ModeRequest: {
             /**
@@ -1731,7 +1786,8 @@ export interface components {
             streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for).
+             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
+             *     (the start failed, but the vehicle may yet take Offboard).
              */
             state: string;
             /**
@@ -1790,6 +1846,9 @@ export interface components {
         /**
          * ParamRequest
          * @description A parameter's new value.
+         * @example {
+         *       "value": 5
+         *     }
          */
         ParamRequest: {
             /**
@@ -1822,6 +1881,14 @@ export interface components {
         /**
          * PositionOrder
          * @description A new place, sent at once.
+         * @example {
+         *       "position_ned_m": [
+         *         0,
+         *         0,
+         *         -10
+         *       ],
+         *       "type": "position"
+         *     }
          */
         PositionOrder: {
             /**
@@ -1867,6 +1934,14 @@ export interface components {
         /**
          * PositionSetpoint
          * @description A place in the vehicle's local frame.
+         * @example {
+         *       "position_ned_m": [
+         *         0,
+         *         0,
+         *         -10
+         *       ],
+         *       "type": "position"
+         *     }
          */
         PositionSetpoint: {
             /**
@@ -1959,6 +2034,32 @@ export interface components {
              * @description With 504: how long was waited [s].
              */
             deadline_s?: number | null;
+        };
+        /**
+         * Recording
+         * @description What of a link is on disk.
+         */
+        Recording: {
+            /**
+             * File
+             * @description The tlog's name in the data folder's `recordings`; null before the first frame.
+             */
+            file: string | null;
+            /**
+             * Bytes
+             * @description Written to this file; a full one is followed by the next.
+             */
+            bytes: number;
+            /**
+             * Started Unix S
+             * @description When this file began.
+             */
+            started_unix_s: number | null;
+            /**
+             * Stopped
+             * @description Why nothing is recorded now, for people; null while all is well.
+             */
+            stopped: string | null;
         };
         /**
          * StartRequest
@@ -2111,6 +2212,9 @@ export interface components {
         /**
          * TakeoffRequest
          * @description How high to climb.
+         * @example {
+         *       "alt_home_m": 10
+         *     }
          */
         TakeoffRequest: {
             /**
@@ -2302,6 +2406,14 @@ export interface components {
         /**
          * VelocityOrder
          * @description A new velocity, sent at once.
+         * @example {
+         *       "type": "velocity",
+         *       "velocity_ned_m_s": [
+         *         1,
+         *         0,
+         *         0
+         *       ]
+         *     }
          */
         VelocityOrder: {
             /**
@@ -2347,6 +2459,14 @@ export interface components {
         /**
          * VelocitySetpoint
          * @description A velocity in the vehicle's local frame.
+         * @example {
+         *       "type": "velocity",
+         *       "velocity_ned_m_s": [
+         *         1,
+         *         0,
+         *         0
+         *       ]
+         *     }
          */
         VelocitySetpoint: {
             /**
@@ -2404,6 +2524,11 @@ export interface components {
              * @description Whether there is a 3D view at /scene/.
              */
             scene: boolean;
+            /**
+             * Recording
+             * @description Whether links are to be recorded; how it goes stands in /links.
+             */
+            recording: boolean;
         };
         /**
          * Warnings
@@ -2438,7 +2563,7 @@ export interface components {
             sensors_healthy: number;
             /**
              * Ready To Arm
-             * @description MAV_SYS_STATUS_PREARM_CHECK healthy; None where the vehicle does not report it.
+             * @description MAV_SYS_STATUS_PREARM_CHECK healthy; None before the vehicle has reported any sensor.
              */
             ready_to_arm: boolean | null;
             /**

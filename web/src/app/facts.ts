@@ -12,7 +12,8 @@ export interface VehicleFacts {
   name: string;
   now_unix_s: number;
   lost: boolean;
-  simulated: boolean;
+  /** Null until it has said so. */
+  simulated: boolean | null;
   replayed: boolean;
   inAir: boolean;
   status: Reading<Status> | null;

@@ -62,12 +62,18 @@ describe('actions', () => {
     expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
     expect(call('kill', { ...facts, vehicleId: '1~2' })).toEqual({ path: '/vehicles/1~2/kill', body: { confirm: 'motors stop, vehicle 1~2 falls' } });
   });
-  it('never ask before Hold and never disable it or Stop motors', () => {
+  it('never ask before Hold and never disable it or Stop motors for a vehicle', () => {
     expect(question('hold', facts)).toBeNull();
-    const worst = { ...facts, lost: true, replayed: true };
+    const worst = { ...facts, lost: true, replayed: false };
     for (const action of ['hold', 'kill'] as ActionName[]) expect(unavailable(action, worst)).toBeNull();
     expect(unavailable('land', worst)).not.toBeNull();
     expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('It is in the air.');
+  });
+
+  it('say of a recording that it takes no commands, whatever is pressed', () => {
+    for (const action of ['arm', 'takeoff', 'land', 'rtl', 'hold', 'kill', 'offboard_start'] as ActionName[]) {
+      expect(unavailable(action, { ...facts, lost: false, replayed: true })).toBe('A recording takes no commands.');
+    }
   });
 });
 
@@ -215,11 +221,17 @@ describe('instruments, messages, indicators', () => {
     expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({ text: '3 · no fix', severity: 'danger' });
   });
   it('says that a recording stopped, and does not claim one that nobody told of', () => {
-    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_sent: 0, bytes_dropped: 0 };
-    expect(recordingIndicator([], [], false).text).toBe('–');
-    expect(recordingIndicator([link], [], true).text).toBe('On');
-    expect(recordingIndicator([{ ...link, replay: true }], [], true).text).toBe('None');
-    expect(recordingIndicator([link], [{ kind: 'recording', text: 'disk full', link: 'a', vehicle: null }], true)).toMatchObject({ text: 'Stopped', severity: 'danger' });
+    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_sent: 0, bytes_dropped: 0, recording: { file: 'a.tlog', bytes: 2_000_000, started_unix_s: 1000, stopped: null }, frames_received: 3, frames_unknown: 0, frames_lost: 0, crc_errors: 0, bytes_skipped: 0 };
+    const recorded = (change: object): LinkLine => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
+    expect(recordingIndicator([], false, 1221).text).toBe('–');
+    expect(recordingIndicator([link], true, 1221)).toMatchObject({ text: '03:41', severity: 'none' });
+    expect(recordingIndicator([link], true, 1221).details[0]?.[1]).toContain('a.tlog · 2.0 MB');
+    expect(recordingIndicator([recorded({ file: null, started_unix_s: null })], true, 1221).text).toBe('Waiting');
+    expect(recordingIndicator([{ ...link, replay: true, recording: null }], true, 1221).text).toBe('None');
+    expect(recordingIndicator([{ ...link, recording: null }], true, 1221)).toMatchObject({ text: 'Off', severity: 'caution' });
+    const stopped = recordingIndicator([link, recorded({ stopped: 'disk full' })], true, 1221);
+    expect(stopped).toMatchObject({ text: 'Stopped', severity: 'danger' });
+    expect(stopped.details[1]?.[1]).toBe('disk full');
     expect(linkDetails([link, { ...link, state: 'waiting', detail: 'port taken' }], null).details[1]?.[1]).toContain('port taken');
     expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
   });

@@ -10,14 +10,15 @@ export interface Identity {
   system_id: number | null;
   autopilot: number | null;
   vehicle_type: number | null;
-  simulated: boolean;
+  /** Null until the vehicle has said whether it is. */
+  simulated: boolean | null;
   replayed: boolean;
   firmware: string | null;
   warnings: string[];
 }
 
 export const UNKNOWN_IDENTITY: Identity = {
-  system_id: null, autopilot: null, vehicle_type: null, simulated: false, replayed: false, firmware: null, warnings: [],
+  system_id: null, autopilot: null, vehicle_type: null, simulated: null, replayed: false, firmware: null, warnings: [],
 };
 
 export interface Held {
@@ -137,7 +138,7 @@ export function toIdentity(value: unknown): Identity {
     system_id: number('system_id'),
     autopilot: number('autopilot'),
     vehicle_type: number('vehicle_type'),
-    simulated: raw['simulated'] === true,
+    simulated: typeof raw['simulated'] === 'boolean' ? raw['simulated'] : null,
     replayed: raw['replayed'] === true,
     firmware: typeof raw['firmware'] === 'string' ? raw['firmware'] : null,
     warnings: Array.isArray(raw['warnings']) ? raw['warnings'].filter((w): w is string => typeof w === 'string') : [],

@@ -84,10 +84,10 @@ export function call(action: Exclude<ActionName, 'offboard_start'>, facts: Actio
   return { path: `${base}/${action}` };
 }
 
-/** Why an action makes no sense now, as a tooltip; null where it does. Never for Hold or Stop motors. */
+/** Why an action makes no sense now, as a tooltip; null where it does. Hold and Stop motors always do with a vehicle. */
 export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
-  if (action === 'hold' || action === 'kill') return null;
   if (facts.replayed) return 'A recording takes no commands.';
+  if (action === 'hold' || action === 'kill') return null;
   if (facts.lost) return 'The vehicle is not heard.';
   if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
   if ((action === 'land' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';

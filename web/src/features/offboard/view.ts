@@ -81,7 +81,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
 }
 
 const STATES: Readonly<Record<string, string>> = {
-  starting: 'starting', holding: 'expired: holding the place', to_hold: 'expired: going to Hold', landing: 'expired: landing',
+  starting: 'Starting', holding: 'Expired: holding the place', to_hold: 'Expired: going to Hold', landing: 'Expired: landing',
 };
 
 /** What the stream is, for the card's corner. */

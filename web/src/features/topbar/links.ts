@@ -1,7 +1,7 @@
 /** Links, recordings and what the station warns of (`GET /links`, `GET /warnings`), as words for the page. */
 
 import type { components } from '../../api/schema';
-import { fixed, join, UNKNOWN } from '../../ui/format';
+import { duration, fixed, join, timeOfDay, UNKNOWN } from '../../ui/format';
 import type { Indicator } from './indicators';
 
 export type LinkLine = components['schemas']['Link'];
@@ -29,17 +29,33 @@ export function linkDetails(links: readonly LinkLine[], rate_bytes_s: number | n
   return { details, text };
 }
 
-/** Every link that is no replay is recorded unless the station warns of it. */
-export function recordingIndicator(links: readonly LinkLine[], notices: readonly StationNotice[], known: boolean): Indicator {
+/** Whether a link is being written to disk now. */
+export function recordsNow(link: LinkLine): boolean {
+  return link.recording !== null && link.recording.file !== null && link.recording.stopped === null;
+}
+
+function recordingLine(link: LinkLine): string {
+  const file = link.recording;
+  if (file === null) return 'not recorded';
+  if (file.stopped !== null) return file.stopped;
+  if (file.file === null) return 'begins with the first frame';
+  return join([file.file, bytesText(file.bytes), file.started_unix_s === null ? null : `since ${timeOfDay(file.started_unix_s)}`]);
+}
+
+/** What is on disk of each link, as the station says it; the longest running file gives the time shown. */
+export function recordingIndicator(links: readonly LinkLine[], known: boolean, now_unix_s: number): Indicator {
   const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
-  const recorded = links.filter((l) => !l.replay);
   if (!known) return { ...base, text: UNKNOWN, details: [['', 'The station has not said yet.']] };
-  const stopped = notices.filter((n) => n.kind === 'recording');
-  if (stopped.length > 0) {
-    return { ...base, text: 'Stopped', word: 'not saved', severity: 'danger', details: stopped.map((n): [string, string] => [n.link ?? '', n.text]) };
+  const live = links.filter((l) => !l.replay && !l.forward);
+  if (live.length === 0) {
+    const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'No link is open that could be recorded.';
+    return { ...base, text: 'None', details: [['', why]] };
   }
-  if (recorded.length === 0) return { ...base, text: 'None', details: [['', 'Only recordings are replayed; nothing is recorded.']] };
-  const flowing = recorded.some((l) => l.bytes_received > 0);
-  const details = recorded.map((l): [string, string] => [l.name, l.bytes_received > 0 ? 'every frame, both ways' : 'begins with the first frame']);
-  return { ...base, text: flowing ? 'On' : 'Waiting', details };
+  const details = live.map((l): [string, string] => [l.name, recordingLine(l)]);
+  if (live.some((l) => l.recording !== null && l.recording.stopped !== null)) {
+    return { ...base, text: 'Stopped', word: 'not saved', severity: 'danger', details };
+  }
+  if (live.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not saved', severity: 'caution', details };
+  const began = live.filter(recordsNow).map((l) => l.recording?.started_unix_s ?? now_unix_s);
+  return { ...base, text: began.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...began))), details };
 }

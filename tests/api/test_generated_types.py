@@ -1,0 +1,28 @@
+"""The page's types come from the server's description of its API: they may not fall behind it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools import build_page
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TYPES = REPOSITORY / "web" / "src" / "api" / "schema.d.ts"
+
+
+def test_the_pages_types_are_those_of_the_server(tmp_path: Path) -> None:
+    if not (REPOSITORY / "web").is_dir():
+        pytest.skip("the page's sources are not in this checkout")
+    build_page.install(REPOSITORY)
+    fresh = tmp_path / "schema.d.ts"
+    command = [str(build_page.node_path() / "node"), "dev/types.mjs", str(fresh)]
+    environment = os.environ | {"PYTHON": sys.executable}
+    subprocess.run(command, cwd=REPOSITORY / "web", env=environment, check=True, timeout=60)
+    assert fresh.read_text("utf-8") == TYPES.read_text("utf-8"), (
+        "the API has changed: run `python -m tools.build_page npm run types`"
+    )
