@@ -33,6 +33,8 @@ class Autopilot:
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()
         self.gimbal = Gimbal(body)
+        self._landing_limits: Limits | None = None
+        body.parameters.add_listener(self._forget_limits)
 
     def update(self) -> None:
         """One tick."""
@@ -43,7 +45,7 @@ class Autopilot:
         self.gimbal.update(TICK_S)
 
     def _detect_landing(self) -> None:
-        parameter, belief = self.body.parameter, self.body.belief
+        belief = self.body.belief
         target, i = self.body.simulation.target, self.body.row
         thrust = float(target.thrust[i]) if self.takeoff.may_thrust else 0.0
         self.land_detector.update(
@@ -55,15 +57,24 @@ class Autopilot:
                 rates_frd_rad_s=belief.rates_frd_rad_s,
                 descends=self._descends(),
             ),
-            Limits(
+            self._limits(),
+        )
+
+    def _limits(self) -> Limits:
+        if self._landing_limits is None:
+            parameter = self.body.parameter
+            self._landing_limits = Limits(
                 climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
                 horizontal_max_m_s=parameter("LNDMC_XY_VEL_MAX"),
                 rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
                 trigger_s=parameter("LNDMC_TRIG_TIME"),
                 thrust_min=parameter("MPC_THR_MIN"),
                 thrust_hover=parameter("MPC_THR_HOVER"),
-            ),
-        )
+            )
+        return self._landing_limits
+
+    def _forget_limits(self, _name: str, _value: float) -> None:
+        self._landing_limits = None
 
     def _descends(self) -> bool:
         if self.commander.active is not NavState.OFFBOARD:

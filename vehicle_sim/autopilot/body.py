@@ -44,6 +44,8 @@ class Body:
         self.parameters: Parameters = simulation.parameters[row]
         self.boot_time_unix_s = boot_time_unix_s
         self._belief: Belief | None = None
+        self._floats: dict[str, float] = {}
+        self.parameters.add_listener(lambda _name, _value: self._floats.clear())
         self._step = -1
 
     @property
@@ -65,7 +67,10 @@ class Body:
 
     def parameter(self, name: str) -> float:
         """A parameter's value as a float."""
-        return float(self.parameters.get(name))
+        value = self._floats.get(name)
+        if value is None:
+            value = self._floats[name] = float(self.parameters.get(name))
+        return value
 
     def choice(self, name: str) -> int:
         """An integer parameter's value."""

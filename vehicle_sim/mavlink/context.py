@@ -52,6 +52,11 @@ class Context:
         """Run once, this much simulated time from now."""
         self._timers.append((self.body.time_s + seconds, action))
 
+    @property
+    def waits(self) -> bool:
+        """Whether anything was put off."""
+        return bool(self._later or self._timers)
+
     def run_due(self) -> None:
         """Run what was put off."""
         if self._later:

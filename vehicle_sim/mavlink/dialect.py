@@ -27,6 +27,8 @@ class Layout:
     is_text: tuple[bool, ...]
     packer: struct.Struct
     crc_extra: int
+    slots: tuple[tuple[str, int, bool], ...]
+    """(field, array length, is text) in wire order."""
 
 
 def _layout(cls: Any) -> Layout:
@@ -35,7 +37,14 @@ def _layout(cls: Any) -> Layout:
     text = tuple(types[name] == "char" for name in names)
     lengths = tuple(0 if is_text else length for length, is_text in zip(cls.array_lengths, text, strict=True))
     return Layout(
-        cls.id, cls.msgname, names, lengths, text, struct.Struct(cls.unpacker.format), cls.crc_extra
+        cls.id,
+        cls.msgname,
+        names,
+        lengths,
+        text,
+        struct.Struct(cls.unpacker.format),
+        cls.crc_extra,
+        tuple(zip(names, lengths, text, strict=True)),
     )
 
 
@@ -94,12 +103,12 @@ def unpack(layout: Layout, payload: bytes) -> dict[str, Any]:
 def pack(name: str, /, **fields: Any) -> tuple[Layout, bytes]:
     """Layout and payload of a message given by field names; what is left out is zero."""
     layout = BY_NAME[name]
-    unknown = fields.keys() - set(layout.fields)
-    if unknown:
-        raise TypeError(f"{name} has no field {', '.join(sorted(unknown))}")
     flat: list[Any] = []
-    for field, length, is_text in zip(layout.fields, layout.array_lengths, layout.is_text, strict=True):
+    used = 0
+    for field, length, is_text in layout.slots:
         value = fields.get(field)
+        if field in fields:
+            used += 1
         if length:
             items = list(value or ())[:length]
             flat += items + [0] * (length - len(items))
@@ -107,4 +116,7 @@ def pack(name: str, /, **fields: Any) -> tuple[Layout, bytes]:
             flat.append(value.encode("ascii", "replace") if isinstance(value, str) else value or b"")
         else:
             flat.append(0 if value is None else value)
+    if used != len(fields):
+        unknown = sorted(fields.keys() - set(layout.fields))
+        raise TypeError(f"{name} has no field {', '.join(unknown)}")
     return layout, layout.packer.pack(*flat)

@@ -9,6 +9,7 @@ from vehicle_sim.mavlink.dialect import BY_NAME, Layout, Message, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.rates import PROFILES, RESTORED
 
+NEVER_US = 1 << 62
 OUTBOX_LIMIT_BYTES = 4_000_000
 """Nobody reads: older bytes are dropped, as a full UDP buffer would."""
 
@@ -97,6 +98,11 @@ class Link:
         """Back to PX4's default for this link."""
         hz = RESTORED.get(name, PROFILES[self.profile].get(name, 0.0))
         self.set_interval(BY_NAME[name].id, round(1e6 / hz) if hz else 0, now_us)
+
+    @property
+    def next_due_us(self) -> int:
+        """Before this nothing is due."""
+        return self._schedule[0][0] if self._schedule else NEVER_US
 
     def due(self, now_us: int) -> list[int]:
         """Message ids whose time has come; each is scheduled again."""

@@ -19,6 +19,7 @@ from vehicle_sim.mavlink.services.texts import TextService
 from vehicle_sim.mavlink.services.time import TimeService
 
 MAV_TYPE_GCS = 6
+RATE_EVERY_US = 1_000_000
 
 
 class Node:
@@ -47,7 +48,7 @@ class Node:
             BY_NAME["MISSION_CURRENT"].id: self._mission.send_current,
             BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.current_sequence,
         }
-        self._rated_at_s = 0.0
+        self._rate_at_us = RATE_EVERY_US
         self._rated: dict[str, tuple[int, int]] = {}
 
     @property
@@ -77,12 +78,17 @@ class Node:
 
     def step(self) -> None:
         """After each simulation step: answers put off, then whatever streams are due."""
-        self.context.run_due()
-        self._params.step()
+        context = self.context
+        if context.waits:
+            context.run_due()
+        if self._params.busy:
+            self._params.step()
         self._mission.step()
-        now_us = self.context.body.time_boot_us()
-        telemetry, streamers = self.context.telemetry, self._streamers
-        for link in self.context.links:
+        now_us = context.body.time_boot_us()
+        telemetry, streamers = context.telemetry, self._streamers
+        for link in context.links:
+            if link.next_due_us > now_us:
+                continue
             for msg_id in link.due(now_us):
                 streamer = streamers.get(msg_id)
                 if streamer is not None:
@@ -91,17 +97,15 @@ class Node:
                 built = telemetry.payload(msg_id)
                 if built is not None:
                     link.send_payload(*built)
-        self._rate()
+        if now_us >= self._rate_at_us:
+            self._rate(now_us)
 
-    def _rate(self) -> None:
-        now_s = self.context.body.time_s
-        if now_s - self._rated_at_s < 1.0:
-            return
+    def _rate(self, now_us: int) -> None:
         for link in self.context.links:
             sent, received = self._rated.get(link.name, (0, 0))
             link.tx_rate, link.rx_rate = link.sent_bytes - sent, link.received_bytes - received
             self._rated[link.name] = (link.sent_bytes, link.received_bytes)
-        self._rated_at_s = now_s
+        self._rate_at_us = now_us + RATE_EVERY_US
 
     def _heartbeat(self, link: Link, message: Message) -> None:
         if message.type == MAV_TYPE_GCS:

@@ -252,3 +252,14 @@ def test_no_command_or_set_point_however_odd_ends_the_simulation() -> None:
         s.run(0.02)
     s.run(1.0)
     assert "HEARTBEAT" in s.last
+
+
+def test_a_parameter_no_airframe_can_have_is_stored_and_named() -> None:
+    s = Station()
+    s.run(1.2)
+    s.send(
+        "PARAM_SET", target_system=1, target_component=1, param_id="SIH_MASS", param_value=0.0, param_type=9
+    )
+    s.run(0.1)
+    assert s.sim.simulation.parameters[0].get("SIH_MASS") == 0.0
+    assert any("SIH_MASS stored, not used: SIH_MASS is 0" in text for text in s.texts())

@@ -15,6 +15,9 @@ _LOCAL = packer("LOCAL_POSITION_NED")
 _GLOBAL = packer("GLOBAL_POSITION_INT")
 _TARGET_LOCAL = packer("POSITION_TARGET_LOCAL_NED")
 _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
+_SERVO = packer("SERVO_OUTPUT_RAW")
+
+UNUSED_OUTPUT_US = 900
 
 
 class MotionMessages(Family):
@@ -160,5 +163,6 @@ class MotionMessages(Family):
 
     def servo_output_raw(self) -> bytes:
         motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
-        values = {f"servo{n + 1}_raw": (motors[n] if n < len(motors) else 900) for n in range(16)}
-        return pack("SERVO_OUTPUT_RAW", time_usec=self._body.time_boot_us() & 0xFFFFFFFF, **values)[1]
+        values = motors + [UNUSED_OUTPUT_US] * (16 - len(motors))
+        port = 0
+        return _SERVO(self._body.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])

@@ -65,12 +65,16 @@ class ParamService:
 
     def _note(self, name: str, value: ParameterValue) -> None:
         del value
-        try:
-            self._context.body.simulation.reload_parameters(self._context.body.row)
-        except ValueError as error:
-            self._context.autopilot.announcer.text(4, f"{name} stored, not used: {error}"[:200])
+        why = self._context.body.simulation.reload_parameters(self._context.body.row)
+        if why is not None:
+            self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
         if name not in self._changed:
             self._changed.append(name)
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is left to send."""
+        return bool(self._changed or any(self._lists.values()))
 
     def step(self) -> None:
         """Send what is due: changed values to every link, and the next part of running lists."""
