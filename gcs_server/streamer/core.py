@@ -16,8 +16,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from gcs_server.streamer.news import (
+    INFO,
+    LONGEST_EXTRAPOLATION_S,
+    NOTICE,
+    WARNING,
+    Outgoing,
+    Report,
+    Snapshot,
+)
 from gcs_server.streamer.setpoints import (
     MSG_COMMAND_LONG,
     MSG_SET_POSITION_TARGET_LOCAL_NED,
@@ -28,73 +37,18 @@ from gcs_server.streamer.setpoints import (
     mode_command,
 )
 
-WARNING, NOTICE, INFO = 4, 5, 6
-
 MODE_ASK_PERIOD_S = 1.0
 MODE_ASKS = 5
 """Asked this often without the vehicle's word, the stream stops and PX4's own failsafe takes over."""
 LONGEST_START_S = 20.0
-LONGEST_EXTRAPOLATION_S = 1.0
-"""An estimate older than this says nothing of where the vehicle is."""
 WIND_DOWN_S = 7.0
 """A stop that the loop has not brought about by then is brought about by the thread."""
 UNDO_S = 2.5
 """So long a vehicle may yet report an Offboard that nobody waits for: two heartbeats, one of them lost."""
+REFRAIN_S = 6.5
+"""A command of a person's has so long to be done before the stream asks for a mode of its own."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
 """A local position that moves by more than this (and this a second) did not fly: its origin was moved."""
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """The vehicle as the event loop last saw it."""
-
-    taken_s: float
-    mode: str
-    position_ned_m: Vector3 | None
-    """None where there is no fresh estimate."""
-    velocity_ned_m_s: Vector3 | None
-    yaw_ned_rad: float | None
-    """None where the vehicle's attitude is not heard: it is silent."""
-    mode_asked_by: str | None = None
-    """Where a command of ours brought the vehicle into this mode: which, and whose."""
-    estimate_s: float | None = None
-    """When the position was heard; with the snapshot, unless given."""
-    armed: bool = False
-    lost: bool = False
-    """No heartbeat for so long that the link counts as lost."""
-
-    @property
-    def heard_s(self) -> float:
-        """When the position was heard."""
-        return self.taken_s if self.estimate_s is None else self.estimate_s
-
-    def position_at(self, now_s: float) -> Vector3 | None:
-        """The estimate carried on with its velocity over its age; None where it is too old for that."""
-        age_s = max(now_s - self.heard_s, 0.0)
-        if self.position_ned_m is None or age_s > LONGEST_EXTRAPOLATION_S:
-            return None
-        n, e, d = self.position_ned_m
-        vn, ve, vd = self.velocity_ned_m_s or (0.0, 0.0, 0.0)
-        return (n + vn * age_s, e + ve * age_s, d + vd * age_s)
-
-
-@dataclass(frozen=True, slots=True)
-class Outgoing:
-    """A payload to send."""
-
-    msg_id: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """Something a person should be told."""
-
-    code: str
-    """expired, lost, jumped, held, landing, commanded, left_offboard, disarmed, server_silent, not_confirmed,
-    fault."""
-    severity: int
-    text: str
 
 
 class StreamCore:
@@ -128,6 +82,7 @@ class StreamCore:
         self._asked_mode: str | None = None
         self._mode_asks = 0
         self._next_ask_s = 0.0
+        self._refrain_until_s = -math.inf
         self._yaw_kept = False
         self._was_armed = False
         self._last_estimate: tuple[float, Vector3] | None = None
@@ -178,6 +133,10 @@ class StreamCore:
             self._since_s = now_s
             self._stand_still(now_s, snapshot)
             self._enter("undoing", now_s, UNDO_S)
+
+    def refrain(self, now_s: float) -> None:
+        """Somebody commands a mode: what the stream asks for must not come after it and undo it."""
+        self._refrain_until_s = now_s + REFRAIN_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, tell: bool = True) -> None:
         """Nothing is sent from here on."""
@@ -389,7 +348,7 @@ class StreamCore:
         self._enter("to_hold" if mode == "hold" else "landing", now_s, math.inf)
 
     def _ask_for_mode(self, now_s: float, outgoing: list[Outgoing]) -> None:
-        if now_s < self._next_ask_s:
+        if now_s < max(self._next_ask_s, self._refrain_until_s):
             return
         assert self._asked_mode is not None
         if self._mode_asks >= MODE_ASKS:

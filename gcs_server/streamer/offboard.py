@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
-from gcs_server.streamer.core import Snapshot
 from gcs_server.streamer.failsafe import MAV_SYS_STATUS_SENSOR_RC_RECEIVER, Failsafe
+from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.setpoints import OnExpiry, Order, Vector3
 from gcs_server.streamer.thread import StreamThread
 from gcs_server.supervise import Supervisor
@@ -64,6 +64,7 @@ class OffboardControl:
         self._failsafe: Failsafe | None = None
         self._asked = 0
         """The number of the stream for which Offboard has been asked for."""
+        vehicle.command.on_mode_command = lambda: thread.refrain(vehicle.id)
         identity = vehicle.identity
         thread.attach(vehicle.id, vehicle, (identity.system_id, identity.component_id))
 

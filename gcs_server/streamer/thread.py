@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from gcs_server.clock import Clock
-from gcs_server.streamer.core import WARNING, Report, Snapshot, StreamCore
+from gcs_server.streamer.core import StreamCore
+from gcs_server.streamer.news import WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order, Setpoint
 
 log = logging.getLogger(__name__)
@@ -173,6 +174,10 @@ class StreamThread:
             return True
 
         self._with(vehicle_id, work)
+
+    def refrain(self, vehicle_id: str) -> None:
+        """A mode is being commanded: the stream asks for none meanwhile."""
+        self._with(vehicle_id, lambda stream, now_s: stream.core.refrain(now_s))
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
         """Stops sending now (that stream, where it is named); the caller tells whom it concerns."""

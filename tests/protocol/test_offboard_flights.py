@@ -565,6 +565,26 @@ def test_a_hold_that_is_refused_is_still_told_as_refused_where_it_overtook_somet
     flight(jump, story)
 
 
+@pytest.mark.parametrize("call", ["land", "rtl"])
+def test_the_stream_does_not_ask_for_hold_over_a_command_that_is_under_way(jump, call):
+    async def story(world, vehicle, pilot, link):
+        pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.2))
+        while vehicle.offboard.status().state != "to_hold":
+            await seconds(0.01)
+        await seconds(0.9)
+        pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and world.loop.time() < late_s)
+        late_s = world.loop.time() + 1.3
+        asked = len(asks(pilot, HOLD))
+        await getattr(vehicle.command, call)()
+        await seconds(2)
+        assert len(asks(pilot, HOLD)) == asked
+        assert vehicle.status.mode == call
+        assert pilot.failsafes == 0
+
+    flight(jump, story)
+
+
 # --- whom it is sent to ---------------------------------------------------------------------------
 
 

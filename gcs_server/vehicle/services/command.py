@@ -63,6 +63,8 @@ class CommandService:
         self._newest = 0
         self._newest_what = ""
         self._asked: Asked | None = None
+        self.on_mode_command: Callable[[], object] = lambda: None
+        """Called before a mode other than Offboard is asked for: the stream asks for none meanwhile."""
         self._waiting: list[int] = []
         """The MAV_CMD of each request that waits for its end."""
 
@@ -304,6 +306,8 @@ class CommandService:
         self._newest_what = what
         if mode is not None:
             self._asked = Asked(what, mode.name, by, self._vehicle.clock.monotonic_s())
+            if mode.name != "offboard":
+                self.on_mode_command()
         return self._newest
 
     async def _run(self, token: int, request: Request | None, goal: Goal, progress: Progress | None) -> None:

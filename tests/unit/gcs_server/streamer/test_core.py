@@ -5,7 +5,8 @@ import struct
 
 import pytest
 
-from gcs_server.streamer.core import MODE_ASKS, Snapshot, StreamCore
+from gcs_server.streamer.core import MODE_ASKS, StreamCore
+from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
 
 SETPOINT, COMMAND = 84, 76

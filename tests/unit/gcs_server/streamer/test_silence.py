@@ -7,7 +7,7 @@ import pytest
 from gcs_server.links.base import Peer
 from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.connection import FrameSender
-from gcs_server.streamer.core import Snapshot
+from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.setpoints import Order, Setpoint
 from gcs_server.streamer.thread import StreamThread
 

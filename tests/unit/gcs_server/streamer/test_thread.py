@@ -6,8 +6,8 @@ import time
 import pytest
 
 from gcs_server.clock import SystemClock
-from gcs_server.streamer.core import Snapshot
 from gcs_server.streamer.failsafe import Failsafe
+from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.setpoints import Order, Setpoint
 from gcs_server.streamer.thread import StreamThread
 

@@ -1,0 +1,64 @@
+"""What a stream hears of its vehicle, sends to it, and tells of itself: frozen values between the threads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_server.streamer.setpoints import Vector3
+
+WARNING, NOTICE, INFO = 4, 5, 6
+LONGEST_EXTRAPOLATION_S = 1.0
+"""An estimate older than this says nothing of where the vehicle is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The vehicle as the event loop last saw it."""
+
+    taken_s: float
+    mode: str
+    position_ned_m: Vector3 | None
+    """None where there is no fresh estimate."""
+    velocity_ned_m_s: Vector3 | None
+    yaw_ned_rad: float | None
+    """None where the vehicle's attitude is not heard: it is silent."""
+    mode_asked_by: str | None = None
+    """Where a command of ours brought the vehicle into this mode: which, and whose."""
+    estimate_s: float | None = None
+    """When the position was heard; with the snapshot, unless given."""
+    armed: bool = False
+    lost: bool = False
+    """No heartbeat for so long that the link counts as lost."""
+
+    @property
+    def heard_s(self) -> float:
+        """When the position was heard."""
+        return self.taken_s if self.estimate_s is None else self.estimate_s
+
+    def position_at(self, now_s: float) -> Vector3 | None:
+        """The estimate carried on with its velocity over its age; None where it is too old for that."""
+        age_s = max(now_s - self.heard_s, 0.0)
+        if self.position_ned_m is None or age_s > LONGEST_EXTRAPOLATION_S:
+            return None
+        n, e, d = self.position_ned_m
+        vn, ve, vd = self.velocity_ned_m_s or (0.0, 0.0, 0.0)
+        return (n + vn * age_s, e + ve * age_s, d + vd * age_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """A payload to send."""
+
+    msg_id: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Something a person should be told."""
+
+    code: str
+    """expired, lost, jumped, held, landing, commanded, left_offboard, disarmed, server_silent, not_confirmed,
+    fault."""
+    severity: int
+    text: str
