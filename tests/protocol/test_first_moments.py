@@ -5,6 +5,8 @@ import math
 
 import pytest
 
+from gcs_server.telemetry.hub import Encoded
+
 INFORMATION, VERSION = 280, 148
 
 
@@ -92,9 +94,15 @@ def test_whether_it_is_simulated_is_unknown_until_it_says_and_it_is_asked_with_i
         first = next(m for m in pilot.heard if m.get_type() == "COMMAND_LONG")
         assert int(first.param1) == VERSION
         assert vehicle.identity.simulated is None
+        topics = Encoded(world.clock, world.fleet)
+        told_s, told_json = topics.newest(vehicle, "identity")
+        assert b'"simulated":null' in told_json
         pilot.version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
+        again_s, again_json = topics.newest(vehicle, "identity")
+        assert again_s > told_s, "so that every client gets it anew"
+        assert b'"simulated":true' in again_json
 
     jump(told(kit.World, story))
 
