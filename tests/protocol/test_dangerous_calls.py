@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from gcs_server.api import models, offboard_routes, vehicle_routes
 from gcs_server.api.station import Station
 from gcs_server.control.journal import Journal
-from gcs_server.errors import InvalidRequest, Refused, UnknownVehicle
+from gcs_server.errors import Disconnected, InvalidRequest, NoReply, Refused, UnknownVehicle
 from tests.protocol.conftest import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
@@ -86,6 +86,21 @@ def test_kill_hits_the_vehicle_that_it_names_and_not_its_twin(jump, vehicle_id):
         assert not meant.armed
         assert other.armed
         assert not other.commands(400)
+
+    twins(jump, story)
+
+
+def test_kill_is_sent_to_a_vehicle_that_is_not_heard(jump):
+    async def story(world, station, first, second):
+        first.send_raw = lambda raw: None
+        await seconds(4)
+        with pytest.raises(Disconnected):
+            await vehicle_routes.land("1", station, "me")
+        with pytest.raises((NoReply, Disconnected)):
+            confirm = "motors stop, vehicle 1 falls"
+            await vehicle_routes.kill("1", models.KillRequest(confirm=confirm), station, "me")
+        assert not first.armed
+        assert second.armed
 
     twins(jump, story)
 
