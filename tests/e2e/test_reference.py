@@ -1,0 +1,30 @@
+"""The reference at /docs in a browser: every call with one to paste, and nothing from elsewhere."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from tests.e2e.browser import Watched, chromium
+from tests.station import server
+
+pytestmark = pytest.mark.browser
+
+
+def test_the_reference_shows_every_call_and_loads_nothing_from_elsewhere() -> None:
+    with server([]) as (url, _), chromium() as browser:
+        paths = httpx.get(f"{url}/api/v1/openapi.json").json()["paths"]
+        page = browser.new_page()
+        watched = Watched(page, url)
+        page.goto(f"{url}/docs")
+        page.locator("details").first.wait_for()
+        assert page.locator("details").count() == sum(len(methods) for methods in paths.values())
+        assert f"curl -sS -X POST {url}/api/v1/vehicles/1/takeoff" in page.locator("main").text_content()
+        assert "motors stop, vehicle 1 falls" in page.locator("main").text_content()
+        page.get_by_label("Find").fill("takeoff")
+        assert page.locator("details:visible").count() == 1
+        page.locator("details:visible summary").click()
+        assert page.get_by_text("Height above home to climb to [m], 1 to 120.").is_visible()
+        page.set_viewport_size({"width": 360, "height": 740})
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no sideways scrolling"
+        watched.check()
