@@ -1,4 +1,4 @@
-"""The simulated vehicle against dialogues recorded from a real PX4: same acknowledgements, same words.
+"""The simulated vehicle against dialogues recorded from a real PX4: same acknowledgements, words and events.
 
 Each dialogue is replayed on a fake clock. Every difference is listed in KNOWN with its reason; one that is
 not listed fails, and so does a listed one that has gone.
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sim_station import HOLD, OFFBOARD, POSITION, Station
+from sim_station import EVENT_NAMES, HOLD, OFFBOARD, POSITION, Station
 
 NOT_BUILT = "this function is not simulated"
 LEFT_OUT = "PX4 left this text out here, and sends it elsewhere for the same refusal"
@@ -36,7 +36,8 @@ SKIPPED: dict[str, str] = {
 }
 """Dialogues whose precondition this harness cannot make."""
 
-Outcome = tuple[list[tuple[int, int]], list[str]]
+Outcome = tuple[list[tuple[int, int]], list[str], list[str]]
+"""Acknowledgements (command, result), texts, names of events."""
 
 
 def load(shared: Path, group: str) -> list[dict[str, Any]]:
@@ -49,9 +50,17 @@ def worth_comparing(text: str) -> bool:
     return not text.startswith(("[logger]", "Preflight Fail", "Takeoff detected", "Landing detected", "RTL:"))
 
 
+def worth_comparing_event(name: str) -> bool:
+    """Check reports repeat by their own clock, and what is left out as text is left out as event."""
+    reports = ("check_", "commander_arming_check_summary", "commander_health_summary")
+    left_out = ("logger_", "rtl_land", "commander_takeoff_detected", "commander_landing_detected")
+    return not name.startswith(reports + left_out)
+
+
 def recorded(dialogue: dict[str, Any], window_s: float) -> Outcome:
     acks: list[tuple[int, int]] = []
     texts: dict[int, str] = {}
+    events: list[str] = []
     for entry in dialogue["received"]:
         if "link" in entry or entry["dt_s"] > window_s:
             continue
@@ -60,7 +69,13 @@ def recorded(dialogue: dict[str, Any], window_s: float) -> Outcome:
             acks.append((fields["command"], fields["result"]))
         elif entry["msg"] == "STATUSTEXT":
             texts[fields["id"]] = texts.get(fields["id"], "") + fields["text"]
-    return acks, [text for text in texts.values() if worth_comparing(text)]
+        elif entry["msg"] == "EVENT":
+            events.append(entry["decoded"]["name"])
+    return (
+        acks,
+        [text for text in texts.values() if worth_comparing(text)],
+        [name for name in events if worth_comparing_event(name)],
+    )
 
 
 def replay(s: Station, dialogue: dict[str, Any], window_s: float) -> Outcome:
@@ -79,7 +94,8 @@ def replay(s: Station, dialogue: dict[str, Any], window_s: float) -> Outcome:
     via, since_s = dialogue["link"], start_s + 0.001
     acks = [(m.command, m.result) for m in s.heard("COMMAND_ACK", via, since_s)]
     texts = [text for text in s.texts(since_s, via) if worth_comparing(text)]
-    return acks, texts
+    events = [EVENT_NAMES[m.values["id"]] for m in s.heard("EVENT", via, since_s)]
+    return acks, texts, [name for name in events if worth_comparing_event(name)]
 
 
 def _value(value: Any) -> Any:
@@ -221,7 +237,7 @@ def test_offboard_streams(shared: Path) -> None:
         start_s = s.now_s
         period_s = 1.0 / entry["streamed_hz"]
         s.run(entry["duration_s"], lambda: s.send(entry["msg"], via="api", **fields), tick_s=period_s)  # noqa: B023
-        _, said = recorded(dialogue, entry["duration_s"])
+        _, said, _ = recorded(dialogue, entry["duration_s"])
         ours = (set(s.texts(since_s=start_s + 0.001)), s.flown_mode)
         theirs = (set(said), dialogue["state_after"]["custom_mode"])
         if "received_total" in dialogue:  # thinned: a single text in the middle may be missing
