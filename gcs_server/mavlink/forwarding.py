@@ -28,20 +28,21 @@ class Forwarder:
     """Knows where each system was heard."""
 
     def __init__(self, own_system_id: int) -> None:
-        self._stations: tuple[Connection, ...] = ()
+        self.stations: tuple[Connection, ...] = ()
+        """Those to pass frames on to; without any, `frame` has nothing to do."""
         self._own_system_id = own_system_id
         self._routes: dict[int, _Route] = {}
 
     def use(self, connections: Iterable[Connection]) -> None:
         """All connections, whenever that changes; without a station among them there is nothing to do."""
-        self._stations = tuple(c for c in connections if c.link.forward)
-        if not self._stations:
+        self.stations = tuple(c for c in connections if c.link.forward)
+        if not self.stations:
             self._routes.clear()
 
     def frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         """Passes on a frame that just came."""
         link = connection.link
-        if link.replay or not self._stations:
+        if link.replay or not self.stations:
             return
         if link.forward:
             self._to_vehicles(frame)
@@ -52,7 +53,7 @@ class Forwarder:
         elif route.connection is not connection or route.peer is not peer:
             return
         route.heard_s = frame.received_monotonic_s
-        for other in self._stations:
+        for other in self.stations:
             for station in other.link.peers():
                 other.forward(frame.raw, station)
 

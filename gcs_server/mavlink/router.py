@@ -49,6 +49,7 @@ class Router:
 
     def __init__(self, clock: Clock, supervisor: Supervisor, settings: RouterSettings) -> None:
         self.settings = settings
+        self._own_system_id = settings.system_id
         self.sink = FrameSink()
         self._clock = clock
         self._supervisor = supervisor
@@ -176,9 +177,10 @@ class Router:
 
     def _frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         link = connection.link
-        if frame.system_id == self.settings.system_id and not link.replay and not link.forward:
+        if frame.system_id == self._own_system_id and not link.replay and not link.forward:
             return  # our own echo, or another station that uses our id
-        self._forwarder.frame(frame, connection, peer)
+        if self._forwarder.stations:
+            self._forwarder.frame(frame, connection, peer)
         if not link.forward:
             self.sink.on_frame(frame, connection, peer)
 

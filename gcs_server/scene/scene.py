@@ -26,7 +26,7 @@ from gcs_server.scene.views import CAMERAS, Mode, View
 log = logging.getLogger(__name__)
 
 PERIOD_S = 1.0 / 30.0
-IDLE_PERIOD_S = 0.2
+IDLE_PERIOD_S = 0.5
 """With nobody looking on: enough to keep the trails."""
 LONGEST_STEP_S = 0.25
 MAX_VIEWS = 64
@@ -130,7 +130,9 @@ class Scene:
         if not vehicles:
             self._placement.reset()
         for vehicle in vehicles:
-            track = self._tracks.setdefault(vehicle.id, _Track())
+            track = self._tracks.get(vehicle.id)
+            if track is None:
+                track = self._tracks[vehicle.id] = _Track()
             place = self._placement.place(vehicle)
             if place.known:
                 track.trail.add(place.position_enu_m)
