@@ -6,9 +6,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+
+import httpx
 
 from tests.station import free_port, running, server
 
@@ -27,23 +30,50 @@ while True:
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Consumer:
+    """A running one."""
+
+    pid: int
+    received: Callable[[], int] | None = None
+    """Messages it has counted itself; None where it does not tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One cell of the table."""
+
+    share: float
+    """Of one core."""
+    dropped: int
+    """Datagrams that the kernel threw away before the consumer read them."""
+    received: int | None
+    """By the consumer's own count, of `sent`."""
+    sent: int
+
+
 @contextmanager
-def gcs(udp_port: int) -> Iterator[int]:
+def gcs(udp_port: int) -> Generator[Consumer]:
     """Our server, whole: recording, history and 3D scene on, nobody looking."""
-    with server([f"udpin://127.0.0.1:{udp_port}"]) as (_, process):
-        yield process.pid
+    with server([f"udpin://127.0.0.1:{udp_port}"]) as (url, process):
+
+        def received() -> int:
+            (link,) = httpx.get(f"{url}/api/v1/links").raise_for_status().json()["links"]
+            return int(link["frames_received"])
+
+        yield Consumer(process.pid, received)
 
 
 @contextmanager
-def mavutil(udp_port: int) -> Iterator[int]:
+def mavutil(udp_port: int) -> Generator[Consumer]:
     """The loop that most scripts are: every message made into an object."""
     with running([sys.executable, "-c", _MAVUTIL_LOOP, str(udp_port)]) as process:
         time.sleep(1.5)
-        yield process.pid
+        yield Consumer(process.pid)
 
 
 @contextmanager
-def mavproxy(udp_port: int) -> Iterator[int]:
+def mavproxy(udp_port: int) -> Generator[Consumer]:
     """MAVProxy without modules, console or log."""
     program = Path(sys.executable).parent / "mavproxy.py"
     with tempfile.TemporaryDirectory() as state:
@@ -51,34 +81,41 @@ def mavproxy(udp_port: int) -> Iterator[int]:
         command += ["--non-interactive", f"--state-basedir={state}", "--default-modules="]
         with running(command, cwd=state, stdin=subprocess.DEVNULL) as process:
             time.sleep(3)
-            yield process.pid
+            yield Consumer(process.pid)
 
 
 CONSUMERS = {"this server": gcs, "pymavlink.mavutil loop": mavutil, "MAVProxy": mavproxy}
 
 
-def measure(name: str, vehicles: int) -> tuple[float, int]:
-    """CPU share (1 = one core) and datagrams that the kernel dropped before the consumer read them."""
+def measure(name: str, vehicles: int) -> Measured:
+    """Runs one consumer on one feed."""
     port = free_port()
-    with CONSUMERS[name](port) as pid:
+    with CONSUMERS[name](port) as consumer:
         seconds = str(WARM_UP_S + WINDOW_S + 1)
         command = [sys.executable, "-m", "tests.bench.feed", str(port), str(vehicles), seconds]
         with running(command, stdout=subprocess.PIPE) as feed:
             assert feed.stdout is not None
             feed.stdout.readline()  # it has encoded its frames and begins
             time.sleep(WARM_UP_S)
-            share = cpu_share(pid, WINDOW_S)
-            return share, udp_drops(port)
+            share = cpu_share(consumer.pid, WINDOW_S)
+            sent = int(feed.stdout.readline())  # it has ended
+            time.sleep(0.2)
+            received = consumer.received() if consumer.received is not None else None
+            return Measured(share, udp_drops(port), received, sent)
 
 
 def table() -> Iterator[str]:
     """Rows of Markdown, as they become known."""
-    yield f"| consumer | CPU at 1 × {MESSAGES_PER_S} msg/s | 10 × | 50 × | dropped at 50 × |"
-    yield "|---|---|---|---|---|"
+    yield f"| consumer | CPU at 1 × {MESSAGES_PER_S} msg/s | 10 × | 50 × | dropped at 50 × | received |"
+    yield "|---|---|---|---|---|---|"
+    at_most: dict[str, float] = {}
     for name in CONSUMERS:
-        cells: list[str] = []
-        drops = 0
-        for vehicles in (1, 10, 50):
-            share, drops = measure(name, vehicles)
-            cells.append(f"{share:.1%}")
-        yield f"| {name} | {' | '.join(cells)} | {drops} |"
+        measured = [measure(name, vehicles) for vehicles in (1, 10, 50)]
+        last = measured[-1]
+        at_most[name] = last.share
+        shares = " | ".join(f"{one.share:.1%}" for one in measured)
+        counted = "it does not tell" if last.received is None else f"{last.received} of {last.sent}"
+        yield f"| {name} | {shares} | {last.dropped} | {counted} |"
+    ours, *peers = at_most.items()
+    ratios = ", ".join(f"{ours[1] / share:.2f} of {name}'s" for name, share in peers if share)
+    yield f"\n{ours[0].capitalize()} at 50 ×: {ratios}."

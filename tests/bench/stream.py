@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -21,15 +21,25 @@ WINDOW_S = 12.0
 def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], int]:
     """How late each arrival is on the absolute schedule, and how many of its deadlines were left out.
 
-    The schedule is the stream's own: whole periods from the arrival that was earliest on it.
+    An arrival serves the first deadline after the one before; those that passed meanwhile are left out, as
+    the stream does it. Nothing comes early, so the schedule is where the phases begin: those of half of all
+    arrivals lie close together (on the shortest arc of a period), a few come up to a quarter before them.
     """
     period_s = 1.0 / rate_hz
-    slot, slots = 0, [0]
-    for before, now in itertools.pairwise(arrivals_s):
-        slot += max(1, round((now - before) / period_s))
-        slots.append(slot)
-    offsets = [arrival - at * period_s for arrival, at in zip(arrivals_s, slots, strict=True)]
-    return [offset - min(offsets) for offset in offsets], slot + 1 - len(arrivals_s)
+    phases = sorted(arrival % period_s for arrival in arrivals_s)
+    around, half = [*phases, *(phase + period_s for phase in phases)], len(phases) // 2
+    dense_s = phases[min(range(len(phases)), key=lambda i: around[i + half] - around[i])]
+    before_s = ((dense_s - phase) % period_s for phase in phases)
+    start_s = dense_s - max(before for before in before_s if before < period_s / 4)
+    late: list[float] = []
+    left_out, served = 0, None
+    for arrival in arrivals_s:
+        slot = math.floor((arrival - start_s) / period_s + 1e-6)
+        due = slot if served is None else served + 1
+        late.append(arrival - start_s - due * period_s)
+        left_out += slot - due
+        served = slot
+    return late, left_out
 
 
 def measure(other_vehicles: int) -> tuple[list[float], int]:
