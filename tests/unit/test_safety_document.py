@@ -10,7 +10,7 @@ TEXT = (REPOSITORY / "docs" / "safety.md").read_text()
 ROWS = [line for line in TEXT.splitlines() if line.startswith("|") and not line.startswith("|---")]
 
 
-def tests_there_are() -> set[str]:
+def known_tests() -> set[str]:
     sources = (path.read_text() for path in (REPOSITORY / "tests").rglob("test_*.py"))
     return {name for source in sources for name in re.findall(r"def (test_\w+)", source)}
 
@@ -22,4 +22,4 @@ def test_every_row_names_its_test():
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(test_\w+)`", TEXT))))
 def test_what_it_names_exists(name):
-    assert name in tests_there_are()
+    assert name in known_tests()
