@@ -1,0 +1,50 @@
+"""The last minutes as raw frames: what comes back is what was newest at each call."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from gcs_server.mavlink.codec import Frame, encode_frame
+from gcs_server.vehicle.history import HISTORY_S, History
+
+ATTITUDE, HEARTBEAT = 30, 0
+
+
+def frame(msg_id: int, at_s: float) -> Frame:
+    raw = encode_frame(msg_id, struct.pack("<I", int(at_s * 1000) + 1), 7, 1, 2)
+    return Frame(msg_id, 1, 2, 7, raw, at_s)
+
+
+def test_a_frame_is_kept_once_and_comes_back_as_it_was():
+    history = History([ATTITUDE])
+    one = frame(ATTITUDE, 1.0)
+    history.keep({ATTITUDE: one, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
+    history.keep({ATTITUDE: one}, 1.35)
+    ((kept_s, (back,)),) = history.frames((ATTITUDE,))
+    assert kept_s == 1.1
+    assert back is not None
+    assert (back.raw, back.payload, back.received_monotonic_s) == (one.raw, one.payload, 1.0)
+    assert (back.system_id, back.component_id, back.seq) == (1, 2, 7)
+
+
+def test_of_two_messages_the_older_holds_on_until_its_next():
+    history = History([ATTITUDE, HEARTBEAT])
+    beat = frame(HEARTBEAT, 1.0)
+    for step in range(4):
+        history.keep({HEARTBEAT: beat, ATTITUDE: frame(ATTITUDE, 1.0 + step)}, 1.0 + step)
+    seen = list(history.frames((HEARTBEAT, ATTITUDE)))
+    assert [kept_s for kept_s, _ in seen] == [1.0, 2.0, 3.0, 4.0]
+    assert all(frames[0] is not None and frames[0].raw == beat.raw for _, frames in seen)
+    assert [f[1].received_monotonic_s for _, f in seen if f[1] is not None] == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_it_does_not_grow_for_ever():
+    history = History([ATTITUDE])
+    steps = 2 * int(HISTORY_S)
+    for step in range(steps):
+        history.keep({ATTITUDE: frame(ATTITUDE, float(step))}, float(step))
+    times = [kept_s for kept_s, _ in history.frames((ATTITUDE,))]
+    assert len(times) == pytest.approx(HISTORY_S, abs=2)
+    assert times[-1] == steps - 1
