@@ -140,12 +140,12 @@ class Gimbal:
             self._want_rates(rates_rad_s[1], rates_rad_s[2])
 
     def set_manual(self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float) -> None:
-        """GIMBAL_MANAGER_SET_MANUAL_CONTROL: -1..1 of the full range or of MNT_RATE_*."""
+        """GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles of up to one radian, rates as parts of MNT_RATE_*."""
         parameter = self._body.parameter
         self.set_pitch_yaw(
             flags,
-            pitch * math.radians(parameter("MNT_RANGE_PITCH")),
-            yaw * math.radians(parameter("MNT_RANGE_YAW")) / 2.0,
+            pitch,
+            yaw,
             pitch_rate * math.radians(parameter("MNT_RATE_PITCH")),
             yaw_rate * math.radians(parameter("MNT_RATE_YAW")),
         )
@@ -171,10 +171,19 @@ class Gimbal:
         self.flags |= Flag.YAW_LOCK
 
     def look_nowhere(self) -> None:
-        """Leave the region of interest; back to neutral."""
-        if self._roi is not None:
-            self.flags &= ~Flag.YAW_LOCK
+        """Leave the region of interest; back to neutral, the lock of the yaw stays as it is."""
         self.centre()
+
+    def look_ahead(self) -> None:
+        """Towards the next waypoint; with none, neutral and locked."""
+        self.centre()
+        self.flags |= Flag.YAW_LOCK
+
+    def mount_default(self, *, centred: bool) -> None:
+        """DO_MOUNT_CONTROL that names no angles: horizon locks, and straight ahead where asked."""
+        self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
+        if centred:
+            self.centre()
 
     @property
     def looking_at(self) -> tuple[float, float, float] | None:

@@ -33,6 +33,8 @@ FORCE = 21196
 GRIPPER_S = 0.33
 ALTITUDE_LIMIT_M = 100_000.0
 """Beyond it no message could carry the altitude."""
+ROI_COMMANDS = frozenset({195, 201})
+"""Their altitude is AMSL whatever the frame says."""
 GLOBAL_RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
 INT32_MAX = 0x7FFFFFFF
@@ -98,7 +100,8 @@ class CommandService:
         x = math.nan if m.x == INT32_MAX else m.x * scale
         y = math.nan if m.y == INT32_MAX else m.y * scale
         z = m.z
-        if m.frame in GLOBAL_RELATIVE_FRAMES and self._context.autopilot.home.valid:
+        above_home = m.frame in GLOBAL_RELATIVE_FRAMES and m.command not in ROI_COMMANDS
+        if above_home and self._context.autopilot.home.valid:
             z += self._context.autopilot.home.alt_amsl_m
         self._run(Command(m.command, m.param1, m.param2, m.param3, m.param4, x, y, z, m.sender, link.name))
 

@@ -86,6 +86,8 @@ class GimbalService:
         """Look ahead again."""
         if command.number == ROI_NONE:
             self._gimbal.look_nowhere()
+        else:
+            self._gimbal.look_ahead()
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
@@ -102,7 +104,9 @@ class GimbalService:
             return None
         mode = _whole(command.p7)
         if mode in (MOUNT_RETRACT, MOUNT_NEUTRAL):
-            self._gimbal.centre()
+            self._gimbal.mount_default(centred=True)
+        elif mode == MOUNT_RC:
+            self._gimbal.mount_default(centred=False)
         elif mode == MOUNT_MAVLINK:
             self._gimbal.set_mount(command.p1, command.p2, command.p3)
         elif mode == MOUNT_GPS:

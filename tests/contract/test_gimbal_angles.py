@@ -1,0 +1,74 @@
+"""Where the simulated gimbal points after each recorded gimbal dialogue, against the real one."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sim_station import Station
+from test_simulator_dialogues import _gimbal_owner, load, replay
+
+ANGLE_TOLERANCE_DEG = 1.5
+"""The recording reads while the vehicle's heading drifts by a degree or two."""
+
+READ_BEFORE_END_S = 0.3
+"""The recording read the angles 2.0 s after the command of a window of 2.3 s."""
+
+OTHER_START = "the recording gave other angles before it, in a step that it does not hold"
+OLD_MOUNT = "PX4 turns on while the point is below its pitch limit; the simulated gimbal has no limits"
+KNOWN: dict[str, str] = {
+    "gimbal_pitchyaw_out_of_range_up": "the simulated gimbal has no limits; PX4 stops at 45 degrees",
+    "gimbal_pitchyaw_yaw_400": "on its way back from there it still rolls by three degrees",
+    "gimbal_message_manual_rates": "the simulated device follows a rate 0.15 s late, PX4's at once",
+    "gimbal_pitchyaw_other_sender": OTHER_START,
+    "gimbal_release_by_non_owner": OTHER_START,
+    "gimbal_secondary_commands": OTHER_START,
+    "gimbal_take_for_third_party": OTHER_START,
+    "gimbal_take_back": OTHER_START,
+    "gimbal_roi_201_location": "PX4 points somewhere else for the old command",
+    "mount_control_gps_point": OLD_MOUNT,
+    "gimbal_release_end": OLD_MOUNT,
+}
+
+
+def pointing(s: Station) -> dict[str, float]:
+    mount, device = s.last["MOUNT_ORIENTATION"], s.last["GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    return {
+        "device_flags": device.flags,
+        "mount_roll": mount.roll,
+        "mount_pitch": mount.pitch,
+        "mount_yaw": mount.yaw,
+    }
+
+
+def differences(real: dict[str, Any], ours: dict[str, float]) -> list[str]:
+    wrong = []
+    for name, value in ours.items():
+        off = (
+            abs(math.remainder(value - real[name], 360.0)) if name != "device_flags" else value != real[name]
+        )
+        if off > (ANGLE_TOLERANCE_DEG if name != "device_flags" else 0):
+            wrong.append(f"{name}: PX4 {real[name]}, simulator {value:.2f}")
+    return wrong
+
+
+@pytest.mark.parametrize("group", ["gimbal"])
+def test_the_gimbal_points_where_the_real_one_does(shared: Path, group: str) -> None:
+    s = Station()
+    s.run_until(lambda: s.ready, 15)
+    wrong: dict[str, list[str]] = {}
+    compared = 0
+    for dialogue in load(shared, group):
+        _gimbal_owner(s, dialogue)
+        replay(s, dialogue, dialogue["window_s"] - READ_BEFORE_END_S)
+        if "gimbal_after" not in dialogue:
+            continue
+        compared += 1
+        found = differences(dialogue["gimbal_after"], pointing(s))
+        if found:
+            wrong[dialogue["id"]] = found
+    assert compared > 35
+    new = {name: found for name, found in wrong.items() if name not in KNOWN}
+    assert not new, "\n".join(f"{name}: {found}" for name, found in new.items())
+    gone = [name for name in KNOWN if name not in wrong]
+    assert not gone, f"these no longer differ, take them out of KNOWN: {gone}"
