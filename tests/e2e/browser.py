@@ -1,0 +1,172 @@
+"""A real Chromium before a real station: starting it, using it, and what must never happen in it."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Error, Frame, Locator, Page, expect, sync_playwright
+
+from tools import build_page
+from tools.ensure_browser import installed_chromium
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+]
+PATIENCE_MS = 20_000
+"""Chromium draws in software here, and the machine may do other things besides."""
+
+TELL_CSP = """
+addEventListener('securitypolicyviolation', (e) =>
+  console.error(`policy: ${e.effectiveDirective} stopped ${e.blockedURI}`));
+"""
+READ_CANVAS = """
+() => new Promise((done) => requestAnimationFrame(() => {
+  const canvas = document.querySelector('canvas[data-engine]');
+  const gl = canvas && canvas.getContext('webgl2');
+  if (!gl) return done({ drawn: 0, colours: 0 });
+  const pixels = new Uint8Array(canvas.width * canvas.height * 4);
+  gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  const colours = new Set();
+  let drawn = 0;
+  for (let i = 0; i < pixels.length; i += 4) {
+    if (pixels[i + 3] > 0) drawn += 1;
+    colours.add((pixels[i] << 16) | (pixels[i + 1] << 8) | pixels[i + 2]);
+  }
+  done({ drawn: drawn / (pixels.length / 4), colours: colours.size });
+}))
+"""
+"""Read in the frame that has just been rendered: later the browser has taken the buffer away."""
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Browser]:
+    """Debian's or Playwright's Chromium; fails, with the way to get one, where there is none."""
+    expect.set_options(timeout=PATIENCE_MS)
+    with sync_playwright() as playwright:
+        try:
+            browser = playwright.chromium.launch(executable_path=installed_chromium(), args=ARGUMENTS)
+        except Error as error:
+            pytest.fail(
+                "These tests need Chromium. Run: sudo apt-get install chromium  "
+                f"(or: python -m playwright install --with-deps chromium)\n{error}",
+                pytrace=False,
+            )
+        yield browser
+        browser.close()
+
+
+class Watched:
+    """Everything a page asked for and complained of."""
+
+    def __init__(self, page: Page, url: str) -> None:
+        self.complaints: list[str] = []
+        self.strangers: list[str] = []
+        self._own = urlsplit(url).netloc
+        page.add_init_script(TELL_CSP)
+        page.on("console", self._console)
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", lambda request: self._asked(request.url))
+        page.on("websocket", lambda socket: self._asked(socket.url))
+
+    def _console(self, message: ConsoleMessage) -> None:
+        # A refusal is an answer; Chromium counts its 409 as an error.
+        if message.type == "error" and "status of 409" not in message.text:
+            self.complaints.append(message.text)
+
+    def _asked(self, url: str) -> None:
+        parts = urlsplit(url)
+        if parts.scheme not in ("data", "blob") and parts.netloc != self._own:
+            self.strangers.append(url)
+
+    def check(self) -> None:
+        """Fails on a request to another machine, an error in the console or a breach of the policy."""
+        assert self.strangers == []
+        assert self.complaints == []
+
+
+@contextlib.contextmanager
+def opened(
+    browser: Browser, url: str, *, theme: Any = "dark", size: tuple[int, int] = (1440, 900)
+) -> Iterator[Page]:
+    """The page in a fresh window, watched until it is closed."""
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    watched = Watched(page, url)
+    try:
+        page.goto(url)
+        yield page
+        watched.check()
+    finally:
+        context.close()
+
+
+def slide(page: Page) -> None:
+    """Slides the knob of the open confirmation to its end, as a hand does."""
+    knob = page.get_by_role("alertdialog").get_by_role("slider")
+    box = knob.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 400, y, steps=8)
+    page.mouse.up()
+
+
+def hold_space(page: Page) -> None:
+    """Holds the Space bar until the confirmation is done."""
+    page.get_by_role("alertdialog").wait_for()
+    page.keyboard.down("Space")
+    page.get_by_role("alertdialog").wait_for(state="hidden")
+    page.keyboard.up("Space")
+
+
+def number(text: str) -> float:
+    """The first number in what the page shows (its minus is the typographic one).
+
+    Raises:
+        ValueError: there is none.
+    """
+    found = re.search(r"-?\d+(\.\d+)?", text.replace("−", "-"))
+    if found is None:
+        raise ValueError(f"no number in {text!r}")
+    return float(found.group())
+
+
+def shown(where: Locator, label: str) -> float:
+    """The value under a label, as the page shows it."""
+    return number(
+        where.locator(".value", has=where.page.get_by_text(label, exact=True)).locator(".text").inner_text()
+    )
+
+
+def scene(page: Page) -> Frame:
+    """The 3D view's own document."""
+    frame = page.get_by_title("3D view").element_handle().content_frame()
+    assert frame is not None
+    return frame
+
+
+def serious_violations(page: Page) -> list[str]:
+    """What axe-core holds against the page, serious or critical; empty is good."""
+    build_page.install(REPOSITORY)
+    source = (REPOSITORY / "web" / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+    page.evaluate(f"{source}; void 0")
+    found = page.evaluate(
+        "async () => (await axe.run({ exclude: ['iframe'] }, { resultTypes: ['violations'] })).violations"
+    )
+    return [
+        f"{one['id']}: {[(node['html'][:160], node['failureSummary'][-200:]) for node in one['nodes'][:4]]}"
+        for one in found
+        if one["impact"] in ("serious", "critical")
+    ]

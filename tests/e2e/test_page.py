@@ -1,0 +1,235 @@
+"""The page as an operator uses it: real Chromium, real server, a vehicle simulated three times as fast."""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import (
+    READ_CANVAS,
+    REPOSITORY,
+    chromium,
+    hold_space,
+    number,
+    opened,
+    scene,
+    serious_violations,
+    shown,
+    slide,
+)
+from tests.e2e.conftest import SPEED, Station
+from tests.station import answers, end, free_port, running, server, server_command, vehicle, wait_until
+from tools import build_page
+
+pytestmark = pytest.mark.browser
+
+FLIGHT_MS = 40_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def field() -> Iterator[Station]:
+    """One station for all flights; each test leaves the vehicle on the ground."""
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, more=["--speed", str(SPEED)]),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        yield Station(url, gcs, gcs.vehicle("101"))
+
+
+@pytest.fixture
+def landed(field: Station) -> Iterator[Station]:
+    """The station with its vehicle ready on the ground, before and after."""
+    drone = field.gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+    yield field
+    if drone.status()["armed"]:
+        drone.land()
+        drone.until_disarmed()
+
+
+def pill(page: Page) -> Any:
+    """What the vehicle does, in the middle of the top bar."""
+    return page.locator(".pill b")
+
+
+def small_3d_view(page: Page) -> None:
+    """The map large: Chromium draws the 3D view without a graphics card, and the test is about the flight."""
+    page.get_by_title("3D view").wait_for()
+    page.keyboard.press("m")
+
+
+def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
+    drone = landed.drone
+    with opened(browser, landed.url) as page:
+        instrument, card = (
+            page.get_by_label("Attitude and heading"),
+            page.get_by_label("Offboard", exact=True),
+        )
+        expect(pill(page)).to_have_text("Ready")
+
+        page.get_by_role("button", name="Take off").click()
+        height = page.get_by_label("Height above home")
+        height.fill("6")
+        height.press("Tab")
+        expect(page.get_by_role("alertdialog")).to_contain_text("Arms, climbs to 6.0 m above home")
+        slide(page)
+        expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
+        wait_until(lambda: shown(instrument, "Above home") > 3, "the climb on the page", 20)
+        expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
+        assert shown(instrument, "Above home") == pytest.approx(6, abs=1)
+
+        card.get_by_role("button", name="Start").click()
+        slide(page)
+        expect(pill(page)).to_have_text("Offboard")
+        target = card.locator(".cell", has_text="Up").locator("b")
+        before = number(target.inner_text())
+        card.get_by_role("button", name="Up 1 m more").click()
+        expect(target).to_contain_text(f"{before + 1:.1f}")
+        wait_until(lambda: number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page", 15)
+        expect(card).to_contain_text(re.compile(r"Valid [0-9.]+\s?s left"))
+        stream = drone.request("GET", "/offboard")
+        assert stream["streaming"]
+        assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
+        wait_until(lambda: shown(instrument, "Above home") > 6.6, "the nudge flown", 15)
+
+        card.get_by_role("button", name="Hold", exact=True).click()
+        expect(pill(page)).to_have_text("Holding")
+        expect(card).to_contain_text("no stream")
+        assert not drone.request("GET", "/offboard")["streaming"]
+
+        steer_the_gimbal(page, drone)
+
+        page.get_by_role("button", name="Land").click()
+        slide(page)
+        expect(pill(page)).to_have_text("Landing")
+        drone.until_disarmed()
+        expect(page.get_by_role("button", name="Arm", exact=True)).to_be_visible()
+
+
+def steer_the_gimbal(page: Page, drone: Any) -> None:
+    """Takes control, points by the pad and by a button, gives control back; telemetry agrees."""
+    card = page.get_by_label("Gimbal", exact=True)
+    card.get_by_role("button", name="Take").click()
+    pad = card.get_by_role("img", name="Gimbal pad")
+    box = pad.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.55, box["y"] + box["height"] * 0.7, steps=5)
+    page.mouse.up()
+
+    def pitch_rad() -> float:
+        return float(drone.topic("gimbal")["pitch_rad"])
+
+    wait_until(lambda: -1.2 < pitch_rad() < -0.3, "the gimbal where the pad was let go", 5)
+    card.get_by_role("button", name="Down", exact=True).click()
+    wait_until(lambda: pitch_rad() < -1.5, "the gimbal straight down", 5)
+    expect(card).to_contain_text("−90.0°")
+    card.get_by_role("button", name="Release").click()
+    expect(card.get_by_role("button", name="Take")).to_be_visible()
+
+
+def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, landed: Station) -> None:
+    with opened(browser, landed.url) as page:
+        expect(pill(page)).to_have_text("Ready")
+        small_3d_view(page)
+        page.keyboard.press("t")
+        hold_space(page)
+        expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
+        wait_until(lambda: landed.drone.topic("global_position")["alt_home_m"] > 2, "the climb", 20)
+        page.keyboard.press("h")
+        expect(pill(page)).to_have_text("Holding")
+        assert landed.drone.status()["mode"] == "hold"
+
+        page.get_by_role("button", name="Disarm").click()
+        slide(page)
+        refusal = page.locator(".place").get_by_role("alert")
+        expect(refusal).to_contain_text("Disarming: The vehicle refused")
+        expect(refusal).to_contain_text("Disarming denied: not landed")
+        assert landed.drone.status()["armed"]
+        page.keyboard.press("Escape")
+        expect(refusal).to_be_hidden()
+
+        page.keyboard.press("l")
+        hold_space(page)
+        expect(pill(page)).to_have_text("Landing")
+        landed.drone.until_disarmed()
+
+
+def test_the_3d_view_shows_the_vehicle_and_asks_nobody_else(browser: Browser, landed: Station) -> None:
+    with opened(browser, landed.url) as page:
+        expect(pill(page)).to_have_text("Ready")
+        frame = scene(page)
+        frame.locator("canvas[data-engine]").wait_for()
+
+        def drawn() -> bool:
+            found = frame.evaluate(READ_CANVAS)
+            # A cleared canvas is one colour and transparent; the vehicle with its shades alone is hundreds.
+            return found["colours"] > 200 and found["drawn"] > 0.01
+
+        wait_until(drawn, "a picture in the 3D view", 20)
+        expect(frame.locator(".gcs-tags")).to_contain_text("simulated")
+        page.get_by_role("button", name="Top", exact=True).click()
+        page.keyboard.press("m")
+        wait_until(drawn, "a picture in the small 3D view", 20)
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_nothing_serious_stands_in_anyones_way(browser: Browser, landed: Station, theme: str) -> None:
+    with opened(browser, landed.url, theme=theme) as page:
+        expect(pill(page)).to_have_text("Ready")
+        assert serious_violations(page) == []
+        page.keyboard.press("t")
+        page.get_by_role("alertdialog").wait_for()
+        assert serious_violations(page) == []
+        page.keyboard.press("Escape")
+        page.keyboard.press("?")
+        page.get_by_role("button", name="Battery").click()
+        assert serious_violations(page) == []
+
+
+def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_path: Path) -> None:
+    port, http_port = free_port(), free_port()
+    url = f"http://127.0.0.1:{http_port}"
+    command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
+    context = browser.new_context()
+    page = context.new_page()
+    with vehicle(port, more=["--speed", str(SPEED)]):
+        with running(command) as first:
+            wait_until(lambda: answers(url), "the first server")
+            page.goto(url)
+            chip = page.get_by_role("button", name="101 Quad")
+            chip.wait_for()
+            page.get_by_role("button", name="Top", exact=True).click()
+            end(first, signal.SIGKILL)
+            notice = page.get_by_role("alert").filter(has_text="No connection to the station")
+            notice.wait_for()
+            expect(notice).to_contain_text("What you see is old")
+            expect(chip).to_contain_text("lost", timeout=10_000)
+        with (
+            page.expect_request(
+                lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=20_000
+            ) as told,
+            running(command),
+        ):
+            wait_until(lambda: answers(url), "the second server")
+            notice.wait_for(state="hidden", timeout=10_000)
+            expect(chip).not_to_contain_text("lost", timeout=10_000)
+            assert told.value.post_data_json["mode"] == "top"
+    context.close()
