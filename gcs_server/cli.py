@@ -171,7 +171,7 @@ class _Announcing(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         # All that was imported stays for ever. Looking through it again at each full garbage collection would
-        # halt the process, the offboard stream included, for some 20 ms, and cost more than decoding.
+        # halt the process, the offboard stream included, and cost as much as decoding a fleet's telemetry.
         gc.collect()
         gc.freeze()
         if self.started:

@@ -2,7 +2,7 @@
 
 What is kept are plain tuples of numbers and bytes, which Python's garbage collector stops to look at. As
 objects, fifty vehicles' minutes would make each full collection halt the whole process, and with it the
-offboard stream, for a tenth of a second.
+offboard stream, the longer the more is kept.
 """
 
 from __future__ import annotations
