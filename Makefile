@@ -79,7 +79,8 @@ lint: $(VENV)/.tested
 test: $(VENV)/.tested $(VENV)/.browser web lint
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n 2 tests/unit tests/protocol tests/contract tests/api
+	@$(BIN)/python -m pytest tests/e2e
 
 test-clients: $(VENV)/.clients web
 	@$(BIN)/python -m pytest tests/clients
