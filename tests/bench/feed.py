@@ -16,9 +16,9 @@ from pymavlink.dialects.v20 import common as mavlink
 MESSAGES_PER_S = 100
 """A vehicle's rate: the mix below, as a ground-station link of PX4 sends it, thinned to 100 a second."""
 
-TURNS = 5
-"""Vehicles do not speak in step: a fifth of them sends every 2 ms, each vehicle every 10 ms."""
-SLICE_S = 1 / MESSAGES_PER_S / TURNS
+BURST = 2
+"""PX4's 50 Hz streams come out together: of 100 messages a second, two every 20 ms."""
+PERIOD_S = BURST / MESSAGES_PER_S
 
 
 def _mix(mav: mavlink.MAVLink, system_id: int, index: int) -> bytes:
@@ -76,14 +76,14 @@ def send(port: int, vehicles: int, seconds: float) -> int:
     print("sending", flush=True)
     start = time.monotonic()
     sent = 0
-    for step in range(int(seconds / SLICE_S)):
-        wait = start + step * SLICE_S - time.monotonic()
-        if wait > 0:
-            time.sleep(wait)
-        turn, index = step % TURNS, step // TURNS
-        for own, stream in zip(sockets[turn::TURNS], frames[turn::TURNS], strict=True):
-            own.sendto(stream[index % len(stream)], ("127.0.0.1", port))
-            sent += 1
+    for period in range(int(seconds / PERIOD_S)):
+        for vehicle, (own, stream) in enumerate(zip(sockets, frames, strict=True)):
+            wait = start + (period + vehicle / vehicles) * PERIOD_S - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            for index in range(period * BURST, (period + 1) * BURST):
+                own.sendto(stream[index % len(stream)], ("127.0.0.1", port))
+                sent += 1
     for own in sockets:
         own.close()
     return sent
