@@ -163,7 +163,7 @@ def serious_violations(page: Page) -> list[str]:
     source = (REPOSITORY / "web" / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     page.evaluate(f"{source}; void 0")
     # What is still fading in has no contrast yet.
-    page.wait_for_function("document.getAnimations().every((one) => one.playState === 'finished')")
+    page.evaluate("() => Promise.allSettled(document.getAnimations().map((one) => one.finished))")
     found = page.evaluate(
         "async () => (await axe.run({ exclude: ['iframe'] }, { resultTypes: ['violations'] })).violations"
     )
