@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -70,7 +71,7 @@ OnPeerGone = Callable[[Peer], None]
 OnState = Callable[[], None]
 
 
-class Link:
+class Link(ABC):
     """Bytes only; a link opens itself, and again after it was lost.
 
     Kinds implement `_open`, `_close`, `_write`; they call `_opened`, `_lost` and `_received`.
@@ -141,17 +142,17 @@ class Link:
 
     # --- for the kinds ---------------------------------------------------------------------------
 
+    @abstractmethod
     def _open(self) -> None:
         """Begins to open; ends in `_opened()` or `_lost(why)`; may raise OSError."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _close(self) -> None:
         """Gives back what `_open` took; may be called at any time."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _write(self, data: bytes, peer: Peer) -> bool:
         """From any thread."""
-        raise NotImplementedError
 
     def _explain(self, error: OSError) -> str:
         """The error in words for people."""

@@ -7,6 +7,7 @@ the thread itself is tested in `tests/unit/gcs_server/streamer/test_thread.py`.
 from __future__ import annotations
 
 import asyncio
+import itertools
 from typing import Any
 
 from gcs_server.streamer.offboard import Streamer
@@ -132,3 +133,41 @@ async def seconds(duration_s: float) -> None:
 def sent_by_us(link: Any) -> int:
     """Datagrams that left on a link so far."""
     return len(link.sent)
+
+
+def flight(jump, story, *, flying=True, loss=0.0, seed=0):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilot = world.offboard_pilot(link, loss=loss, seed=seed)
+        if flying:
+            pilot.fly()
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            await story(world, vehicle, pilot, link)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def codes(vehicle):
+    return [e.data["code"] for e in vehicle.events.since() if (e.data or {}).get("source") == "offboard"]
+
+
+def gaps_s(pilot):
+    return [b - a for (a, _), (b, _) in itertools.pairwise(pilot.setpoints)]
+
+
+def asks(pilot, mode):
+    return [m for m in pilot.commands(176) if (int(m.param2) << 16 | int(m.param3) << 24) == mode]
+
+
+async def silent(pilot, link, seconds_=3.0, settle_s=0.02):
+    """Nothing leaves that flies the vehicle."""
+    await seconds(settle_s)
+    setpoints, commands = len(pilot.setpoints), len(pilot.commands(176))
+    await seconds(seconds_)
+    assert len(pilot.setpoints) == setpoints
+    assert len(pilot.commands(176)) == commands

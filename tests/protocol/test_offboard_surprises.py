@@ -1,0 +1,279 @@
+"""What the vehicle, its links and other commands do to a running stream, and whom it reaches."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import NoReply, Refused, Rejected
+from tests.protocol.conftest import HOLD, OFFBOARD
+from tests.protocol.offboard_world import (
+    POSITION,
+    OffboardWorld,
+    asks,
+    codes,
+    flight,
+    gaps_s,
+    order,
+    seconds,
+    silent,
+)
+
+# --- the vehicle's own doing ----------------------------------------------------------------------
+
+
+def test_an_origin_that_moves_ends_a_position_setpoint_in_hold(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order())
+        await seconds(0.5)
+        pilot.ned = [80.0, -30.0, -5.0]
+        await seconds(0.3)
+        assert "jumped" in codes(vehicle)
+        far = [m for t, m in pilot.setpoints if t > world.loop.time() - 0.1]
+        assert {(round(m.x), round(m.y)) for m in far} in ({(80, -30)}, set())
+        await seconds(2)
+        assert pilot.mode == HOLD
+        with pytest.raises(Refused):
+            vehicle.offboard.setpoint(order())
+
+    flight(jump, story)
+
+
+def test_offboard_reported_again_after_the_failsafes_landing_does_not_revive_the_stream(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await seconds(0.5)
+        pilot.failsafes, pilot.mode = 1, POSITION
+        pilot.current_mode()
+        await seconds(0.5)
+        pilot.land_and_disarm()
+        await seconds(1)
+        assert vehicle.status.mode == "offboard"
+        status = vehicle.offboard.status()
+        assert not status.streaming
+        assert "Position" in status.ended or "position" in status.ended
+        await silent(pilot, link)
+        with pytest.raises(Refused, match="no setpoint stream"):
+            vehicle.offboard.setpoint(order())
+
+    flight(jump, story)
+
+
+def test_a_vehicle_that_disarmed_unseen_while_its_link_was_gone_is_not_streamed_to(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await seconds(0.5)
+        pilot.alive = False
+        await seconds(2.0)
+        pilot.alive = True
+        pilot.land_and_disarm()
+        await silent(pilot, link, settle_s=1.2)
+        assert codes(vehicle) == ["disarmed"]
+
+    flight(jump, story)
+
+
+def test_a_vehicle_that_is_not_heard_any_more_is_given_up_long_before_its_setpoint_expires(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        pilot.alive = False
+        pilot.silent_commands.add(176)
+        await seconds(3.5 + 5 + 1.5)
+        assert not vehicle.offboard.status().streaming
+        assert codes(vehicle) == ["lost", "not_confirmed"]
+
+    flight(jump, story)
+
+
+def test_killed_in_flight_the_stream_ends_with_the_motors(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await vehicle.command.kill()
+        await silent(pilot, link, settle_s=0.2)
+        assert codes(vehicle) == ["disarmed"]
+
+    flight(jump, story)
+
+
+def test_the_end_of_the_server_holds_all_at_once_and_waits_for_none_for_ever(jump):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilots = [world.offboard_pilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2, 3)]
+        for pilot in pilots:
+            pilot.fly()
+        try:
+            vehicles = [await world.ready(str(i)) for i in (1, 2, 3)]
+            await seconds(1.5)
+            await asyncio.gather(*(vehicle.offboard.start(order()) for vehicle in vehicles))
+            pilots[0].silent_commands.add(176)
+            began = world.loop.time()
+            stopped = {s.vehicle: s.error for s in await world.streamer.stop_all()}
+            assert world.loop.time() - began < 3.5
+            assert stopped["2"] is None
+            assert stopped["3"] is None
+            assert isinstance(stopped["1"], NoReply)
+            assert [pilot.mode for pilot in pilots] == [OFFBOARD, HOLD, HOLD]
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_hold_is_not_taken_for_refused_by_the_late_refusal_of_what_it_overtook(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
+        pilot.take_offboard_after_s = 0.3
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.005)
+        pilot.mode = POSITION
+        dropped = []
+
+        def lose_the_first(message):
+            if getattr(message, "command", None) == 176 and message.param3 == 3 and not dropped:
+                dropped.append(message)
+            return message in dropped
+
+        pilot.handlers.append(lose_the_first)
+        await vehicle.command.hold()
+        assert dropped
+        assert pilot.mode == HOLD
+        with pytest.raises((Refused, Rejected)):
+            await starting
+
+    flight(jump, story)
+
+
+def test_a_hold_that_is_refused_is_still_told_as_refused_where_it_overtook_something(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.take_offboard_after_s = 0.3
+        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        while not asks(pilot, OFFBOARD):
+            await seconds(0.005)
+        pilot.refuse[176] = 2
+        pilot.mode = POSITION
+        with pytest.raises(Rejected, match="denied"):
+            await vehicle.command.hold()
+        with pytest.raises((Refused, Rejected)):
+            await starting
+
+    flight(jump, story)
+
+
+@pytest.mark.parametrize("call", ["land", "rtl"])
+def test_the_stream_does_not_ask_for_hold_over_a_command_that_is_under_way(jump, call):
+    async def story(world, vehicle, pilot, link):
+        pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.2))
+        while vehicle.offboard.status().state != "to_hold":
+            await seconds(0.01)
+        await seconds(0.9)
+        pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and world.loop.time() < late_s)
+        late_s = world.loop.time() + 1.3
+        asked = len(asks(pilot, HOLD))
+        await getattr(vehicle.command, call)()
+        await seconds(2)
+        assert len(asks(pilot, HOLD)) == asked
+        assert vehicle.status.mode == call
+        assert pilot.failsafes == 0
+
+    flight(jump, story)
+
+
+# --- whom it is sent to ---------------------------------------------------------------------------
+
+
+def test_two_vehicles_on_one_link_get_their_own_and_nothing_of_the_others(jump):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilots = [world.offboard_pilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2)]
+        for pilot in pilots:
+            pilot.fly()
+        try:
+            vehicles = [await world.ready(str(i)) for i in (1, 2)]
+            await seconds(1.5)
+            for number, vehicle in enumerate(vehicles, 1):
+                await vehicle.offboard.start(order(position=(float(number), 0.0, -5.0)))
+            await seconds(0.5)
+            await vehicles[0].command.kill()
+            for number, pilot in enumerate(pilots, 1):
+                addressed = [m for m in pilot.heard if hasattr(m, "target_system")]
+                assert {m.target_system for m in addressed} == {number}
+                assert {m.target_component for m in addressed} == {1}
+                assert {m.x for _, m in pilot.setpoints} == {float(number)}
+            assert pilots[1].armed
+            assert not pilots[0].armed
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_twins_on_two_links_get_only_what_is_meant_for_them(jump):
+    async def run():
+        world = OffboardWorld()
+        links = [world.link("one"), world.link("two")]
+        pilots = [
+            world.offboard_pilot(link, uid=i + 7, boot_s=900.0 - 50 * i) for i, link in enumerate(links)
+        ]
+        for pilot in pilots:
+            pilot.fly()
+        try:
+            await world.ready("1")
+            await world.ready("1~2")
+            await seconds(1.5)
+            by_link = {world.fleet.get(i).links[0]: world.fleet.get(i) for i in ("1", "1~2")}
+            await by_link["two"].offboard.start(order())
+            await by_link["two"].command.kill()
+            assert pilots[0].armed
+            assert not pilots[0].setpoints
+            assert not pilots[0].commands(400)
+            assert not pilots[0].commands(176)
+            assert not pilots[1].armed
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+@pytest.mark.parametrize("how", ["silent", "write_fails"])
+def test_a_sending_link_that_dies_hands_over_to_the_other_before_px4_fails_safe(jump, how):
+    async def run():
+        world = OffboardWorld()
+        first, second = world.link("one"), world.link("two")
+        pilot = world.offboard_pilot(first)
+        pilot.fly()
+        second.pilots["peer"] = pilot
+        dead = []
+
+        def both(raw):
+            pilot.mav.seq = (pilot.mav.seq + 1) % 256
+            for link in (first, second):
+                if link.name not in dead:
+                    link.inject(raw, "peer")
+
+        pilot.send_raw = both
+        try:
+            vehicle = await world.ready()
+            await seconds(5)
+            assert set(vehicle.links) == {"one", "two"}
+            await vehicle.offboard.start(order())
+            await seconds(1)
+            used = max((first, second), key=lambda link: len(link.sent))
+            other = second if used is first else first
+            before = len(other.sent)
+            if how == "silent":
+                dead.append(used.name)
+                used.pilots.clear()
+            else:
+                used._write = lambda data, peer: False
+            await seconds(3)
+            assert len(other.sent) > before + 100
+            assert max(gaps_s(pilot)) < 0.5
+            assert pilot.failsafes == 0
+            assert vehicle.offboard.status().state == "streaming"
+        finally:
+            await world.close()
+
+    jump(run)
