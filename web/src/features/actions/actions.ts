@@ -2,7 +2,7 @@
 
 import { fixed, metres, UNKNOWN } from '../../ui/format';
 
-export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'kill' | 'offboard_start';
+export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'kill' | 'offboard_start' | 'goto';
 
 /** What the sentences need to know; null is unknown. */
 export interface ActionFacts {
@@ -16,6 +16,18 @@ export interface ActionFacts {
   streaming: boolean;
   takeoffAlt_home_m: number;
   battery_percent: number | null;
+}
+
+/** Where "Go here" goes; distances from where the vehicle was when it was asked. */
+export interface Goal {
+  lat_deg: number;
+  lon_deg: number;
+  alt_home_m: number;
+  distance_m: number;
+  /** Null where the vehicle's cruise speed is not known. */
+  time_s: number | null;
+  /** Told once the vehicle took the request, or did not. */
+  settled?: (taken: boolean) => void;
 }
 
 export interface Question {
@@ -38,7 +50,7 @@ function heightNow(facts: ActionFacts): string {
 }
 
 /** The confirmation's words; null where the action needs none: Hold is always one press. */
-export function question(action: ActionName, facts: ActionFacts): Question | null {
+export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null): Question | null {
   const end = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
@@ -58,6 +70,12 @@ export function question(action: ActionName, facts: ActionFacts): Question | nul
       return { title: `Land ${name}`, effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`, verb: 'Land', danger: false };
     case 'rtl':
       return { title: `Return ${name}`, effect: `Climbs to its return height, flies ${m(facts.fromHome_m)} back and lands at home.${end}`, verb: 'Return', danger: false };
+    case 'goto':
+      return goal === null ? null : {
+        title: `Send ${name} here`,
+        effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. It is ${heightNow(facts)} now.${end}`,
+        verb: 'Go', danger: false,
+      };
     case 'offboard_start':
       return { title: `Offboard ${name}`, effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.', verb: 'Start', danger: false };
     case 'kill':
@@ -77,10 +95,11 @@ export interface Call {
 }
 
 /** The request an action makes, under /vehicles/{id}. */
-export function call(action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts): Call {
+export function call(action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Call {
   const base = `/vehicles/${encodeURIComponent(facts.vehicleId)}`;
   if (action === 'takeoff') return { path: `${base}/takeoff`, body: { alt_home_m: facts.takeoffAlt_home_m } };
   if (action === 'kill') return { path: `${base}/kill`, body: { confirm: `motors stop, vehicle ${facts.vehicleId} falls` } };
+  if (goal !== null) return { path: `${base}/goto`, body: { lat_deg: goal.lat_deg, lon_deg: goal.lon_deg, alt_home_m: goal.alt_home_m } };
   return { path: `${base}/${action}` };
 }
 
@@ -90,11 +109,12 @@ export function unavailable(action: ActionName, facts: ActionFacts & { lost: boo
   if (action === 'hold' || action === 'kill') return null;
   if (facts.lost) return 'The vehicle is not heard.';
   if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
+  if (action === 'goto' && !facts.inAir) return 'It is on the ground: take off first.';
   if ((action === 'land' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';
   return null;
 }
 
 /** Progress in words while the vehicle has not shown it yet. */
 export const ASKED: Readonly<Record<ActionName, string>> = {
-  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', kill: 'Stopping the motors', offboard_start: 'Offboard',
+  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', kill: 'Stopping the motors', offboard_start: 'Offboard', goto: 'Go here',
 };

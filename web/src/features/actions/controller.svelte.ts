@@ -3,16 +3,17 @@
 import { actionFacts, type VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import { ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Question } from './actions';
+import { ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import { Confirmation } from './confirmation';
 
 /** Where a button stands, so that what comes back appears there. */
-export type Place = 'bar' | 'offboard' | 'gimbal';
+export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage';
 
 export interface Asked {
   action: ActionName;
   place: Place;
   facts: VehicleFacts;
+  goal: Goal | null;
   question: Question;
   confirmation: Confirmation;
 }
@@ -59,12 +60,12 @@ export class ActionController {
 
   /** The question's words with the height as it is now. */
   words(asked: Asked): Question {
-    return question(asked.action, this.facts(this.now(asked.facts))) ?? asked.question;
+    return question(asked.action, this.facts(this.now(asked.facts)), asked.goal) ?? asked.question;
   }
 
   /** A button or a key: opens the confirmation, or acts at once where none is needed. */
-  request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar'): void {
-    if (facts === null) return;
+  request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar', goal: Goal | null = null): void {
+    if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(place);
     const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
@@ -72,13 +73,13 @@ export class ActionController {
       this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem: notNow(reason) } };
       return;
     }
-    const asks = question(action, this.facts(facts));
+    const asks = question(action, this.facts(facts), goal);
     if (asks === null) {
       this.asked = null;
       void this.run(action, facts, place);
       return;
     }
-    this.asked = { action, place, facts, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.asked = { action, place, facts, goal, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
   }
 
@@ -106,7 +107,7 @@ export class ActionController {
     this.left_s = asked.confirmation.left_s(now);
     if (phase === 'asking') return;
     this.asked = null;
-    if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place);
+    if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal);
   }
 
   /** Any other call whose refusal belongs to a place: nudges, gimbal. */
@@ -117,17 +118,18 @@ export class ActionController {
     return outcome.ok;
   }
 
-  private async run(action: ActionName, facts: VehicleFacts, place: Place): Promise<void> {
+  private async run(action: ActionName, facts: VehicleFacts, place: Place, goal: Goal | null = null): Promise<void> {
     const entry: Running = { id: this.nextId++, action, place, vehicleName: facts.name };
     this.running = [...this.running, entry];
     const now = this.now(facts);
-    await this.attempt(ASKED[action], now, place, () => this.send(action, now));
+    const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal));
     this.running = this.running.filter((r) => r.id !== entry.id);
+    goal?.settled?.(taken);
   }
 
-  private send(action: ActionName, facts: VehicleFacts): Promise<Outcome<unknown>> {
+  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts);
-    const { path, body } = call(action, this.facts(facts));
+    const { path, body } = call(action, this.facts(facts), goal);
     return this.api.post(path, body);
   }
 
