@@ -24,6 +24,7 @@ async def show(vehicle: VehicleDep, station: StationDep) -> Response:
             "vehicle": vehicle.id,
             "available": gimbal is not None,
             "in_control": gimbal is not None and gimbal.primary_control == station.own_ids,
+            "roi": vehicle.gimbal.roi,
             "gimbal": gimbal,
         }
     )

@@ -17,6 +17,7 @@ from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.samples import TOPICS, Sample, Vector3
+from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.params import Param
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -28,6 +29,7 @@ class _Out(BaseModel):
 TOPIC_MODELS = {name: model_of(kind) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
 StatusModel = TOPIC_MODELS["status"]
+RoiModel = model_of(Roi)
 GimbalModel = TOPIC_MODELS["gimbal"]
 LinkModel = model_of(LinkInfo, "Link", recording=model_of(Recording) | None)
 NoticeModel = model_of(Notice)
@@ -141,6 +143,9 @@ class GimbalView(_Out):
     vehicle: str = Field(description="The vehicle's id.")
     available: bool = Field(description="False: the vehicle has not reported a gimbal.")
     in_control: bool = Field(description="Whether this server is in primary control.")
+    roi: RoiModel | None = Field(  # type: ignore[valid-type]
+        description="The place this server asked it to look at; null: none, or ended since."
+    )
     gimbal: GimbalModel | None = Field(description="State, limits, and who is in control.")  # type: ignore[valid-type]
 
 

@@ -17,10 +17,13 @@ from gcs_server.mavlink.router import Router
 from gcs_server.telemetry.hub import Hub
 from gcs_server.telemetry.wire import plain
 from gcs_server.vehicle.fleet import Fleet, Notice
+from gcs_server.vehicle.services.transaction import Progress
 from gcs_server.vehicle.vehicle import Vehicle
 
 LONGEST_CLIENT_NAME = 64
 SETPOINT_LINE_PERIOD_S = 1.0
+DEBUG = 7
+"""MAV_SEVERITY: of no interest once it is over."""
 
 
 @dataclass(slots=True)
@@ -74,6 +77,16 @@ def get_vehicle(v: str, station: StationDep) -> Vehicle:
 
 
 VehicleDep = Annotated[Vehicle, Depends(get_vehicle)]
+
+
+def progress_to(vehicle: Vehicle, client: str, command: str) -> Progress:
+    """Tells everybody who listens how far a command is, and whose it is; kept in no history."""
+
+    def tell(text: str, fraction: float | None) -> None:
+        data: dict[str, object] = {"command": command, "client": client, "fraction": fraction}
+        vehicle.events.add("progress", vehicle.clock.unix_s(), text, severity=DEBUG, data=data, kept=False)
+
+    return tell
 
 
 class Outcome:

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Response
 from gcs_server.api import models, responses
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, Station, StationDep, VehicleDep, journaled
+from gcs_server.api.station import ClientDep, Station, StationDep, VehicleDep, journaled, progress_to
 from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.samples import TOPICS
 from gcs_server.vehicle.services.command import GOTO_MAX_DISTANCE_M
@@ -87,31 +87,61 @@ async def messages(
 @router.post("/{v}/arm", response_model=responses.CommandDone, tags=["commands"])
 async def arm(v: str, station: StationDep, client: ClientDep) -> Response:
     """Starts the motors."""
-    return await carry_out(station, client, "arm", v, {}, lambda vehicle: vehicle.command.arm())
+    return await carry_out(
+        station, client, "arm", v, {}, lambda x: x.command.arm(progress=progress_to(x, client, "arm"))
+    )
 
 
 @router.post("/{v}/disarm", response_model=responses.CommandDone, tags=["commands"])
 async def disarm(v: str, station: StationDep, client: ClientDep) -> Response:
     """Stops the motors on the ground."""
-    return await carry_out(station, client, "disarm", v, {}, lambda vehicle: vehicle.command.disarm())
+    return await carry_out(
+        station,
+        client,
+        "disarm",
+        v,
+        {},
+        lambda x: x.command.disarm(progress=progress_to(x, client, "disarm")),
+    )
 
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, client: ClientDep) -> Response:
     """Stops and stays; ends a setpoint stream."""
-    return await carry_out(station, client, "hold", v, {}, lambda x: x.command.hold(by=client))
+    return await carry_out(
+        station,
+        client,
+        "hold",
+        v,
+        {},
+        lambda x: x.command.hold(by=client, progress=progress_to(x, client, "hold")),
+    )
 
 
 @router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
 async def land(v: str, station: StationDep, client: ClientDep) -> Response:
     """Lands where it is; answers once it is landing."""
-    return await carry_out(station, client, "land", v, {}, lambda x: x.command.land(by=client))
+    return await carry_out(
+        station,
+        client,
+        "land",
+        v,
+        {},
+        lambda x: x.command.land(by=client, progress=progress_to(x, client, "land")),
+    )
 
 
 @router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
 async def rtl(v: str, station: StationDep, client: ClientDep) -> Response:
     """Returns to the launch position; answers once it is under way."""
-    return await carry_out(station, client, "rtl", v, {}, lambda x: x.command.rtl(by=client))
+    return await carry_out(
+        station,
+        client,
+        "rtl",
+        v,
+        {},
+        lambda x: x.command.rtl(by=client, progress=progress_to(x, client, "rtl")),
+    )
 
 
 @router.post("/{v}/takeoff", response_model=responses.CommandDone, tags=["commands"])
@@ -123,7 +153,7 @@ async def takeoff(v: str, body: models.TakeoffRequest, station: StationDep, clie
         "takeoff",
         v,
         body.model_dump(),
-        lambda x: x.command.takeoff(body.alt_home_m, by=client),
+        lambda x: x.command.takeoff(body.alt_home_m, by=client, progress=progress_to(x, client, "takeoff")),
     )
 
 
@@ -131,7 +161,12 @@ async def takeoff(v: str, body: models.TakeoffRequest, station: StationDep, clie
 async def mode(v: str, body: models.ModeRequest, station: StationDep, client: ClientDep) -> Response:
     """Asks for a flight mode; answers once the vehicle reports it."""
     return await carry_out(
-        station, client, "mode", v, body.model_dump(), lambda x: x.command.set_mode(body.mode, by=client)
+        station,
+        client,
+        "mode",
+        v,
+        body.model_dump(),
+        lambda x: x.command.set_mode(body.mode, by=client, progress=progress_to(x, client, "mode")),
     )
 
 
@@ -148,6 +183,7 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, client: Cl
             yaw_ned_deg=body.yaw_ned_deg,
             max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
             by=client,
+            progress=progress_to(vehicle, client, "goto"),
         )
 
     return await carry_out(station, client, "goto", v, body.model_dump(exclude_none=True), work)
@@ -165,7 +201,7 @@ async def kill(v: str, body: models.KillRequest, station: StationDep, client: Cl
                 "The confirmation does not name this vehicle; nothing was sent.",
                 remedy=f"Send exactly {wanted!r}.",
             )
-        await vehicle.command.kill()
+        await vehicle.command.kill(progress=progress_to(vehicle, client, "kill"))
 
     return await carry_out(station, client, "kill", v, body.model_dump(), work)
 

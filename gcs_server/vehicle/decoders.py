@@ -21,7 +21,7 @@ _attitude = struct.Struct("<I6f")
 _local_position = struct.Struct("<I6f")
 _global_position = struct.Struct("<I4i3hH")
 _gps = struct.Struct("<Q3i4H2BiI")
-_battery = struct.Struct("<iih10Hh3Bbi")
+_battery = struct.Struct("<iih10Hh3BbiB4H")
 _sys_status = struct.Struct("<3IHHh6Hb")
 _home = struct.Struct("<3i3f")
 _servo = struct.Struct("<I8HB8H")
@@ -47,6 +47,8 @@ FORMATS: dict[int, struct.Struct] = {
     **gimbal_decoder.FORMATS,
 }
 
+HIGHEST_CELL_MV = 6000
+"""No cell in use has more."""
 UNKNOWN_CURRENTS = (-1, -100)
 """[cA] MAVLink's -1, and what PX4 makes of its own -1 A."""
 IGNORE_AXES = (
@@ -127,7 +129,10 @@ def battery(payloads: Payloads) -> Decoded:
         return fields, None
     values = _battery.unpack_from(payload)
     consumed_mah, current_ca, remaining, time_s = values[0], values[13], values[17], values[18]
-    cells = [mv for mv in values[3:13] if mv != 0xFFFF]
+    # Cells 11 to 14 stand at the end: 0 is unknown there, since older senders leave them out.
+    cells = [mv for mv in values[3:13] if mv != 0xFFFF] + [
+        mv for mv in values[20:24] if mv not in (0, 0xFFFF)
+    ]
     return (
         samples.Battery(
             remaining_percent=None if remaining < 0 else remaining,
@@ -135,9 +140,17 @@ def battery(payloads: Payloads) -> Decoded:
             current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
             consumed_mah=None if consumed_mah == -1 else consumed_mah,
             time_remaining_s=time_s or None,
+            cell_voltages_v=_of_cells(cells),
         ),
         None,
     )
+
+
+def _of_cells(millivolts: list[int]) -> tuple[float, ...] | None:
+    """One value is the sum; so are several where a sum above 65.5 V was spread over them."""
+    if len(millivolts) < 2 or max(millivolts) > HIGHEST_CELL_MV:
+        return None
+    return tuple(mv / 1e3 for mv in millivolts)
 
 
 def _battery_of_system(payload: bytes) -> samples.Battery:

@@ -16,8 +16,8 @@ class Event:
     index: int
     """Counts up within its feed."""
     kind: str
-    """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, link,
-    warning."""
+    """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, progress,
+    link, warning."""
     vehicle: str | None
     unix_s: float
     severity: int
@@ -44,11 +44,16 @@ class EventFeed:
         severity: int = 6,
         data: Mapping[str, object] | None = None,
         vehicle: str | None = None,
+        kept: bool = True,
     ) -> Event:
-        """Appends and tells the subscribers; `vehicle` where it is not the feed's own."""
+        """Appends and tells the subscribers; `vehicle` where it is not the feed's own.
+
+        What is not `kept` is told to those who listen now and forgotten: it crowds nothing out.
+        """
         event = Event(self._next_index, kind, vehicle or self._vehicle, unix_s, severity, text, data or {})
         self._next_index += 1
-        self._events.append(event)
+        if kept:
+            self._events.append(event)
         for callback in tuple(self._subscribers):
             callback(event)
         return event

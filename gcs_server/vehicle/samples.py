@@ -67,6 +67,8 @@ class Battery:
     current_a: float | None
     consumed_mah: int | None
     time_remaining_s: int | None
+    cell_voltages_v: tuple[float, ...] | None = None
+    """[V] of each cell; None where the vehicle tells the sum only."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,9 @@ import struct
 
 import pytest
 
+from gcs_server.api.station import progress_to
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
+from gcs_server.vehicle.services.gimbal import Roi
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 
@@ -202,9 +204,21 @@ def test_progress_prolongs_the_wait(kit, jump):
             return True
 
         pilot.handlers.append(slow)
-        await vehicle.command.arm(progress=lambda what, fraction: told.append(fraction))
+        heard = []
+        vehicle.events.subscribe(heard.append)
+
+        def progress(what, fraction):
+            told.append(fraction)
+            progress_to(vehicle, "page-1", "arm")(what, fraction)
+
+        await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
         assert 0.84 in told
+        news = [e for e in heard if e.kind == "progress"]
+        assert news[0].text == f"Asking vehicle {vehicle.id} to arm"
+        wanted = {"command": "arm", "client": "page-1", "fraction": 0.84}
+        assert wanted in [dict(e.data) for e in news]
+        assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # kept in no history
 
     flight(kit, jump, story)
 
@@ -367,7 +381,12 @@ def test_the_gimbal_is_taken_pointed_and_released(kit, jump, loss, seed):
         assert pilot.gimbal_q[1] != 0
         await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
         assert pilot.commands(195)[-1].get_type() == "COMMAND_INT"
+        assert vehicle.gimbal.roi == Roi(47.3982, 8.5456, 490)
         await vehicle.gimbal.clear_roi()
+        assert vehicle.gimbal.roi is None
+        await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
+        await vehicle.gimbal.set_rates(0, 0)
+        assert vehicle.gimbal.roi is None
         await vehicle.gimbal.release_control()
         assert pilot.control == (0, 0)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
@@ -34,6 +35,15 @@ STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
 ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
+@dataclass(frozen=True, slots=True)
+class Roi:
+    """A place that the gimbal keeps looking at."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+
 class GimbalService:
     """Look at who is in control, take it, point, give it back.
 
@@ -42,6 +52,8 @@ class GimbalService:
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
+        self.roi: Roi | None = None
+        """The place that this server asked to look at and has not ended since; PX4 reports none itself."""
 
     async def take_control(self) -> None:
         """Becomes primary control; returns once the manager's status shows it."""
@@ -76,12 +88,14 @@ class GimbalService:
         yaw_deg = math.degrees(wrap(math.radians(yaw_deg)))
         if roll_deg is not None:
             await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
+            self.roi = None
             return
         flags = YAW_LOCK if yaw_lock else 0
         await self._acknowledged(
             Request(d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, 0)),
             "point the gimbal",
         )
+        self.roi = None
 
     async def set_rates(
         self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None
@@ -102,6 +116,7 @@ class GimbalService:
             ),
             "turn the gimbal",
         )
+        self.roi = None
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Keeps looking at a place; needs no control."""
@@ -115,11 +130,13 @@ class GimbalService:
             frame=d.MAV_FRAME_GLOBAL,
         )
         await self._acknowledged(request, "look at the place")
+        self.roi = Roi(lat_deg, lon_deg, alt_amsl_m)
 
     async def clear_roi(self) -> None:
         """Stops looking at a place."""
         self._vehicle.require_commandable()
         await self._acknowledged(Request(d.MAV_CMD_DO_SET_ROI_NONE, NONE_SET), "stop looking at the place")
+        self.roi = None
 
     # --- the parts ------------------------------------------------------------------------------
 

@@ -723,6 +723,11 @@ export interface components {
              * @description Time remaining [s].
              */
             time_remaining_s: number | null;
+            /**
+             * Cell Voltages V
+             * @description [V] of each cell; None where the vehicle tells the sum only.
+             */
+            cell_voltages_v: number[] | null;
         };
         /**
          * BatterySample
@@ -1033,6 +1038,8 @@ export interface components {
              * @description Whether this server is in primary control.
              */
             in_control: boolean;
+            /** @description The place this server asked it to look at; null: none, or ended since. */
+            roi: components["schemas"]["Roi"] | null;
             /** @description State, limits, and who is in control. */
             gimbal: components["schemas"]["Gimbal"] | null;
         };
@@ -2060,6 +2067,27 @@ export interface components {
              * @description Why nothing is recorded now, for people; null while all is well.
              */
             stopped: string | null;
+        };
+        /**
+         * Roi
+         * @description A place that the gimbal keeps looking at.
+         */
+        Roi: {
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
+            lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
+            lon_deg: number;
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
+            alt_amsl_m: number;
         };
         /**
          * StartRequest

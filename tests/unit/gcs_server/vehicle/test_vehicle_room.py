@@ -41,6 +41,24 @@ def test_battery_comes_from_the_system_status_until_its_own_message():
     assert value == samples.Battery(66, 16.1, 5.0, 120, 300)
 
 
+@pytest.mark.parametrize(
+    ("voltages", "more", "sum_v", "cells"),
+    [
+        ([16100, *[65535] * 9], [0] * 4, 16.1, None),
+        ([4020, 4010, 4030, 4000, *[65535] * 6], [0] * 4, 16.06, (4.02, 4.01, 4.03, 4.0)),
+        ([4000] * 10, [4100, 4200, 0, 0], 48.3, (*[4.0] * 10, 4.1, 4.2)),
+        ([65534, 4000, *[65535] * 8], [0] * 4, 69.534, None),
+    ],
+)
+def test_cells_are_told_where_the_vehicle_tells_them(voltages, more, sum_v, cells):
+    message = d.MAVLink_battery_status_message(
+        0, 0, 0, 2500, voltages, 500, 120, -1, 66, 300, voltages_ext=more
+    )
+    value, _ = decoders.battery(payloads(message))
+    assert value.voltage_v == pytest.approx(sum_v)
+    assert value.cell_voltages_v == cells
+
+
 def test_health_tells_readiness_as_px4_and_ardupilot_report_it():
     bit = d.MAV_SYS_STATUS_PREARM_CHECK
     for present, healthy, expected in ((bit, bit, True), (bit, 0, False), (1, bit, True), (0, 0, None)):
