@@ -96,14 +96,33 @@ def enu_from_geodetic(
     no picture shows.
     """
     lat_0_deg, lon_0_deg, alt_0_m = origin_deg_m
-    lat_0_rad = math.radians(lat_0_deg)
-    e2 = WGS84_FLATTENING * (2 - WGS84_FLATTENING)
-    w2 = 1 - e2 * math.sin(lat_0_rad) ** 2
-    radius_east_m = WGS84_SEMI_MAJOR_M / math.sqrt(w2)
-    radius_north_m = radius_east_m * (1 - e2) / w2
+    radius_north_m, radius_parallel_m = _radii_m(lat_0_deg)
     delta_lon_deg = (lon_deg - lon_0_deg + 180.0) % 360.0 - 180.0
     return (
-        math.radians(delta_lon_deg) * radius_east_m * math.cos(lat_0_rad),
+        math.radians(delta_lon_deg) * radius_parallel_m,
         math.radians(lat_deg - lat_0_deg) * radius_north_m,
         alt_m - alt_0_m,
     )
+
+
+def geodetic_from_enu(
+    point_enu_m: Vector3, *, origin_deg_m: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """The inverse of `enu_from_geodetic`: (lat_deg, lon_deg, alt_m)."""
+    lat_0_deg, lon_0_deg, alt_0_m = origin_deg_m
+    radius_north_m, radius_parallel_m = _radii_m(lat_0_deg)
+    lon_deg = lon_0_deg + math.degrees(point_enu_m[0] / radius_parallel_m)
+    return (
+        lat_0_deg + math.degrees(point_enu_m[1] / radius_north_m),
+        (lon_deg + 180.0) % 360.0 - 180.0,
+        alt_0_m + point_enu_m[2],
+    )
+
+
+def _radii_m(lat_deg: float) -> tuple[float, float]:
+    """WGS84's radius of curvature along the meridian, and the radius of the parallel."""
+    lat_rad = math.radians(lat_deg)
+    e2 = WGS84_FLATTENING * (2 - WGS84_FLATTENING)
+    w2 = 1 - e2 * math.sin(lat_rad) ** 2
+    radius_east_m = WGS84_SEMI_MAJOR_M / math.sqrt(w2)
+    return radius_east_m * (1 - e2) / w2, radius_east_m * math.cos(lat_rad)

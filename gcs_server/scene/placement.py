@@ -9,9 +9,10 @@ shares the world's origin.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from gcs_server.scene.frames import Vector3, enu_from_geodetic, enu_from_ned
+from gcs_server.scene.frames import Vector3, enu_from_geodetic, enu_from_ned, geodetic_from_enu
 from gcs_server.scene.ports import SceneVehicle, value_of
 from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition, Status
 
@@ -92,6 +93,28 @@ class Placement:
             height_m=height_m,
             known=position is not None,
         )
+
+    def past(self, vehicle: SceneVehicle, place: Place, since_unix_s: float) -> Iterator[Vector3]:
+        """Where it has been, in the frame in which it is now; oldest first.
+
+        Args:
+            place: where it is now.
+        """
+        origin = place.local_origin_enu_m
+        topic = "local_position" if origin is not None else "global_position"
+        for sample in vehicle.history((topic,), since_unix_s):
+            value = sample.value
+            if isinstance(value, LocalPosition) and origin is not None:
+                yield _add(origin, enu_from_ned(value.position_ned_m))
+            elif isinstance(value, GlobalPosition):
+                at = self._geodetic(value.lat_deg, value.lon_deg, value.alt_amsl_m)
+                if at is not None:
+                    yield at
+
+    def geodetic(self, point_enu_m: Vector3) -> tuple[float, float, float] | None:
+        """(lat_deg, lon_deg, alt_amsl_m) of a point of the world; None while nobody knows where that is."""
+        origin = self._world_origin_deg_m
+        return None if origin is None else geodetic_from_enu(point_enu_m, origin_deg_m=origin)
 
     def _geodetic(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3 | None:
         if not _finite((lat_deg, lon_deg, alt_amsl_m)) or (lat_deg == 0.0 and lon_deg == 0.0):

@@ -14,31 +14,20 @@ from fastapi import APIRouter
 from gcs_server.clock import Clock
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
-from gcs_server.scene.placement import Placement
-from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet
-from gcs_server.scene.pose import pose_of
+from gcs_server.scene.ports import OffboardTargets, SceneFleet
 from gcs_server.scene.proxy import TOKEN, ViewRequest, scene_router
-from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.stage import Stage
-from gcs_server.scene.trail import Trail
+from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import CAMERAS, Mode, View
 
 log = logging.getLogger(__name__)
 
 PERIOD_S = 1.0 / 30.0
-IDLE_PERIOD_S = 0.5
-"""With nobody looking on: enough to keep the trails."""
+IDLE_PERIOD_S = 0.25
+"""With nobody looking on: asks only whether somebody does."""
 LONGEST_STEP_S = 0.25
 MAX_VIEWS = 64
 """Choices of views kept for pages that may come back."""
-
-
-class _Track:
-    """What is kept of one vehicle between two looks."""
-
-    def __init__(self) -> None:
-        self.smoother = Smoother()
-        self.trail = Trail()
 
 
 class Scene:
@@ -53,10 +42,8 @@ class Scene:
     def __init__(self, fleet: SceneFleet, clock: Clock, offboard: OffboardTargets | None = None) -> None:
         self._fleet = fleet
         self._clock = clock
-        self._offboard = offboard
         self._host = ViserHost()
-        self._placement = Placement()
-        self._tracks: dict[str, _Track] = {}
+        self._tracks = Tracks(fleet, clock, offboard)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._stages: dict[int, tuple[str, Stage]] = {}
         self._router = scene_router(self._host, self._set_view)
@@ -103,12 +90,10 @@ class Scene:
         clients = self._host.clients()
         for gone in [c for c in self._stages if c not in clients]:
             del self._stages[gone]
-        self._look_at_fleet(now_s, dt_s, drawn=bool(clients))
-        drawn = {
-            vehicle.id: (index, track.smoother, track.trail)
-            for index, vehicle in enumerate(self._fleet.all())
-            if (track := self._tracks.get(vehicle.id)) is not None
-        }
+        if not clients:
+            return
+        wanted = {view.vehicle for token, _ in self._stages.values() if (view := self._views[token]).vehicle}
+        drawn = self._tracks.look(now_s, dt_s, wanted)
         for client_id, client in clients.items():
             known = self._stages.get(client_id)
             token = known[0] if known is not None else self._token(client_id)
@@ -120,26 +105,6 @@ class Scene:
                 known = (token, Stage(client, view, before))
                 self._stages[client_id] = known
             known[1].update(view, drawn, now_s)
-
-    def _look_at_fleet(self, now_s: float, dt_s: float, *, drawn: bool) -> None:
-        vehicles = self._fleet.all()
-        present = {vehicle.id for vehicle in vehicles}
-        for gone in [v for v in self._tracks if v not in present]:
-            del self._tracks[gone]
-            self._placement.forget(gone)
-        if not vehicles:
-            self._placement.reset()
-        for vehicle in vehicles:
-            track = self._tracks.get(vehicle.id)
-            if track is None:
-                track = self._tracks[vehicle.id] = _Track()
-            place = self._placement.place(vehicle)
-            if place.known:
-                track.trail.add(place.position_enu_m)
-            if drawn:
-                asked = self._offboard(vehicle.id) if self._offboard is not None else None
-                target = OffboardTarget(*asked) if asked is not None else None
-                track.smoother.step(pose_of(vehicle, place, target, now_s), dt_s)
 
     def _set_view(self, token: str, wanted: ViewRequest) -> View:
         if wanted.vehicle is not None:

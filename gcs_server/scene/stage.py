@@ -7,6 +7,7 @@ Each browser has its own, because each has its own theme and looks from its own 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,8 @@ from gcs_server.scene.labels import Board
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.shapes import Shapes, shapes
-from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.strokes import scale_marks
-from gcs_server.scene.trail import Trail
+from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode, set_pose
 from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, in_world, world_pose
 
@@ -80,28 +80,28 @@ class Stage:
     def update(
         self,
         view: View,
-        fleet: dict[str, tuple[int, Smoother, Trail]],
+        fleet: Mapping[str, Track],
         now_s: float,
     ) -> None:
         """Sends what is new.
 
         Args:
-            fleet: by id: place in the fleet (for the colour), pose as drawn, trail.
+            fleet: by id, in the order that gives the colours.
         """
         seen = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
         with self._client.atomic():
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
-            for vehicle_id, (index, smoother, trail) in fleet.items():
-                if smoother.pose is None:
+            for index, (vehicle_id, track) in enumerate(fleet.items()):
+                if track.smoother.pose is None:
                     continue
                 node = self._vehicles.get(vehicle_id)
                 if node is None:
                     node = VehicleNode(self._client, index, self._palette, self._shapes)
                     self._vehicles[vehicle_id] = node
                 through_its_camera = view.mode == "gimbal" and vehicle_id == seen
-                node.update(smoother, trail, now_s, hidden=through_its_camera)
-            self._look(view, fleet[seen][1].pose if seen is not None else None)
+                node.update(track.smoother, track.trail, now_s, hidden=through_its_camera)
+            self._look(view, fleet[seen].smoother.pose if seen is not None else None)
             self._board.say([label for node in self._vehicles.values() for label in node.labels], now_s)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5

@@ -20,21 +20,46 @@ from gcs_server.vehicle.samples import (
 
 
 @dataclass
+class StillClock:
+    """Stands where a test puts it."""
+
+    now_s: float = 1000.0
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def unix_s(self) -> float:
+        return 1_700_000_000.0 + self.now_s
+
+    async def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@dataclass
 class FakeIdentity:
     simulated: bool = False
     replayed: bool = False
 
 
-@dataclass
+@dataclass(eq=False)
 class FakeVehicle:
     id: str = "1"
     identity: FakeIdentity = field(default_factory=FakeIdentity)
     values: dict[str, object] = field(default_factory=dict)
     received_monotonic_s: float = 0.0
+    past: list[Sample] = field(default_factory=list)
+    asked: int = 0
+    """How often the history was asked for."""
+    looked_at: int = 0
 
     def topic(self, name: str) -> Sample | None:
+        self.looked_at += 1
         value = self.values.get(name)
         return None if value is None else Sample(name, None, 0.0, self.received_monotonic_s, value)
+
+    def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
+        self.asked += 1
+        return [s for s in self.past if s.topic in topics and s.received_unix_s >= since_unix_s]
 
 
 @dataclass

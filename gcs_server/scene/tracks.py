@@ -1,0 +1,99 @@
+"""What is kept of each vehicle between two looks, for as long as somebody looks.
+
+With nobody looking on nothing is done at all. What was missed meanwhile is made up for from the vehicles'
+own history when somebody looks again: one vehicle a look, so that opening a view of many holds up nothing.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, field
+
+from gcs_server.clock import Clock
+from gcs_server.scene.placement import Place, Placement
+from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, SceneVehicle
+from gcs_server.scene.pose import pose_of
+from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.trail import Trail
+
+REMEMBERED_S = 290.0
+"""How far back a trail is made up; a vehicle's history reaches five minutes."""
+AWAY_AFTER_S = 1.0
+"""Not looked for this long: the trail has a gap."""
+
+
+@dataclass(slots=True)
+class Track:
+    """Of one vehicle."""
+
+    vehicle: weakref.ref[SceneVehicle]
+    owed_since_s: float | None
+    """Since then its trail is yet to be made up; None: it is whole."""
+    smoother: Smoother = field(default_factory=Smoother)
+    trail: Trail = field(default_factory=Trail)
+
+
+class Tracks:
+    """Of the fleet, in its order.
+
+    Args:
+        offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
+    """
+
+    def __init__(self, fleet: SceneFleet, clock: Clock, offboard: OffboardTargets | None) -> None:
+        self._fleet, self._clock, self._offboard = fleet, clock, offboard
+        self.placement = Placement()
+        self._tracks: dict[str, Track] = {}
+        self._looked_s = float("-inf")
+
+    def look(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
+        """Reads the newest samples; by id, in the order that gives the identity colours.
+
+        Args:
+            wanted: vehicles whose trails are made up first.
+        """
+        vehicles = self._fleet.all()
+        self._forget_gone(vehicles)
+        if now_s - self._looked_s > REMEMBERED_S:
+            self._tracks.clear()
+        elif now_s - self._looked_s > AWAY_AFTER_S:
+            for track in self._tracks.values():
+                if track.owed_since_s is None:
+                    track.owed_since_s = self._looked_s
+        self._looked_s = now_s
+        places: dict[str, Place] = {}
+        for vehicle in vehicles:
+            track = self._tracks.get(vehicle.id)
+            if track is None:
+                track = Track(weakref.ref(vehicle), now_s - REMEMBERED_S)
+                self._tracks[vehicle.id] = track
+            place = places[vehicle.id] = self.placement.place(vehicle)
+            if place.known and track.owed_since_s is None:
+                track.trail.add(place.position_enu_m)
+            asked = self._offboard(vehicle.id) if self._offboard is not None else None
+            target = OffboardTarget(*asked) if asked is not None else None
+            track.smoother.step(pose_of(vehicle, place, target, now_s), dt_s)
+        owing = [v for v in vehicles if self._tracks[v.id].owed_since_s is not None]
+        if owing:
+            vehicle = next((v for v in owing if v.id in wanted), owing[0])
+            self._make_up(vehicle, places[vehicle.id], now_s)
+        return {vehicle.id: self._tracks[vehicle.id] for vehicle in vehicles}
+
+    def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
+        present = {vehicle.id: vehicle for vehicle in vehicles}
+        for vehicle_id, track in list(self._tracks.items()):
+            # Another one may have come under the same id while nobody looked.
+            if (there := track.vehicle()) is None or present.get(vehicle_id) is not there:
+                del self._tracks[vehicle_id]
+                self.placement.forget(vehicle_id)
+        if not self._tracks:
+            self.placement.reset()
+
+    def _make_up(self, vehicle: SceneVehicle, place: Place, now_s: float) -> None:
+        track = self._tracks[vehicle.id]
+        since_s, track.owed_since_s = track.owed_since_s, None
+        if since_s is not None and place.known:
+            since_unix_s = self._clock.unix_s() - (now_s - since_s)
+            for point in self.placement.past(vehicle, place, since_unix_s):
+                track.trail.add(point)

@@ -1,0 +1,105 @@
+"""Nobody looking costs nothing, and yet the trail is there when somebody looks."""
+
+from __future__ import annotations
+
+import pytest
+from scene_fakes import FakeFleet, FakeVehicle, StillClock, flying, glob, local
+
+from gcs_server.scene.host import ViserHost
+from gcs_server.scene.scene import Scene
+from gcs_server.scene.tracks import Track, Tracks
+from gcs_server.vehicle.samples import Sample
+
+
+def points(track: Track) -> list[tuple[float, float, float]]:
+    return [*track.trail.sealed, *track.trail.recent[1 if track.trail.sealed else 0 :]]
+
+
+def flew_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> None:
+    """A metre a second, up to now at the origin, ten metres up."""
+    for ago_s in range(seconds, 0, -1):
+        unix_s, at = clock.unix_s() - ago_s, local(-float(ago_s), 0.0, -10.0)
+        vehicle.past.append(Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, at))
+
+
+def test_with_nobody_looking_no_vehicle_is_looked_at(monkeypatch):
+    monkeypatch.setattr(ViserHost, "clients", lambda _: {})
+    vehicle = flying()
+    scene = Scene(FakeFleet([vehicle]), StillClock())
+    for i in range(100):
+        scene._step(i * 0.25, 0.25)
+    assert (vehicle.looked_at, vehicle.asked) == (0, 0)
+
+
+def test_the_trail_is_there_at_the_first_look():
+    clock, vehicle = StillClock(), flying()
+    flew_north(vehicle, clock, 100)
+    tracks = Tracks(FakeFleet([vehicle]), clock, None)
+    (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    assert points(track) == [pytest.approx((0.0, -float(ago), 10.0)) for ago in range(100, 0, -1)]
+    tracks.look(clock.monotonic_s() + 0.03, 0.03)
+    assert points(track)[-1] == pytest.approx((0.0, 0.0, 10.0))
+    assert vehicle.asked == 1
+
+
+def test_a_gap_is_filled_and_nothing_drawn_twice():
+    clock, vehicle = StillClock(), flying()
+    tracks = Tracks(FakeFleet([vehicle]), clock, None)
+    vehicle.values["local_position"] = local(-60.0, 0.0, -10.0)
+    vehicle.values["global_position"] = None
+    for _ in range(2):
+        (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    clock.now_s += 30.0
+    flew_north(vehicle, clock, 29)
+    vehicle.values["local_position"] = local(0.0, 0.0, -10.0)
+    for _ in range(2):
+        (again,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    assert again is track
+    assert [p[1] for p in points(track)] == pytest.approx([-60.0, *range(-29, 1)])
+
+
+def test_after_a_long_time_the_trail_begins_anew():
+    clock, vehicle = StillClock(), flying()
+    tracks = Tracks(FakeFleet([vehicle]), clock, None)
+    for _ in range(2):
+        (first,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    clock.now_s += 1000.0
+    (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    assert first.trail.recent
+    assert points(track) == []
+
+
+def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
+    clock = StillClock()
+    vehicles = [flying(str(i)) for i in range(1, 6)]
+    tracks = Tracks(FakeFleet(vehicles), clock, None)
+    tracks.look(clock.monotonic_s(), 0.03, {"4"})
+    assert [v.asked for v in vehicles] == [0, 0, 0, 1, 0]
+    for _ in range(6):
+        tracks.look(clock.monotonic_s(), 0.03, {"4"})
+    assert [v.asked for v in vehicles] == [1, 1, 1, 1, 1]
+
+
+def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first():
+    clock, fleet = StillClock(), FakeFleet([flying("1")])
+    tracks = Tracks(fleet, clock, None)
+    for _ in range(2):
+        tracks.look(clock.monotonic_s(), 0.03)
+    far = flying("1")
+    far.values = {"global_position": glob(-33.0, 151.0, 50.0)}
+    fleet.vehicles = [far]
+    (track,) = tracks.look(clock.monotonic_s() + 5, 0.03).values()
+    assert points(track) == []
+    # It is the only one: the world begins where it is.
+    assert track.smoother.pose.position_enu_m == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_global_positions_make_a_trail_where_there_are_no_local_ones():
+    clock = StillClock()
+    vehicle = FakeVehicle(values={"global_position": glob(47.0, 8.0, 500.0)})
+    vehicle.past = [
+        Sample("global_position", None, clock.unix_s() - ago, 0.0, glob(47.0 - ago * 1e-5, 8.0, 500.0))
+        for ago in (3, 2, 1)
+    ]
+    (track,) = Tracks(FakeFleet([vehicle]), clock, None).look(clock.monotonic_s(), 0.03).values()
+    assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
