@@ -78,6 +78,7 @@ class Server:
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
+            maps=folder.maps,
         if self._simulator is not None:
             self.station.more_warnings.append(self._simulator.warnings)
         if not settings.loopback_only:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import Response
 from pydantic import BaseModel, ConfigDict, Field, create_model
@@ -153,6 +153,31 @@ class Links(_Out):
     """All links."""
 
     links: list[LinkModel] = Field(description="By name.")  # type: ignore[valid-type]
+
+
+class MapFile(_Out):
+    """An offline map of the operator's own."""
+
+    name: str = Field(description="The file's name in the maps folder.")
+    url: str = Field(description="PMTiles: the file, read in parts. MBTiles: add `/{zoom}/{x}/{y}`.")
+    format: Literal["pmtiles", "mbtiles"] = Field(description="Kind of file.")
+    tiles: Literal["raster", "vector"] = Field(description="Pictures, or shapes to be drawn.")
+    min_zoom: int = Field(description="Least zoom it has tiles for.")
+    max_zoom: int = Field(description="Greatest zoom it has tiles for.")
+    bounds_deg: tuple[float, float, float, float] | None = Field(
+        description="West, south, east, north; null where it does not say."
+    )
+    attribution: str | None = Field(description="Whom its licence asks to name; may hold HTML.")
+    layers: tuple[str, ...] = Field(description="Names of a vector map's layers.")
+    bytes: int = Field(description="Size of the file.")
+
+
+class Maps(_Out):
+    """Offline maps."""
+
+    folder: str = Field(description="Where to put PMTiles and MBTiles files.")
+    maps: list[MapFile] = Field(description="By name; drawn in this order, the first lowest.")
+    unreadable: list[str] = Field(description="Files there that cannot be shown, each with the reason.")
 
 
 class Journal(_Out):

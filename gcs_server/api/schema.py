@@ -9,6 +9,7 @@ from fastapi import APIRouter, FastAPI
 
 from gcs_server.api import (
     gimbal_routes,
+    map_routes,
     offboard_routes,
     problems,
     reference_page,
@@ -23,7 +24,7 @@ API = "/api/v1"
 def api_router() -> APIRouter:
     """Everything under /api/v1."""
     router = APIRouter(prefix=API)
-    for part in (station_routes, vehicle_routes, offboard_routes, gimbal_routes):
+    for part in (station_routes, vehicle_routes, offboard_routes, gimbal_routes, map_routes):
         router.include_router(part.router)
     return router
 

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -37,6 +38,8 @@ class Station:
     journal: Journal
     started_s: float
     own_ids: tuple[int, int]
+    maps: Path
+    """Folder of the operator's offline maps; need not exist."""
     has_scene: bool = False
     simulator: bool = False
     more_warnings: list[Callable[[], list[Notice]]] = field(default_factory=list[Callable[[], list[Notice]]])

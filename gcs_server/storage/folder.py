@@ -39,6 +39,16 @@ class DataFolder:
         return self.path / "recordings"
 
     @property
+    def token(self) -> Path:
+        """What lets people in from other machines; its owner's alone to read."""
+        return self.path / "token"
+
+    @property
+    def maps(self) -> Path:
+        """The operator's own PMTiles and MBTiles."""
+        return self.path / "maps"
+
+    @property
     def simulator_log(self) -> Path:
         """What the simulator says; that of the one before it ends in `.1`."""
         return self.path / "simulator.log"
@@ -57,6 +67,7 @@ class DataFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self.recordings.mkdir(exist_ok=True)
+            self.maps.mkdir(exist_ok=True)
         except OSError as error:
             raise StorageError(
                 f"The data folder {self.path} cannot be made: {error.strerror or error}.",

@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
@@ -26,6 +27,7 @@ def station_of(world):
         journal=Journal(world.clock, None),
         started_s=0.0,
         own_ids=(255, 190),
+        maps=Path("no maps"),
     )
 
 

@@ -631,6 +631,66 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/maps": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Maps
+         * @description The map files in the data folder, in order of their names, and those that cannot be read.
+         */
+        get: operations["list_maps_api_v1_maps_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/maps/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Map File
+         * @description A PMTiles file, whole or (with a Range header) a part.
+         */
+        get: operations["map_file_api_v1_maps__name__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/maps/{name}/{zoom}/{x}/{y}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Map Tile
+         * @description A tile of an MBTiles file, y counted from the north.
+         */
+        get: operations["map_tile_api_v1_maps__name___zoom___x___y__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -1657,6 +1717,90 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["LocalPosition"];
+        };
+        /**
+         * MapFile
+         * @description An offline map of the operator's own.
+         */
+        MapFile: {
+            /**
+             * Name
+             * @description The file's name in the maps folder.
+             */
+            name: string;
+            /**
+             * Url
+             * @description PMTiles: the file, read in parts. MBTiles: add `/{zoom}/{x}/{y}`.
+             */
+            url: string;
+            /**
+             * Format
+             * @description Kind of file.
+             * @enum {string}
+             */
+            format: "pmtiles" | "mbtiles";
+            /**
+             * Tiles
+             * @description Pictures, or shapes to be drawn.
+             * @enum {string}
+             */
+            tiles: "raster" | "vector";
+            /**
+             * Min Zoom
+             * @description Least zoom it has tiles for.
+             */
+            min_zoom: number;
+            /**
+             * Max Zoom
+             * @description Greatest zoom it has tiles for.
+             */
+            max_zoom: number;
+            /**
+             * Bounds Deg
+             * @description West, south, east, north; null where it does not say.
+             */
+            bounds_deg: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Attribution
+             * @description Whom its licence asks to name; may hold HTML.
+             */
+            attribution: string | null;
+            /**
+             * Layers
+             * @description Names of a vector map's layers.
+             */
+            layers: string[];
+            /**
+             * Bytes
+             * @description Size of the file.
+             */
+            bytes: number;
+        };
+        /**
+         * Maps
+         * @description Offline maps.
+         */
+        Maps: {
+            /**
+             * Folder
+             * @description Where to put PMTiles and MBTiles files.
+             */
+            folder: string;
+            /**
+             * Maps
+             * @description By name; drawn in this order, the first lowest.
+             */
+            maps: components["schemas"]["MapFile"][];
+            /**
+             * Unreadable
+             * @description Files there that cannot be shown, each with the reason.
+             */
+            unreadable: string[];
         };
         /**
          * Message
@@ -4618,6 +4762,177 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["CommandDone"];
                 };
+            };
+            /** @description No such vehicle or link. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_maps_api_v1_maps_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Maps"];
+                };
+            };
+        };
+    };
+    map_file_api_v1_maps__name__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/octet-stream": unknown;
+                };
+            };
+            /** @description A part. */
+            206: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description No such vehicle or link. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    map_tile_api_v1_maps__name___zoom___x___y__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+                zoom: number;
+                x: number;
+                y: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "image/png": unknown;
+                };
+            };
+            /** @description The map has no such tile. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description No such vehicle or link. */
             404: {

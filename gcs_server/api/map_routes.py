@@ -1,0 +1,118 @@
+"""The operator's offline maps: which there are, and their tiles."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path as File
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Path, Response
+from fastapi.responses import FileResponse
+
+from gcs_server.api import responses
+from gcs_server.api.problems import RESPONSES, problem
+from gcs_server.api.responses import answer
+from gcs_server.api.station import Station, StationDep
+from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, read_tile
+
+router = APIRouter(prefix="/maps", tags=["station"])
+
+LARGEST_ZOOM = 24
+FRESH = {"Cache-Control": "no-cache"}
+"""The browser may keep a tile, and asks whether the file is still the same."""
+GZIP_MAGIC = b"\x1f\x8b"
+
+
+@router.get("", response_model=responses.Maps)
+async def list_maps(station: StationDep) -> Response:
+    """The map files in the data folder, in order of their names, and those that cannot be read."""
+    maps, unreadable = await asyncio.to_thread(_look, station)
+    return answer({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
+
+
+@router.get(
+    "/{name}",
+    response_class=FileResponse,
+    responses={
+        **RESPONSES,
+        200: {"content": {"application/octet-stream": {}}},
+        206: {"description": "A part."},
+    },
+)
+async def map_file(name: str, station: StationDep) -> Response:
+    """A PMTiles file, whole or (with a Range header) a part."""
+    path = await _find(station, name)
+    if path is None or path.suffix != ".pmtiles":
+        return _unknown(name)
+    return FileResponse(path, media_type="application/octet-stream", headers=FRESH)
+
+
+@router.get(
+    "/{name}/{zoom}/{x}/{y}",
+    response_class=Response,
+    responses={
+        **RESPONSES,
+        200: {"content": {"image/png": {}}},
+        204: {"description": "The map has no such tile."},
+    },
+)
+async def map_tile(
+    name: str,
+    zoom: Annotated[int, Path(ge=0, le=LARGEST_ZOOM)],
+    x: Annotated[int, Path(ge=0, lt=1 << LARGEST_ZOOM)],
+    y: Annotated[int, Path(ge=0, lt=1 << LARGEST_ZOOM)],
+    station: StationDep,
+) -> Response:
+    """A tile of an MBTiles file, y counted from the north."""
+    path = await _find(station, name)
+    if path is None or path.suffix != ".mbtiles":
+        return _unknown(name)
+    info = await asyncio.to_thread(read_map, path)
+    tile = await asyncio.to_thread(read_tile, path, zoom, x, y)
+    if tile is None:
+        return Response(status_code=204, headers=FRESH)
+    zipped = {"Content-Encoding": "gzip"} if tile.startswith(GZIP_MAGIC) else {}
+    return Response(tile, media_type=info.content_type, headers={**FRESH, **zipped})
+
+
+def _look(station: Station) -> tuple[list[dict[str, object]], list[str]]:
+    maps: list[dict[str, object]] = []
+    unreadable: list[str] = []
+    if not station.maps.is_dir():
+        return maps, unreadable
+    for path in sorted(station.maps.iterdir()):
+        if not is_map_name(path.name) or not path.is_file():
+            continue
+        try:
+            maps.append(_entry(read_map(path)))
+        except MapError as error:
+            unreadable.append(str(error))
+    return maps, unreadable
+
+
+def _entry(info: MapInfo) -> dict[str, object]:
+    return {
+        "name": info.name,
+        "url": f"/api/v1/maps/{quote(info.name)}",
+        "format": info.format,
+        "tiles": info.tiles,
+        "min_zoom": info.min_zoom,
+        "max_zoom": info.max_zoom,
+        "bounds_deg": info.bounds_deg,
+        "attribution": info.attribution,
+        "layers": info.layers,
+        "bytes": info.bytes,
+    }
+
+
+async def _find(station: Station, name: str) -> File | None:
+    if not is_map_name(name):
+        return None
+    path = station.maps / name
+    return path if await asyncio.to_thread(path.is_file) else None
+
+
+def _unknown(name: str) -> Response:
+    detail = f"There is no map {name!r} that is served this way; GET /api/v1/maps lists them."
+    return problem(404, "Not found", "unknown_map", detail)

@@ -1,0 +1,173 @@
+"""The operator's own offline maps: PMTiles and MBTiles files in one folder, and what each says of itself."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import sqlite3
+import struct
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from gcs_server.errors import GcsError
+
+Tiles = Literal["raster", "vector"]
+Bounds = tuple[float, float, float, float]
+
+PMTILES_HEADER = struct.Struct("<7sB11Q6B4iB2i")
+"""Version 3: magic, version, eleven offsets and counts, six bytes, bounds, centre."""
+GZIP = 2
+NO_COMPRESSION = 1
+VECTOR = 1
+MOST_METADATA_BYTES = 8_000_000
+NAME = re.compile(r"[^/\\\x00]{1,200}\.(pmtiles|mbtiles)")
+IMAGE_TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
+VECTOR_TYPE = "application/vnd.mapbox-vector-tile"
+
+
+class MapError(GcsError):
+    """A file in the maps folder cannot be used."""
+
+    code = "map_file"
+
+
+@dataclass(frozen=True, slots=True)
+class MapInfo:
+    """What a map file says of itself."""
+
+    name: str
+    format: Literal["pmtiles", "mbtiles"]
+    tiles: Tiles
+    content_type: str
+    min_zoom: int
+    max_zoom: int
+    bounds_deg: Bounds | None
+    """West, south, east, north."""
+    attribution: str | None
+    layers: tuple[str, ...]
+    """Names of a vector map's layers."""
+    bytes: int
+
+
+def is_map_name(name: str) -> bool:
+    """Whether a request may name this file: one in the folder itself, of the two kinds."""
+    return NAME.fullmatch(name) is not None and not name.startswith(".")
+
+
+def read_map(path: Path) -> MapInfo:
+    """Looks into a file.
+
+    Raises:
+        MapError: it is no map of its kind, or damaged; says why.
+    """
+    try:
+        return _pmtiles(path) if path.suffix == ".pmtiles" else _mbtiles(path)
+    except (OSError, sqlite3.Error, struct.error, ValueError, EOFError) as error:
+        raise MapError(
+            f"The map {path.name} cannot be read: {error}.",
+            remedy="Put a PMTiles (version 3) or MBTiles file there, completely copied.",
+        ) from error
+
+
+def read_tile(path: Path, zoom: int, x: int, y: int) -> bytes | None:
+    """A tile of an MBTiles file, y counted from the north; None where the map has none.
+
+    Raises:
+        MapError: the file cannot be read.
+    """
+    try:
+        with closing(_open(path)) as base:
+            row = base.execute(
+                "SELECT tile_data FROM tiles WHERE zoom_level=? AND tile_column=? AND tile_row=?",
+                (zoom, x, (1 << zoom) - 1 - y),
+            ).fetchone()
+    except sqlite3.Error as error:
+        raise MapError(f"The map {path.name} cannot be read: {error}.") from error
+    return None if row is None else bytes(row[0])
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+
+
+def _mbtiles(path: Path) -> MapInfo:
+    with closing(_open(path)) as base:
+        said = {str(k): str(v) for k, v in base.execute("SELECT name, value FROM metadata")}
+        first, last = base.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
+    if first is None:
+        raise ValueError("it holds no tiles")
+    kind = said.get("format", "png").lower()
+    vector = kind == "pbf"
+    if not vector and kind not in IMAGE_TYPES:
+        raise ValueError(f"its tiles are of format {kind!r}; png, jpg, webp and pbf can be shown")
+    corners = [float(part) for part in said["bounds"].split(",")] if "bounds" in said else []
+    return MapInfo(
+        name=path.name,
+        format="mbtiles",
+        tiles="vector" if vector else "raster",
+        content_type=VECTOR_TYPE if vector else IMAGE_TYPES[kind],
+        min_zoom=int(first),
+        max_zoom=int(last),
+        bounds_deg=_bounds(corners),
+        attribution=said.get("attribution"),
+        layers=_layers(json.loads(said["json"])) if vector and "json" in said else (),
+        bytes=path.stat().st_size,
+    )
+
+
+def _pmtiles(path: Path) -> MapInfo:
+    with path.open("rb") as file:
+        fields = PMTILES_HEADER.unpack(file.read(PMTILES_HEADER.size))
+        magic, version, numbers, flags, corners = (
+            fields[0],
+            fields[1],
+            fields[2:13],
+            fields[13:19],
+            fields[19:23],
+        )
+        if magic != b"PMTiles" or version != 3:
+            raise ValueError("it is no PMTiles file of version 3")
+        offset, length = numbers[2], numbers[3]
+        if length > MOST_METADATA_BYTES:
+            raise ValueError("its metadata is too large")
+        file.seek(offset)
+        raw = file.read(length)
+    _, compression, _, tile_type, min_zoom, max_zoom = flags
+    metadata: dict[str, Any] = {}
+    if compression in (NO_COMPRESSION, GZIP) and raw:
+        metadata = json.loads(gzip.decompress(raw) if compression == GZIP else raw)
+    said = metadata.get("attribution")
+    return MapInfo(
+        name=path.name,
+        format="pmtiles",
+        tiles="vector" if tile_type == VECTOR else "raster",
+        content_type="application/octet-stream",
+        min_zoom=min_zoom,
+        max_zoom=max_zoom,
+        bounds_deg=_bounds([corner / 1e7 for corner in corners]),
+        attribution=said if isinstance(said, str) else None,
+        layers=_layers(metadata),
+        bytes=path.stat().st_size,
+    )
+
+
+def _bounds(corners: list[float]) -> Bounds | None:
+    """Only such as lie on the earth and enclose something."""
+    if len(corners) != 4:
+        return None
+    west, south, east, north = corners
+    sound = -180 <= west < east <= 180 and -90 <= south < north <= 90
+    return (west, south, east, north) if sound else None
+
+
+def _layers(metadata: dict[str, Any]) -> tuple[str, ...]:
+    listed = metadata.get("vector_layers")
+    if not isinstance(listed, list):
+        return ()
+    entries = cast(
+        "list[dict[str, Any]]", [one for one in cast("list[Any]", listed) if isinstance(one, dict)]
+    )
+    return tuple(str(one["id"]) for one in entries if "id" in one)

@@ -1,0 +1,119 @@
+"""The operator's own map files: listed with what they say of themselves, read in parts, served by tiles."""
+
+import gzip
+import json
+import sqlite3
+import struct
+from contextlib import closing
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+
+PICTURE = b"\x89PNG\r\n\x1a\n not really"
+
+
+def write_pmtiles(path, *, tile_type=2, metadata=None, bounds=(8.5, 47.3, 8.6, 47.4), data=b"tiles" * 100):
+    raw = gzip.compress(json.dumps(metadata or {}).encode())
+    numbers = [127, 0, 127, len(raw), 127 + len(raw), 0, 127 + len(raw), len(data), 1, 1, 1]
+    header = b"PMTiles" + bytes([3]) + struct.pack("<11Q", *numbers)
+    header += bytes([1, 2, 1, tile_type, 3, 15])
+    header += struct.pack("<4i", *(round(b * 1e7) for b in bounds)) + bytes([10]) + struct.pack("<2i", 0, 0)
+    path.write_bytes(header + raw + data)
+
+
+def write_mbtiles(path, *, metadata=None, tiles=((1, 0, 1, PICTURE),)):
+    with closing(sqlite3.connect(path)) as base:
+        base.execute("CREATE TABLE metadata (name text, value text)")
+        base.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
+        said = {"format": "png", "bounds": "8.5,47.3,8.6,47.4", **(metadata or {})}
+        base.executemany("INSERT INTO metadata VALUES (?, ?)", said.items())
+        base.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", tiles)
+        base.commit()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "maps").mkdir()
+    return tmp_path / "maps"
+
+
+@pytest.fixture
+def client(tmp_path, folder):
+    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
+    with TestClient(create_app(settings), base_url="http://localhost") as client:
+        yield client
+
+
+def test_no_file_is_an_empty_list_with_the_folder_to_put_one_in(client, folder):
+    assert client.get("/api/v1/maps").json() == {"folder": str(folder), "maps": [], "unreadable": []}
+
+
+def test_what_files_say_of_themselves(client, folder):
+    write_pmtiles(folder / "a.pmtiles", metadata={"attribution": "Somebody"})
+    write_pmtiles(
+        folder / "b c.pmtiles", tile_type=1, metadata={"vector_layers": [{"id": "roads"}, {"id": "water"}]}
+    )
+    write_mbtiles(folder / "c.mbtiles")
+    (folder / "notes.txt").write_text("not a map")
+    a, b, c = client.get("/api/v1/maps").json()["maps"]
+    assert (a["tiles"], a["format"], a["min_zoom"], a["max_zoom"]) == ("raster", "pmtiles", 3, 15)
+    assert (a["attribution"], a["bounds_deg"]) == ("Somebody", [8.5, 47.3, 8.6, 47.4])
+    assert (b["tiles"], b["layers"], b["url"]) == ("vector", ["roads", "water"], "/api/v1/maps/b%20c.pmtiles")
+    assert (c["format"], c["min_zoom"], c["max_zoom"], c["attribution"]) == ("mbtiles", 1, 1, None)
+
+
+def test_damaged_files_are_named_with_the_reason(client, folder):
+    (folder / "cut.pmtiles").write_bytes(b"PMTiles\x03 short")
+    (folder / "other.pmtiles").write_bytes(b"x" * 200)
+    (folder / "empty.mbtiles").write_bytes(b"")
+    write_mbtiles(folder / "odd.mbtiles", metadata={"format": "tiff"})
+    write_mbtiles(folder / "none.mbtiles", tiles=())
+    answer = client.get("/api/v1/maps").json()
+    assert answer["maps"] == []
+    assert len(answer["unreadable"]) == 5
+    assert any("odd.mbtiles" in line and "tiff" in line for line in answer["unreadable"])
+    assert any("none.mbtiles" in line and "no tiles" in line for line in answer["unreadable"])
+
+
+def test_a_pmtiles_file_is_read_in_parts(client, folder):
+    write_pmtiles(folder / "a.pmtiles")
+    whole = (folder / "a.pmtiles").read_bytes()
+    part = client.get("/api/v1/maps/a.pmtiles", headers={"Range": "bytes=0-126"})
+    assert (part.status_code, part.content) == (206, whole[:127])
+    assert part.headers["content-range"] == f"bytes 0-126/{len(whole)}"
+    assert part.headers["etag"]
+    assert client.get("/api/v1/maps/a.pmtiles", headers={"Range": "bytes=999999-"}).status_code == 416
+    assert client.get("/api/v1/maps/a.pmtiles").content == whole
+
+
+def test_a_tile_is_counted_from_the_north(client, folder):
+    write_mbtiles(folder / "c.mbtiles")  # row 1 of 2 from the south
+    tile = client.get("/api/v1/maps/c.mbtiles/1/0/0")
+    assert (tile.status_code, tile.content, tile.headers["content-type"]) == (200, PICTURE, "image/png")
+    assert client.get("/api/v1/maps/c.mbtiles/1/0/1").status_code == 204
+
+
+def test_vector_tiles_go_out_zipped_as_they_lie(client, folder):
+    write_mbtiles(
+        folder / "v.mbtiles", metadata={"format": "pbf"}, tiles=((0, 0, 0, gzip.compress(b"shapes")),)
+    )
+    tile = client.get("/api/v1/maps/v.mbtiles/0/0/0")
+    assert (tile.headers["content-encoding"], tile.content) == ("gzip", b"shapes")
+
+
+@pytest.mark.parametrize(
+    "name", ["missing.pmtiles", "..%2fjournal.jsonl", "..%2f..%2fa.pmtiles", ".hidden.pmtiles", "notes.txt"]
+)
+def test_nothing_else_is_served(client, folder, name):
+    (folder / "notes.txt").write_text("private")
+    write_pmtiles(folder / ".hidden.pmtiles")
+    assert client.get(f"/api/v1/maps/{name}").status_code == 404
+
+
+def test_tiles_are_asked_for_by_sound_numbers(client, folder):
+    write_mbtiles(folder / "c.mbtiles")
+    assert client.get("/api/v1/maps/c.mbtiles/99/0/0").status_code == 422
+    assert client.get("/api/v1/maps/c.mbtiles/1/0/x").status_code == 422
