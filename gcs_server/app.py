@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -20,14 +21,16 @@ from gcs_server.api.station import Station, client_name
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.control.journal import Journal
 from gcs_server.errors import GcsError
+from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
-from gcs_server.scene import OffboardTarget, Scene
+from gcs_server.scene import OffboardTarget, Scene, SceneClick
 from gcs_server.settings import Settings
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.folder import DataFolder
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
+from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet, Notice
 
 log = logging.getLogger(__name__)
@@ -63,7 +66,9 @@ class Server:
         self.fleet = Fleet(clock, self.supervisor, self.router)
         self.streamer = Streamer(clock, server_silent_limit_s=settings.server_silent_limit_s)
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.scene = Scene(self.fleet, clock, self._offboard_target) if settings.scene else None
+        self.scene = (
+            Scene(self.fleet, clock, self._offboard_target, self._scene_clicked) if settings.scene else None
+        )
         self.station = Station(
             clock=clock,
             router=self.router,
@@ -135,6 +140,11 @@ class Server:
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)
         return None if target is None else OffboardTarget(*target)
+
+    def _scene_clicked(self, click: SceneClick) -> None:
+        # Only told, not kept: a click is no event of the vehicle's.
+        hub, unix_s = self.station.hub, self.station.clock.unix_s()
+        hub.tell(Event(0, "scene_click", click.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(click)))
 
 
 class Page(StaticFiles):

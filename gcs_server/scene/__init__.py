@@ -1,6 +1,7 @@
 """The 3D view: the only place that knows viser, and the only one that speaks ENU."""
 
+from gcs_server.scene.clicks import SceneClick
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.scene import Scene
 
-__all__ = ["OffboardTarget", "Scene"]
+__all__ = ["OffboardTarget", "Scene", "SceneClick"]

@@ -87,6 +87,42 @@ _BOOT = """
     }
   };
   requestAnimationFrame(draw);
+
+  // A click, and no drag, is told with the ray through it, in the world as it is drawn now.
+  const token = query.get('view');
+  let down = null;
+  const turned = (m, [x, y, z]) => [0, 1, 2].map((c) => m[c * 4] * x + m[c * 4 + 1] * y + m[c * 4 + 2] * z);
+  const tell = (event) => {
+    const viser = window.__viserMutable;
+    const world = viser && viser.nodeRefFromName['/world'];
+    if (!token || !viser.camera || !world) return;
+    const camera = viser.camera, frame = event.target.getBoundingClientRect();
+    const x = (event.clientX - frame.left) / frame.width, y = (event.clientY - frame.top) / frame.height;
+    const local = apply(camera.projectionMatrixInverse.elements, [2 * x - 1, 1 - 2 * y, 0.5, 1]);
+    const seen = [...local.slice(0, 3).map((c) => c / local[3]), 1];
+    const eye = camera.matrixWorld.elements, ground = world.matrixWorld.elements;
+    const from = [0, 1, 2].map((i) => eye[12 + i]), to = apply(eye, seen);
+    const inWorld = (v) => turned(ground, v);
+    fetch(location.pathname + 'view/' + encodeURIComponent(token) + '/click', {
+      method: 'POST', headers: { 'Content-Type': 'application/json' },
+      body: JSON.stringify({
+        eye_enu_m: inWorld(from.map((c, i) => c - ground[12 + i])),
+        ray_enu: inWorld(from.map((c, i) => (to[i] - c) / Math.hypot(...from.map((o, j) => to[j] - o)))),
+        view_x: x, view_y: y,
+      }),
+    }).catch(() => {});
+  };
+  addEventListener('pointerdown', (event) => {
+    const alone = event.isPrimary && event.button === 0 && event.target instanceof HTMLCanvasElement;
+    down = alone ? { x: event.clientX, y: event.clientY, at: event.timeStamp } : null;
+  }, true);
+  addEventListener('pointerup', (event) => {
+    const began = down;
+    down = null;
+    if (!began || !event.isPrimary || !(event.target instanceof HTMLCanvasElement)) return;
+    const far = Math.hypot(event.clientX - began.x, event.clientY - began.y);
+    if (far <= 5 && event.timeStamp - began.at <= 500) tell(event);
+  }, true);
 })();
 """
 

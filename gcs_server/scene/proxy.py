@@ -1,8 +1,9 @@
 """The way to the 3D view through the server's own port, and the only one.
 
-`GET /scene/` is the program, `WS /scene/` its stream, `POST /scene/view/{token}` says what one view
-shows. A browser may say through the stream where its camera is, and nothing else: everything else that
-viser would obey (above all the request for a public tunnel) ends here.
+`GET /scene/` is the program, `WS /scene/` its stream, `POST /scene/view/{token}` says what one view shows,
+`POST /scene/view/{token}/click` where somebody clicked into it. A browser may say through the stream where
+its camera is, and nothing else: everything else that viser would obey (above all the request for a public
+tunnel) ends here.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from gcs_server.errors import Refused
+from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.views import View
@@ -102,11 +104,16 @@ def camera_message(data: bytes) -> bytes | None:
     return msgspec.msgpack.encode(message)
 
 
-def scene_router(host: ViserHost, set_view: Callable[[str, ViewRequest], View]) -> APIRouter:
+def scene_router(
+    host: ViserHost,
+    set_view: Callable[[str, ViewRequest], View],
+    click: Callable[[str, ClickRequest], SceneClick | None],
+) -> APIRouter:
     """The routes below `/scene`.
 
     Args:
         set_view: keeps what a token's view shall show; raises UnknownVehicle.
+        click: tells the page of a view's token where the ground was clicked; None: it was not the ground.
     """
     router = APIRouter(prefix="/scene", include_in_schema=False)
 
@@ -134,15 +141,15 @@ def scene_router(host: ViserHost, set_view: Callable[[str, ViewRequest], View]) 
 
     @router.post("/view/{token}")
     async def choose_view(token: str, wanted: ViewRequest, request: Request) -> dict[str, Any]:
-        if not is_same_origin(request.headers):
-            raise Refused("A page of another origin may not steer the 3D view.")
-        if not TOKEN.fullmatch(token):
-            raise Refused(
-                "The token of a view has 1 to 64 letters, figures, - or _.",
-                remedy="Use the one of the frame's own address, ?view=….",
-            )
+        _require_own(token, request)
         view = set_view(token, wanted)
         return {"mode": view.mode, "vehicle": view.vehicle, "theme": view.theme}
+
+    @router.post("/view/{token}/click")
+    async def clicked(token: str, where: ClickRequest, request: Request) -> dict[str, Any]:
+        _require_own(token, request)
+        on_ground = click(token, where)
+        return {"ground": on_ground is not None}
 
     @router.websocket("/")
     async def stream(websocket: WebSocket) -> None:
@@ -153,6 +160,16 @@ def scene_router(host: ViserHost, set_view: Callable[[str, ViewRequest], View]) 
         await _bridge(websocket, host)
 
     return router
+
+
+def _require_own(token: str, request: Request) -> None:
+    if not is_same_origin(request.headers):
+        raise Refused("A page of another origin may not steer the 3D view.")
+    if not TOKEN.fullmatch(token):
+        raise Refused(
+            "The token of a view has 1 to 64 letters, figures, - or _.",
+            remedy="Use the one of the frame's own address, ?view=….",
+        )
 
 
 async def _bridge(websocket: WebSocket, host: ViserHost) -> None:

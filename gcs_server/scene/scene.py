@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import logging
 from collections import OrderedDict
+from collections.abc import Callable
 
 from fastapi import APIRouter
 
 from gcs_server.clock import Clock
+from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
@@ -37,16 +39,24 @@ class Scene:
         fleet: what to draw; read only.
         clock: measures the steps.
         offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
+        on_click: is told which point of the ground was clicked in which view.
     """
 
-    def __init__(self, fleet: SceneFleet, clock: Clock, offboard: OffboardTargets | None = None) -> None:
+    def __init__(
+        self,
+        fleet: SceneFleet,
+        clock: Clock,
+        offboard: OffboardTargets | None = None,
+        on_click: Callable[[SceneClick], None] | None = None,
+    ) -> None:
         self._fleet = fleet
         self._clock = clock
+        self._on_click = on_click
         self._host = ViserHost()
         self._tracks = Tracks(fleet, clock, offboard)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._stages: dict[int, tuple[str, Stage]] = {}
-        self._router = scene_router(self._host, self._set_view)
+        self._router = scene_router(self._host, self._set_view, self._click)
         self._started = False
 
     def router(self) -> APIRouter:
@@ -112,6 +122,17 @@ class Scene:
         old = self._views.get(token, View())
         view = View(wanted.mode or old.mode, wanted.vehicle or old.vehicle, wanted.theme or old.theme)
         return self._keep(token, view)
+
+    def _click(self, token: str, click: ClickRequest) -> SceneClick | None:
+        """Raises Refused where no vehicle has said where on earth it is."""
+        view = self._views.get(token, View())
+        at = self._tracks.on_ground(view.vehicle, click.eye_enu_m, click.ray_enu)
+        if at is None:
+            return None
+        found = SceneClick(token, *at, click.view_x, click.view_y)
+        if self._on_click is not None:
+            self._on_click(found)
+        return found
 
     def _token(self, client_id: int) -> str:
         """The name under which a page steers this view, and what its address asked for."""

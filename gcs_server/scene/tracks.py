@@ -11,6 +11,9 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 
 from gcs_server.clock import Clock
+from gcs_server.errors import Refused
+from gcs_server.scene.clicks import ground_point
+from gcs_server.scene.frames import Vector3
 from gcs_server.scene.placement import Place, Placement
 from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, SceneVehicle
 from gcs_server.scene.pose import pose_of
@@ -43,7 +46,7 @@ class Tracks:
 
     def __init__(self, fleet: SceneFleet, clock: Clock, offboard: OffboardTargets | None) -> None:
         self._fleet, self._clock, self._offboard = fleet, clock, offboard
-        self.placement = Placement()
+        self._placement = Placement()
         self._tracks: dict[str, Track] = {}
         self._looked_s = float("-inf")
 
@@ -68,7 +71,7 @@ class Tracks:
             if track is None:
                 track = Track(weakref.ref(vehicle), now_s - REMEMBERED_S)
                 self._tracks[vehicle.id] = track
-            place = places[vehicle.id] = self.placement.place(vehicle)
+            place = places[vehicle.id] = self._placement.place(vehicle)
             if place.known and track.owed_since_s is None:
                 track.trail.add(place.position_enu_m)
             asked = self._offboard(vehicle.id) if self._offboard is not None else None
@@ -80,20 +83,46 @@ class Tracks:
             self._make_up(vehicle, places[vehicle.id], now_s)
         return {vehicle.id: self._tracks[vehicle.id] for vehicle in vehicles}
 
+    def on_ground(
+        self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
+    ) -> tuple[str, float, float, float] | None:
+        """(vehicle, lat_deg, lon_deg, alt_amsl_m) where a look meets the ground of a vehicle's home.
+
+        Args:
+            vehicle_id: None, or one that has gone: the first there is.
+
+        Raises:
+            Refused: nobody knows where on earth that is.
+        """
+        vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
+        pose = self._tracks[vehicle_id].smoother.pose if vehicle_id is not None else None
+        if vehicle_id is None or pose is None:
+            raise Refused("There is no vehicle yet, so nobody knows where on earth this ground is.")
+        point = ground_point(eye_enu_m, ray_enu, pose.ground_z_m)
+        if point is None:
+            return None
+        geodetic = self._placement.geodetic(point)
+        if geodetic is None:
+            raise Refused(
+                "No vehicle has told its position yet, so nobody knows where on earth this ground is.",
+                remedy="Wait for a position fix.",
+            )
+        return (vehicle_id, *geodetic)
+
     def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
         present = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, track in list(self._tracks.items()):
             # Another one may have come under the same id while nobody looked.
             if (there := track.vehicle()) is None or present.get(vehicle_id) is not there:
                 del self._tracks[vehicle_id]
-                self.placement.forget(vehicle_id)
+                self._placement.forget(vehicle_id)
         if not self._tracks:
-            self.placement.reset()
+            self._placement.reset()
 
     def _make_up(self, vehicle: SceneVehicle, place: Place, now_s: float) -> None:
         track = self._tracks[vehicle.id]
         since_s, track.owed_since_s = track.owed_since_s, None
         if since_s is not None and place.known:
             since_unix_s = self._clock.unix_s() - (now_s - since_s)
-            for point in self.placement.past(vehicle, place, since_unix_s):
+            for point in self._placement.past(vehicle, place, since_unix_s):
                 track.trail.add(point)

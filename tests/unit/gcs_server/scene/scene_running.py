@@ -14,6 +14,7 @@ from websockets.asyncio.client import connect
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused, UnknownVehicle
+from gcs_server.scene import SceneClick
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.scene import Scene
 from gcs_server.supervise import Supervisor
@@ -24,7 +25,8 @@ class Running:
 
     def __init__(self) -> None:
         self.fleet = FakeFleet([flying("1"), flying("2")])
-        self.scene = Scene(self.fleet, SystemClock())
+        self.clicks: list[SceneClick] = []
+        self.scene = Scene(self.fleet, SystemClock(), on_click=self.clicks.append)
         self.port = 0
         self.shares: list[str] = []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
@@ -15,6 +16,11 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
 ]
+
+
+def ground_distance_m(click) -> float:
+    north_m = (click.lat_deg - 47.397742) * 111_177
+    return math.hypot(north_m, (click.lon_deg - 8.545594) * 75_400)
 
 
 @pytest.mark.browser
@@ -43,6 +49,25 @@ def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
         box = tag.bounding_box()
         assert abs(box["x"] + box["width"] / 2 - (8 + 175)) < 60
         assert frame.locator(".mantine-Paper-root:visible").count() == 0
+        canvas = page.frames[1].locator("canvas").first.bounding_box()
+        low = (canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.9)
+        was = page.frames[1].evaluate("() => [...window.__viserMutable.camera.position]")
+        page.mouse.move(*low)
+        page.mouse.down()
+        page.mouse.move(low[0] + 60, low[1] - 10, steps=6)
+        page.mouse.up()
+        page.wait_for_timeout(300)
+        turned = page.frames[1].evaluate("() => [...window.__viserMutable.camera.position]")
+        assert math.dist(was, turned) > 0.1  # a drag orbits and is no click
+        assert running.clicks == []
+        page.mouse.click(*low)
+        page.mouse.click(low[0], canvas["y"] + 3)  # the sky
+        page.wait_for_timeout(300)
+        (click,) = running.clicks
+        assert (click.view, click.vehicle) == ("frame", "1")
+        assert click.alt_amsl_m == pytest.approx(488.0)
+        assert 2.0 < ground_distance_m(click) < 60.0  # the vehicle hovers ten metres over the home
+        assert (click.view_x, click.view_y) == pytest.approx((0.5, 0.9), abs=0.01)
         page.evaluate(
             "body => fetch('/scene/view/frame', "
             "{method: 'POST', body, headers: {'Content-Type': 'application/json'}})",

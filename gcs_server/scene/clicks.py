@@ -1,0 +1,58 @@
+"""A click into the 3D view as a place on earth: the ray through it, cut with the ground.
+
+The ray comes from the browser, in the world's ENU as it is drawn there at that moment: `chase` moves the
+world under the camera thirty times a second, and the server would cut with where it has moved to since.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.scene.frames import Vector3
+
+REACH_M = 5_000.0
+"""Farther off a pixel is hundreds of metres, and the flat ground is wrong: nothing is meant there."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
+
+
+class ClickRequest(BaseModel):
+    """What the view's own script tells of a click."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    eye_enu_m: tuple[Finite, Finite, Finite]
+    ray_enu: tuple[Finite, Finite, Finite] = Field(description="From the eye to what was clicked.")
+    view_x: Share = Field(description="Where in the view, from its left edge: 0 to 1.")
+    view_y: Share = Field(description="Where in the view, from its upper edge: 0 to 1.")
+
+
+@dataclass(frozen=True, slots=True)
+class SceneClick:
+    """A point of the ground that somebody pointed at, on the level of a vehicle's home."""
+
+    view: str
+    """The token of the view that was clicked into."""
+    vehicle: str
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    view_x: float
+    view_y: float
+
+
+def ground_point(eye_enu_m: Vector3, ray_enu: Vector3, ground_z_m: float) -> Vector3 | None:
+    """Where the ray meets the level ground; None: in the sky, from below, or farther than `REACH_M`."""
+    fall = -ray_enu[2]
+    height_m = eye_enu_m[2] - ground_z_m
+    if fall <= 0.0 or height_m <= 0.0:
+        return None
+    away = (ray_enu[0] / fall * height_m, ray_enu[1] / fall * height_m)
+    if math.hypot(*away) > REACH_M:
+        return None
+    return (eye_enu_m[0] + away[0], eye_enu_m[1] + away[1], ground_z_m)

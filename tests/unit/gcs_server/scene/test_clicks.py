@@ -1,0 +1,88 @@
+"""A click into the 3D view becomes a place on earth, or nothing."""
+
+from __future__ import annotations
+
+import asyncio
+
+import httpx
+import msgspec
+import pytest
+from scene_fakes import FakeFleet, FakeVehicle, StillClock, flying
+from scene_running import CAMERA, eventually, open_stream
+
+from gcs_server.errors import Refused
+from gcs_server.scene.clicks import REACH_M, ground_point
+from gcs_server.scene.tracks import Tracks
+
+DOWN_NORTH = {"eye_enu_m": [0, 0, 10], "ray_enu": [0, 1, -1], "view_x": 0.5, "view_y": 0.6}
+
+
+def test_a_ray_meets_the_level_ground():
+    assert ground_point((1.0, 2.0, 12.0), (0.0, 2.0, -1.0), 2.0) == (1.0, 22.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("eye_z_m", "ray"),
+    [
+        (10.0, (0.0, 1.0, 0.1)),  # the sky
+        (10.0, (1.0, 0.0, 0.0)),  # the horizon
+        (-1.0, (0.0, 0.0, -1.0)),  # from below
+        (10.0, (1.0, 0.0, -9.0 / REACH_M)),  # far beyond what a click can mean
+    ],
+)
+def test_what_is_no_ground_is_none(eye_z_m, ray):
+    assert ground_point((0.0, 0.0, eye_z_m), ray, 0.0) is None
+
+
+def test_the_ground_is_that_of_the_chosen_vehicles_home():
+    tracks = Tracks(FakeFleet([flying("1"), flying("2")]), StillClock(), None)
+    tracks.look(1000.0, 0.03)
+    vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.on_ground("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
+    assert vehicle == "2"
+    assert (lat_deg, lon_deg) == pytest.approx((47.397742 + 100.0 / 111177.0, 8.545594), abs=1e-6)
+    assert alt_amsl_m == pytest.approx(488.0)
+    assert tracks.on_ground("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"
+
+
+def test_without_a_place_on_earth_it_is_refused_in_words():
+    clock = StillClock()
+    with pytest.raises(Refused, match="no vehicle yet"):
+        Tracks(FakeFleet(), clock, None).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+    tracks = Tracks(FakeFleet([FakeVehicle()]), clock, None)
+    tracks.look(1000.0, 0.03)
+    with pytest.raises(Refused, match="told its position"):
+        tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+
+
+def test_a_click_is_told_with_the_token_of_its_view(running):
+    async def click():
+        async with open_stream(running, "?view=clicked&vehicle=2") as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await eventually(lambda: running.scene.viewers == 1)
+            async with httpx.AsyncClient() as client:
+                answer = await client.post(running.url + "view/clicked/click", json=DOWN_NORTH)
+                sky = {**DOWN_NORTH, "ray_enu": [0, 1, 1]}
+                nothing = await client.post(running.url + "view/clicked/click", json=sky)
+        return answer.json(), nothing.json()
+
+    running.clicks.clear()
+    assert asyncio.run(click()) == ({"ground": True}, {"ground": False})
+    (told,) = running.clicks
+    assert (told.view, told.vehicle, told.view_x, told.view_y) == ("clicked", "2", 0.5, 0.6)
+    assert told.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [({"ray_enu": [0, 1]}, "ray_enu"), ({"view_x": 2}, "view_x"), ({"eye_enu_m": [0, 0, 1e9]}, "eye_enu_m")],
+)
+def test_a_bad_click_names_its_field(running, change, field):
+    answer = httpx.post(running.url + "view/clicked/click", json={**DOWN_NORTH, **change})
+    assert answer.status_code == 422
+    assert field in answer.text
+
+
+def test_a_foreign_page_clicks_nothing(running):
+    headers = {"Origin": "http://elsewhere.example"}
+    answer = httpx.post(running.url + "view/clicked/click", json=DOWN_NORTH, headers=headers)
+    assert answer.status_code == 409
