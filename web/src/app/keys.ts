@@ -1,6 +1,8 @@
 /** The keyboard: one table, shown by the `?` sheet and obeyed here; also for keys pressed inside the 3D view. */
 
 import { sheet } from '../features/help/sheet.svelte';
+import { choice } from '../features/instruments/choice.svelte';
+import { panel } from '../features/messages/panel.svelte';
 import { stage } from '../features/stage/stage.svelte';
 import { page } from './page.svelte';
 import { actions } from './session.svelte';
@@ -23,8 +25,10 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'Space held', what: 'Confirm what is asked', inScene: true },
   { keys: 'Esc', what: 'Cancel, close', inScene: true },
   { keys: 'O', what: 'Start offboard where it is', inScene: true },
+  { keys: 'N', what: 'All messages, or the newest few', inScene: true },
+  { keys: 'V', what: 'Choose the values shown', inScene: true },
   { keys: 'M', what: 'Swap map and 3D', inScene: true },
-  { keys: '1 … 9', what: 'Choose a vehicle', inScene: true },
+  { keys: '1 … 9', what: 'Choose a vehicle; 0 is the tenth', inScene: true },
   { keys: 'Shift D', what: 'Light or dark', inScene: false },
   { keys: '?', what: 'This sheet', inScene: true },
 ];
@@ -43,6 +47,8 @@ function plain(key: string): boolean {
     case 'r': actions.request('rtl', facts); return true;
     case 'o': actions.request('offboard_start', facts, 'offboard'); return true;
     case 'm': stage.swap(); return true;
+    case 'n': panel.open = !panel.open; return true;
+    case 'v': choice.editing = !choice.editing; return true;
     default: return false;
   }
 }
@@ -58,14 +64,15 @@ function shifted(key: string): boolean {
 }
 
 function escape(): boolean {
-  if (sheet.open) sheet.open = false;
-  else if (actions.asked !== null) actions.cancel();
+  if (actions.asked !== null) actions.cancel();
+  else if (sheet.open) sheet.open = false;
+  else if (choice.editing) choice.editing = false;
   else actions.dismiss('bar');
   return true;
 }
 
 function choose(digit: string): boolean {
-  const id = page.ids[Number(digit) - 1];
+  const id = page.ids[(Number(digit) + 9) % 10];
   if (id !== undefined) page.select(id);
   return id !== undefined;
 }
@@ -88,7 +95,7 @@ function obey(event: KeyboardEvent): boolean {
     sheet.open = !sheet.open;
     return true;
   }
-  if (/^[1-9]$/.test(event.key)) return choose(event.key);
+  if (/^[0-9]$/.test(event.key)) return choose(event.key);
   return event.shiftKey ? shifted(event.key) : plain(event.key.toLowerCase());
 }
 

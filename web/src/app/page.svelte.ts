@@ -6,6 +6,7 @@
 import { ApiClient, pageName } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { TelemetrySocket, type SocketState } from '../live/socket';
+import type { WireEvent } from '../live/wire';
 import { PAGE_TOPICS } from '../live/topics';
 import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../features/offboard/view';
@@ -26,6 +27,10 @@ class Page {
   private chosen = $state<string | null>(null);
   /** Called for each frame of telemetry, also in a hidden tab. */
   readonly onTelemetry: (() => void)[] = [];
+  /** Called for each event, of whichever vehicle. */
+  readonly onEvent: ((event: WireEvent) => void)[] = [];
+  /** What the chosen values need besides what the page itself reads. */
+  private moreTopics: readonly string[] = [];
   /** Called once per painted animation frame. */
   readonly onPaint: (() => void)[] = [];
 
@@ -33,11 +38,12 @@ class Page {
     const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
     this.socket = new TelemetrySocket(
       `${scheme}//${location.host}/api/v1/telemetry`,
-      { vehicles: '*', topics: PAGE_TOPICS, rate_hz: RATE_HZ },
+      () => ({ vehicles: '*', topics: [...new Set([...PAGE_TOPICS, ...this.moreTopics])], rate_hz: RATE_HZ }),
       (frame) => {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
         if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill();
+        if (frame.type === 'event') for (const callback of this.onEvent) callback(frame.event);
         for (const callback of this.onTelemetry) callback();
       },
       (state) => (this.connection = state),
@@ -95,6 +101,12 @@ class Page {
   /** Whether the server streams setpoints to a vehicle now. */
   streaming(id: string): boolean {
     return readOffboard(this.store.vehicles.get(id)?.raw('offboard')?.value)?.streaming ?? false;
+  }
+
+  wantTopics(topics: readonly string[]): void {
+    const news = topics.some((topic) => !this.moreTopics.includes(topic) && !PAGE_TOPICS.includes(topic));
+    this.moreTopics = topics;
+    if (news) this.socket.resubscribe();
   }
 
   private async backfill(): Promise<void> {

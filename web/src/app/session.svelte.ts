@@ -16,6 +16,7 @@ export const gimbal = new GimbalControl(page.api, actions);
 
 export function start(): void {
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
+  page.onEvent.push((event) => actions.heard(event));
   page.onPaint.push(() => actions.paint(page.selectedId));
   links.poll(page.api);
   page.start();

@@ -214,7 +214,7 @@ describe('instruments, messages, indicators', () => {
     expect(shown([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
   });
   it('shows severity with a word, and unknown as unknown', () => {
-    const reading = (remaining_percent: number | null) => ({ value: { remaining_percent, voltage_v: null, current_a: null, consumed_mah: null, time_remaining_s: null }, age_s: 0, stale: false });
+    const reading = (remaining_percent: number | null) => ({ value: { remaining_percent, voltage_v: null, current_a: null, consumed_mah: null, time_remaining_s: null, cell_voltages_v: null }, age_s: 0, stale: false });
     expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: 'empty', text: '9 %' });
     expect(batteryIndicator(reading(null)).text).toBe('–');
     expect(batteryIndicator(null).text).toBe('–');
@@ -232,7 +232,11 @@ describe('instruments, messages, indicators', () => {
     const stopped = recordingIndicator([link, recorded({ stopped: 'disk full' })], true, 1221);
     expect(stopped).toMatchObject({ text: 'Stopped', severity: 'danger' });
     expect(stopped.details[1]?.[1]).toBe('disk full');
-    expect(linkDetails([link, { ...link, state: 'waiting', detail: 'port taken' }], null).details[1]?.[1]).toContain('port taken');
+    const two = linkDetails([{ ...link, frames_received: 98, frames_lost: 2, crc_errors: 1 }, { ...link, name: 'b', state: 'waiting', detail: 'port taken' }], null).details;
+    expect(two.filter(([name]) => name === '').map(([, value]) => value)).toEqual(['a', 'b']);
+    expect(two).toContainEqual(['Frames', '98 in, 2 lost (2.0 %)']);
+    expect(two).toContainEqual(['CRC errors', '1']);
+    expect(two.some(([, value]) => value.includes('port taken'))).toBe(true);
     expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
   });
 });

@@ -22,7 +22,7 @@ function rig() {
   const states: SocketState[] = [];
   let timers: { at: number; run: () => void }[] = [];
   let now = 0;
-  const socket = new TelemetrySocket('ws://x', { vehicles: '*', topics: ['gps'], rate_hz: 25 }, (f) => frames.push(f), (s) => states.push(s), {
+  const socket = new TelemetrySocket('ws://x', () => ({ vehicles: '*', topics: ['gps'], rate_hz: 25 }), (f) => frames.push(f), (s) => states.push(s), {
     open: () => {
       const one = new FakeSocket();
       sockets.push(one);

@@ -43,7 +43,7 @@ export class TelemetrySocket {
 
   constructor(
     private readonly url: string,
-    private readonly subscription: object,
+    private readonly subscription: () => object,
     private readonly onFrame: (frame: Frame) => void,
     private readonly onState: (state: SocketState) => void,
     private readonly deps: SocketDeps = browserDeps,
@@ -67,12 +67,21 @@ export class TelemetrySocket {
     this.connect();
   }
 
+  /** What is wanted has changed. */
+  resubscribe(): void {
+    if (this.state.phase === 'open' && this.socket !== null) this.subscribe(this.socket);
+  }
+
+  private subscribe(socket: SocketLike): void {
+    socket.send(JSON.stringify({ type: 'subscribe', ...this.subscription() }));
+  }
+
   private connect(): void {
     this.set({ phase: 'connecting', attempt: this.attempt });
     const socket = this.deps.open(this.url);
     this.socket = socket;
     this.timer = this.deps.setTimer(() => this.lost(socket), OPEN_DEADLINE_MS);
-    socket.onopen = () => socket.send(JSON.stringify({ type: 'subscribe', ...this.subscription }));
+    socket.onopen = () => this.subscribe(socket);
     socket.onmessage = (event) => this.received(socket, event.data);
     socket.onclose = () => this.lost(socket);
   }

@@ -64,6 +64,7 @@ export class TelemetryStore {
       this.vehicles.delete(event.vehicle);
       return;
     }
+    if (event.kind === 'progress') return; // of one command only; who asked listens itself
     if (event.vehicle !== null) this.vehicle(event.vehicle).say(event);
     else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);
   }

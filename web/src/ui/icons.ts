@@ -20,6 +20,9 @@ export const ICONS = {
   plus: 'M12 6v12M6 12h12',
   minus: 'M6 12h12',
   alert: 'M12 4l9 16H3zM12 10v4M12 17h.01',
+  edit: 'M4 20h4L19 9l-4-4L4 16zM13 7l4 4',
+  grip: 'M9 6h.01M9 12h.01M9 18h.01M15 6h.01M15 12h.01M15 18h.01',
+  bell: 'M6 16V11a6 6 0 0112 0v5l2 2H4zM10 21h4',
   target: 'M12 5v14M5 12h14M12 8a4 4 0 100 8 4 4 0 000-8z',
 } as const;
 

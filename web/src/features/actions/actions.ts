@@ -16,6 +16,8 @@ export interface ActionFacts {
   streaming: boolean;
   takeoffAlt_home_m: number;
   battery_percent: number | null;
+  /** RTL_RETURN_ALT; null until the vehicle has told it. */
+  returnAlt_home_m?: number | null;
 }
 
 /** Where "Go here" goes; distances from where the vehicle was when it was asked. */
@@ -49,6 +51,14 @@ function heightNow(facts: ActionFacts): string {
   return facts.alt_home_m === null ? 'an unknown height' : `${fixed(facts.alt_home_m, 1)} m above home`;
 }
 
+/** Which height it comes back at, as far as the vehicle has told it. */
+function returns(facts: ActionFacts): string {
+  const alt_m = facts.returnAlt_home_m ?? null;
+  if (alt_m === null) return `Climbs to its return height, flies ${m(facts.fromHome_m)} back`;
+  if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m) return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${m(facts.fromHome_m)} back`;
+  return `Climbs to up to ${fixed(alt_m, 0)} m above home, flies ${m(facts.fromHome_m)} back`;
+}
+
 /** The confirmation's words; null where the action needs none: Hold is always one press. */
 export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null): Question | null {
   const end = facts.streaming ? OFFBOARD_ENDS : '';
@@ -69,7 +79,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land':
       return { title: `Land ${name}`, effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`, verb: 'Land', danger: false };
     case 'rtl':
-      return { title: `Return ${name}`, effect: `Climbs to its return height, flies ${m(facts.fromHome_m)} back and lands at home.${end}`, verb: 'Return', danger: false };
+      return { title: `Return ${name}`, effect: `${returns(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
     case 'goto':
       return goal === null ? null : {
         title: `Send ${name} here`,

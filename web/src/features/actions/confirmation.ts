@@ -11,6 +11,8 @@ export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
 export class Confirmation {
   phase: Phase = 'asking';
+  /** What is asked is not valid as it stands: it cannot be confirmed until it is. */
+  blocked = false;
   private deadline_s: number;
   private heldSince_s: number | null = null;
   private slid = 0;
@@ -33,7 +35,7 @@ export class Confirmation {
 
   /** Space went down; the keyboard's own repeats change nothing. */
   press(now_s: number): void {
-    if (this.phase === 'asking' && this.heldSince_s === null) this.heldSince_s = now_s;
+    if (this.phase === 'asking' && !this.blocked && this.heldSince_s === null) this.heldSince_s = now_s;
   }
 
   release(now_s: number): void {
@@ -51,7 +53,7 @@ export class Confirmation {
 
   /** The knob is at `fraction` of its way. Confirms only when let go or at its very end. */
   slide(fraction: number, now_s: number): void {
-    if (this.phase !== 'asking') return;
+    if (this.phase !== 'asking' || this.blocked) return;
     this.sliding = true;
     this.slid = Math.min(1, Math.max(0, fraction));
     if (this.slid >= 1) this.phase = 'confirmed';

@@ -3,6 +3,7 @@
 import { actionFacts, type VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
+import type { WireEvent } from '../../live/wire';
 import { ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import { Confirmation } from './confirmation';
 
@@ -22,7 +23,12 @@ export interface Running {
   id: number;
   action: ActionName;
   place: Place;
+  vehicle: string;
   vehicleName: string;
+  /** What the server last said of it; null before the first word. */
+  told: string | null;
+  /** 0–1 where the vehicle counts. */
+  fraction: number | null;
 }
 
 export interface Refusal {
@@ -32,6 +38,8 @@ export interface Refusal {
 }
 
 const TAKEOFF_DEFAULT_M = 10;
+/** PX4's parameter for the height it returns at [m above home]. */
+const RETURN_ALT = 'RTL_RETURN_ALT';
 /** The API's own bounds [m]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
@@ -44,6 +52,9 @@ export class ActionController {
   running = $state.raw<Running[]>([]);
   refusals = $state.raw<Partial<Record<Place, Refusal>>>({});
   takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
+  /** What is wrong with the height as it is typed; null where nothing is. */
+  takeoffProblem = $state<string | null>(null);
+  private readonly returnAlt_home_m = new Map<string, number>();
   /** Painted once per frame: the knob's place and the seconds left. */
   progress = $state(0);
   left_s = $state(0);
@@ -81,12 +92,31 @@ export class ActionController {
     }
     this.asked = { action, place, facts, goal, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
+    this.takeoffProblem = null;
+    if (action === 'rtl') void this.askReturnHeight(facts.id);
   }
 
-  setTakeoffHeight(alt_home_m: number): void {
-    if (!Number.isFinite(alt_home_m)) return;
-    this.takeoffAlt_home_m = Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, alt_home_m));
-    this.asked?.confirmation.touch(this.nowS());
+  /** As it is typed: what is no height, or none the server takes, is said and cannot be confirmed. */
+  typeTakeoffHeight(alt_home_m: number): void {
+    const { min, max } = TAKEOFF_RANGE_M;
+    const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
+    this.takeoffProblem = good ? null : `A height from ${min} to ${max} m above home is needed.`;
+    if (good) this.takeoffAlt_home_m = alt_home_m;
+    if (this.asked === null) return;
+    this.asked.confirmation.blocked = !good;
+    this.asked.confirmation.touch(this.nowS());
+  }
+
+  /** One step up or down, never beyond what the server takes. */
+  stepTakeoffHeight(by_m: number): void {
+    this.typeTakeoffHeight(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
+  }
+
+  /** A word of the server about a command that still waits; those of other clients are not ours to show. */
+  heard(event: WireEvent): void {
+    if (event.kind !== 'progress' || event['client'] !== this.api.name) return;
+    const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
+    this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, told: event.text, fraction } : r));
   }
 
   cancel(): void {
@@ -119,7 +149,7 @@ export class ActionController {
   }
 
   private async run(action: ActionName, facts: VehicleFacts, place: Place, goal: Goal | null = null): Promise<void> {
-    const entry: Running = { id: this.nextId++, action, place, vehicleName: facts.name };
+    const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, told: null, fraction: null };
     this.running = [...this.running, entry];
     const now = this.now(facts);
     const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal));
@@ -138,6 +168,14 @@ export class ActionController {
   }
 
   private facts(facts: VehicleFacts): ActionFacts {
-    return actionFacts(facts, this.takeoffAlt_home_m);
+    return { ...actionFacts(facts, this.takeoffAlt_home_m), returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
+  }
+
+  /** The words wait for nothing: they say the height once the vehicle has told it. */
+  private async askReturnHeight(id: string): Promise<void> {
+    const answer = await this.api.get<{ value: unknown }>(`/vehicles/${encodeURIComponent(id)}/params/${RETURN_ALT}`);
+    if (!answer.ok || typeof answer.value.value !== 'number') return;
+    this.returnAlt_home_m.set(id, answer.value.value);
+    if (this.asked?.action === 'rtl') this.asked = { ...this.asked };
   }
 }

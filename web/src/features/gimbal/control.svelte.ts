@@ -1,6 +1,7 @@
 /** Steers the gimbal: angles while the pad is dragged, rates while an arrow is held; both axes stop when let go. */
 
 import type { VehicleFacts } from '../../app/facts';
+import type { components } from '../../api/schema';
 import type { ApiClient } from '../../api/client';
 import type { ActionController } from '../actions/controller.svelte';
 import { LatestSender } from './latest';
@@ -8,6 +9,8 @@ import { clamp, limits, type Angles } from './pad';
 
 /** How fast an arrow turns the camera [deg/s]. */
 export const RATE_DEG_S = 20;
+
+export type Roi = components['schemas']['Roi'];
 
 interface Order {
   facts: VehicleFacts;
@@ -23,6 +26,8 @@ export class GimbalControl {
   busy = $state(false);
   /** Whether this server is in control, by vehicle and holder as the server was last asked. */
   private mine = $state.raw<{ key: string; mine: boolean }>({ key: '', mine: false });
+  /** The place the station asked it to look at, by vehicle, as the server was last asked. */
+  private roi = $state.raw<{ id: string; roi: Roi | null }>({ id: '', roi: null });
   private readonly sender: LatestSender<Order>;
   private turning = false;
 
@@ -43,8 +48,22 @@ export class GimbalControl {
   /** Asks the server whose id the holder's is; called when the holder changes. */
   async askHolder(facts: VehicleFacts): Promise<void> {
     const key = holderKey(facts);
-    const answer = await this.api.get<{ in_control: boolean }>(base(facts));
-    if (answer.ok) this.mine = { key, mine: answer.value.in_control };
+    const answer = await this.api.get<{ in_control: boolean; roi: Roi | null }>(base(facts));
+    if (!answer.ok) return;
+    this.mine = { key, mine: answer.value.in_control };
+    this.roi = { id: facts.id, roi: answer.value.roi };
+  }
+
+  /** Where the station asked it to look, until something of ours ended that; null: nowhere, or not known. */
+  roiOf(facts: VehicleFacts): Roi | null {
+    return this.roi.id === facts.id ? this.roi.roi : null;
+  }
+
+  async clearRoi(facts: VehicleFacts): Promise<void> {
+    this.busy = true;
+    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post(`${base(facts)}/roi/clear`));
+    this.busy = false;
+    await this.askHolder(facts);
   }
 
   lock(facts: VehicleFacts): boolean {

@@ -1,25 +1,74 @@
-/** Messages with their severity as a colour and a word; info needs no word. */
+/** Messages with their severity as a word, a shape and a colour; filtered, counted, told in full. */
 
 import type { Message } from '../../live/vehicle-state';
 
+export type Shape = 'dot' | 'triangle' | 'square';
+
 export interface SeverityWord {
+  /** Shown beside the text; empty for what is only information. */
   word: string;
+  /** Always a word, for details and screen readers. */
+  full: string;
   tone: 'danger' | 'caution' | 'dim';
+  shape: Shape;
 }
 
-const WORDS = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', '', '', 'Debug'];
+const FULL = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
+const SILENT = [5, 6];
 
 export function severityWord(severity: number): SeverityWord {
-  const tone = severity <= 3 ? 'danger' : severity === 4 ? 'caution' : 'dim';
-  return { word: WORDS[severity] ?? '', tone };
+  const full = FULL[severity] ?? 'Info';
+  const word = SILENT.includes(severity) ? '' : full;
+  if (severity <= 3) return { word, full, tone: 'danger', shape: 'square' };
+  if (severity === 4) return { word, full, tone: 'caution', shape: 'triangle' };
+  return { word, full, tone: 'dim', shape: 'dot' };
 }
 
-/** The newest ones; what only a developer wants is left out. */
-export function shown(messages: readonly Message[], count: number): Message[] {
+export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
+
+/** The least severe (largest MAV_SEVERITY) that a filter lets through. */
+const LEAST: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
+
+export const FILTERS: readonly { value: Filter; text: string }[] = [
+  { value: 'errors', text: 'Errors' }, { value: 'warnings', text: 'Warnings' }, { value: 'all', text: 'All' }, { value: 'debug', text: 'Debug too' },
+];
+
+/** The newest ones that a filter lets through; what only a developer wants is left out unless asked for. */
+export function shown(messages: readonly Message[], count: number, filter: Filter = 'all'): Message[] {
   const lines: Message[] = [];
   for (const message of messages) {
-    if (message.severity < 7) lines.push(message);
+    if (message.severity <= LEAST[filter]) lines.push(message);
     if (lines.length === count) break;
   }
   return lines;
+}
+
+export interface Unread {
+  count: number;
+  /** Of the most severe one. */
+  tone: SeverityWord['tone'];
+}
+
+/** What has come since a time, debug left out. */
+export function unread(messages: readonly Message[], since_unix_s: number): Unread {
+  const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST.all);
+  return { count: fresh.length, tone: severityWord(Math.min(7, ...fresh.map((m) => m.severity))).tone };
+}
+
+const KINDS: Readonly<Record<string, string>> = {
+  status_text: 'The vehicle’s own text', event: 'An event of the vehicle', mode_changed: 'The vehicle changed its mode', armed: 'The vehicle armed',
+  disarmed: 'The vehicle disarmed', command: 'A command was carried out', link: 'Noticed by the station: the link', warning: 'Noticed by the station',
+};
+
+/** Who says so. */
+export function kindWords(kind: string): string {
+  return KINDS[kind] ?? kind.replaceAll('_', ' ');
+}
+
+/** Day and time to the tenth, for the details. */
+export function fullTime(unix_s: number): string {
+  const date = new Date(unix_s * 1000);
+  const two = (n: number): string => String(n).padStart(2, '0');
+  const tenth = Math.floor((unix_s % 1) * 10);
+  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}.${tenth}`;
 }

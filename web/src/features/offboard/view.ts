@@ -6,7 +6,7 @@ import type { PositionSetpoint } from './setpoint';
 export interface OffboardStatus {
   /** The server sends setpoints to this vehicle. */
   streaming: boolean;
-  /** idle, starting, streaming, holding, to_hold, landing. */
+  /** idle, starting, streaming, holding, to_hold, landing, undoing. */
   state: string;
   type: string | null;
   position_ned_m: MaybeVector3 | null;
@@ -81,7 +81,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
 }
 
 const STATES: Readonly<Record<string, string>> = {
-  starting: 'Starting', holding: 'Expired: holding the place', to_hold: 'Expired: going to Hold', landing: 'Expired: landing',
+  idle: 'no stream', starting: 'Starting', undoing: 'Not started: going back', holding: 'Expired: holding the place', to_hold: 'Expired: going to Hold', landing: 'Expired: landing',
 };
 
 /** What the stream is, for the card's corner. */

@@ -36,9 +36,19 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
     word: poor ? fix : '', severity: poor ? 'danger' : 'none',
     details: [
       ['Fix', fix], ['Satellites', satellites ?? UNKNOWN], ['HDOP', fixed(gps.hdop, 2)],
-      ['Accuracy', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`],
+      ['Accuracy (eph)', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`], ['Heard', `${fixed(age_s, 1)} s ago`],
     ],
   };
+}
+
+/** The weakest cell decides: it is named first. */
+function cellLines(cells_v: readonly number[] | null): [string, string][] {
+  if (cells_v === null || cells_v.length === 0) return [['Cells', UNKNOWN]];
+  const lowest = Math.min(...cells_v);
+  return [
+    ['Lowest cell', `${fixed(lowest, 2)} V, cell ${cells_v.indexOf(lowest) + 1} of ${cells_v.length}`],
+    ['Cells', cells_v.map((v) => fixed(v, 2)).join(' · ')],
+  ];
 }
 
 export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
@@ -57,6 +67,7 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
       ['Current', battery.current_a === null ? UNKNOWN : `${fixed(battery.current_a, 1)} A`],
       ['Consumed', battery.consumed_mah === null ? UNKNOWN : `${battery.consumed_mah} mAh`],
       ['Time left', left === null || left <= 0 ? UNKNOWN : `${Math.round(left / 60)} min`],
+      ...cellLines(battery.cell_voltages_v),
     ],
   };
 }

@@ -16,13 +16,31 @@ export function bytesText(bytes: number): string {
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
+/** Part of the frames that the gaps in their sequence numbers say are missing [%]. */
+function lostPercent(link: LinkLine): string {
+  const all = link.frames_received + link.frames_lost;
+  return all === 0 ? UNKNOWN : `${fixed((link.frames_lost / all) * 100, 1)} %`;
+}
+
+/** A line for each thing the station counts of a link. */
+function counted(link: LinkLine, several: boolean): [string, string][] {
+  const lines: [string, string][] = several ? [['', link.name]] : [['Link', link.name]];
+  lines.push(
+    ['State', join([STATES[link.state] ?? link.state, link.detail])],
+    ['Peers', link.peers.length === 0 ? UNKNOWN : link.peers.join(', ')],
+    ['Frames', `${link.frames_received} in, ${link.frames_lost} lost (${lostPercent(link)})`],
+    ['CRC errors', String(link.crc_errors)],
+    ['Bytes', join([`${bytesText(link.bytes_received)} in`, `${bytesText(link.bytes_sent)} out`])],
+  );
+  if (link.frames_unknown > 0) lines.push(['Unknown frames', String(link.frames_unknown)]);
+  if (link.bytes_skipped > 0) lines.push(['No frames', `${bytesText(link.bytes_skipped)}: garbage or another protocol`]);
+  if (link.bytes_dropped > 0) lines.push(['Not sent', bytesText(link.bytes_dropped)]);
+  return lines;
+}
+
 /** @param rate_bytes_s what comes in now over all links; null before two answers. */
 export function linkDetails(links: readonly LinkLine[], rate_bytes_s: number | null): { details: [string, string][]; text: string | null } {
-  const details = links.map((l): [string, string] => [
-    l.name,
-    join([STATES[l.state] ?? l.state, l.peers.length === 0 ? null : l.peers.join(', '), `${bytesText(l.bytes_received)} in`,
-      l.bytes_dropped > 0 ? `${bytesText(l.bytes_dropped)} not sent` : null, l.detail]),
-  ]);
+  const details = links.flatMap((link) => counted(link, links.length > 1));
   const open = links.filter((l) => l.state === 'open' && !l.forward).length;
   const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
   const text = open === 0 ? null : join([open === 1 ? null : `${open} links`, rate ?? 'open']);

@@ -1,0 +1,153 @@
+import { describe, expect, it } from 'vitest';
+import type { Outcome } from '../api/client';
+import { ApiClient } from '../api/client';
+import type { VehicleFacts } from '../app/facts';
+import type { Message, Reading } from '../live/vehicle-state';
+import { question, type ActionFacts } from './actions/actions';
+import { Confirmation } from './actions/confirmation';
+import { ActionController } from './actions/controller.svelte';
+import { BY_ID, CATALOGUE, found, moved, readChoice, USUAL, type Source } from './instruments/catalogue';
+import { fullTime, severityWord, shown, unread } from './messages/messages';
+import { readOffboard, streamWords } from './offboard/view';
+import { batteryIndicator } from './topbar/indicators';
+
+const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
+
+function source(topics: Record<string, Record<string, unknown>>, stale = false): Source {
+  const none = { status: null, attitude: null, local: null, global: null, hud: null, gps: null, battery: null, home: null, health: null, gimbal: null, offboard: null };
+  const facts: VehicleFacts = { id: '1', name: '1 Quad', now_unix_s: 100, lost: false, simulated: true, replayed: false, inAir: true, fromHome_m: null, ...none };
+  return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
+}
+
+describe('the catalogue of values', () => {
+  it('has every id once, a label and no quaternion', () => {
+    expect(new Set(CATALOGUE.map((q) => q.id)).size).toBe(CATALOGUE.length);
+    expect(CATALOGUE.length).toBeGreaterThan(50);
+    for (const q of CATALOGUE) expect(q.label).toMatch(/^[A-Z±]/);
+    expect(CATALOGUE.some((q) => q.id.includes('.q'))).toBe(false);
+    for (const id of USUAL) expect(BY_ID.has(id)).toBe(true);
+  });
+  it('shows what the vehicle says, angles in degrees, unknown as a dash', () => {
+    const now = source({ attitude: { roll_rad: Math.PI / 6 }, motors: { pwm_us: [1500] }, battery: { voltage_v: null }, global_position: { lat_deg: 47.3977421 } });
+    const read = (id: string) => BY_ID.get(id)?.read(now);
+    expect(read('attitude.roll_rad')).toMatchObject({ text: '30.0', unit: '°', stale: false });
+    expect(read('motors.pwm_us.0')).toMatchObject({ text: '1500', unit: 'µs' });
+    expect(read('motors.pwm_us.3')?.text).toBe('–');
+    expect(read('battery.voltage_v')?.text).toBe('–');
+    expect(read('global_position.lat_deg')?.text).toBe('47.397742');
+    expect(read('hud.climb_m_s')).toMatchObject({ text: '–', age_s: null });
+    expect(read('flown.climb')?.text).toBe('–');
+  });
+  it('says that a value is old', () => {
+    expect(BY_ID.get('gps.hdop')?.read(source({ gps: { hdop: 0.8 } }, true))).toMatchObject({ text: '0.80', stale: true, age_s: 0.2 });
+  });
+  it('keeps the order a person gave, and forgets what it does not know', () => {
+    expect(readChoice(null)).toEqual(USUAL);
+    expect(readChoice('{oops')).toEqual(USUAL);
+    expect(readChoice('["gps.hdop","gone.field","gps.hdop","flown.climb"]')).toEqual(['gps.hdop', 'flown.climb']);
+    expect(readChoice('[]')).toEqual([]);
+    expect(moved(['a', 'b', 'c'], 0, 2)).toEqual(['b', 'c', 'a']);
+    expect(moved(['a', 'b', 'c'], 2, 0)).toEqual(['c', 'a', 'b']);
+    expect(moved(['a'], 4, 0)).toEqual(['a']);
+  });
+  it('is found by name, unit and group, and offers nothing twice', () => {
+    expect(found('battery volt', []).map((q) => q.id)).toContain('battery.voltage_v');
+    expect(found('battery volt', ['battery.voltage_v']).map((q) => q.id)).not.toContain('battery.voltage_v');
+    expect(found('µs', []).every((q) => q.group === 'Motors')).toBe(true);
+    expect(found('no such thing', [])).toEqual([]);
+  });
+});
+
+describe('messages', () => {
+  const line = (unix_s: number, severity: number): Message => ({ key: `${unix_s}`, unix_s, severity, kind: 'event', text: 'x' });
+  const all = [line(9, 6), line(8, 4), line(7, 7), line(6, 2)];
+  it('are let through by severity', () => {
+    expect(shown(all, 9, 'errors').map((m) => m.unix_s)).toEqual([6]);
+    expect(shown(all, 9, 'warnings').map((m) => m.unix_s)).toEqual([8, 6]);
+    expect(shown(all, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
+    expect(shown(all, 9, 'debug')).toHaveLength(4);
+  });
+  it('are counted until read, with the tone of the worst', () => {
+    expect(unread(all, 5)).toEqual({ count: 3, tone: 'danger' });
+    expect(unread(all, 7)).toEqual({ count: 2, tone: 'caution' });
+    expect(unread(all, 9)).toEqual({ count: 0, tone: 'dim' });
+  });
+  it('have a shape beside the colour, and a full time', () => {
+    expect([2, 4, 6].map((s) => severityWord(s).shape)).toEqual(['square', 'triangle', 'dot']);
+    expect(severityWord(6).full).toBe('Info');
+    expect(fullTime(1_700_000_000.25)).toMatch(/^2023-11-1[45] \d\d:\d\d:20\.2$/);
+  });
+});
+
+describe('the offboard stream', () => {
+  it('has words for each of the server’s states', () => {
+    for (const state of ['idle', 'starting', 'holding', 'to_hold', 'landing', 'undoing']) {
+      const status = readOffboard({ streaming: false, state, setpoint: null });
+      expect(status && streamWords(status)).not.toContain('NED');
+    }
+    const streaming = readOffboard({ streaming: true, state: 'streaming', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
+    expect(streaming && streamWords(streaming)).toBe('velocity, NED');
+  });
+});
+
+describe('the battery', () => {
+  it('names its weakest cell', () => {
+    const value = { remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: [4.02, 3.91, 4.01] };
+    expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
+    expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
+  });
+});
+
+const actionFacts: ActionFacts = {
+  vehicleId: '1', vehicleName: '1 Quad', armed: true, inAir: true, alt_home_m: 12, fromHome_m: 48, mode: 'hold', streaming: false, takeoffAlt_home_m: 10, battery_percent: null,
+};
+
+describe('what is asked', () => {
+  it('says the height of the return once the vehicle has told it', () => {
+    expect(question('rtl', actionFacts)?.effect).toContain('its return height');
+    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('up to 60 m above home');
+    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
+  });
+  it('is not confirmed while it is not valid', () => {
+    const c = new Confirmation(false, 0);
+    c.blocked = true;
+    c.press(0);
+    c.slide(1, 0.5);
+    expect(c.tick(2)).toBe('asking');
+    c.blocked = false;
+    c.slide(1, 2);
+    expect(c.tick(2)).toBe('confirmed');
+  });
+  it('shows how far it is to the page that asked, and to no other', async () => {
+    let answer: (outcome: Outcome<unknown>) => void = () => undefined;
+    const api = new ApiClient('page-7', () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))));
+    const { facts } = source({});
+    const actions = new ActionController(api, () => 0, () => Promise.reject(new Error('not asked')), () => facts);
+    actions.request('hold', facts);
+    expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
+    const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Asking vehicle 1 to hold (2. attempt)', command: 'hold', fraction: 0.5 };
+    actions.heard({ ...told, client: 'page-8' });
+    expect(actions.running[0]?.told).toBeNull();
+    actions.heard({ ...told, client: 'page-7' });
+    expect(actions.running[0]).toMatchObject({ told: told.text, fraction: 0.5 });
+    await Promise.resolve();
+    answer({ ok: true, value: null });
+    await new Promise((r) => setTimeout(r));
+    expect(actions.running).toEqual([]);
+  });
+  it('takes no height that the server would refuse', () => {
+    const { facts } = source({});
+    const actions = new ActionController(new ApiClient('p'), () => 0, () => Promise.reject(new Error('not asked')), () => facts);
+    actions.request('takeoff', { ...facts, inAir: false });
+    for (const bad of [NaN, 0, 121]) {
+      actions.typeTakeoffHeight(bad);
+      expect(actions.takeoffProblem).toContain('from 1 to 120 m');
+      expect(actions.asked?.confirmation.blocked).toBe(true);
+    }
+    actions.typeTakeoffHeight(25);
+    expect(actions.takeoffProblem).toBeNull();
+    expect(actions.asked?.confirmation.blocked).toBe(false);
+    actions.stepTakeoffHeight(1000);
+    expect(actions.takeoffAlt_home_m).toBe(120);
+  });
+});

@@ -1,0 +1,47 @@
+/** Which values stand on the grid and in which order: this person's, kept on this machine. */
+
+import { BY_ID, moved, readChoice, USUAL } from './catalogue';
+
+const KEY = 'gcs-values';
+/** More would push the cards off the screen. */
+export const MOST = 18;
+
+function stored(): string | null {
+  try {
+    return localStorage.getItem(KEY);
+  } catch {
+    return null; // storage forbidden
+  }
+}
+
+class ValueChoice {
+  ids = $state.raw<readonly string[]>(readChoice(stored()));
+  editing = $state(false);
+
+  add(id: string): void {
+    if (this.ids.length < MOST && BY_ID.has(id) && !this.ids.includes(id)) this.keep([...this.ids, id]);
+  }
+
+  remove(id: string): void {
+    this.keep(this.ids.filter((other) => other !== id));
+  }
+
+  move(from: number, to: number): void {
+    if (to >= 0 && to < this.ids.length && from !== to) this.keep(moved(this.ids, from, to));
+  }
+
+  reset(): void {
+    this.keep([...USUAL]);
+  }
+
+  private keep(ids: readonly string[]): void {
+    this.ids = ids;
+    try {
+      localStorage.setItem(KEY, JSON.stringify(ids));
+    } catch {
+      // not remembered then
+    }
+  }
+}
+
+export const choice = new ValueChoice();
