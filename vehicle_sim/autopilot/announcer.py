@@ -53,6 +53,18 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
     "mavlink_rcv_sp_target_unsup_coord": (28329281, 51),
     "mavlink_rcv_sp_target_gl_invalid_coord": (27739955, 51),
     "orbit_radius_exceeded": (18865022, 17),
+    "mavlink_mission_mis_item_invalid": (33469040, 51),
+    "mavlink_mission_no_transfer": (17216882, 51),
+    "mavlink_mission_op_timeout": (25297520, 51),
+    "mavlink_mission_seq_out_of_bounds": (30345769, 51),
+    "mavlink_mission_wp_unexpected": (23752078, 51),
+    "mavlink_mission_req_ignored": (32060428, 51),
+    "mavlink_mission_partner_id_mismatch2": (20691444, 51),
+    "mavlink_mission_mis_req_ignored_busy": (25790299, 51),
+    "mavlink_mission_ignore_mis_count": (19532089, 51),
+    "mavlink_mission_mis_item_busy": (25323968, 51),
+    "mavlink_mission_ignore_clear": (20980031, 51),
+    "mavlink_mission_state_busy": (25712744, 51),
 }
 
 EVENT_QUEUE_LENGTH: Final = 20

@@ -1,0 +1,294 @@
+"""Compares what the simulator answered in a dialogue with what PX4 did, field by field.
+
+Rules, beside the tolerances below:
+
+- Messages of one kind are aligned in their order; a kind is name and key (command, text, parameter, event).
+- Arming reports are compared by content, as the one in force at the end: PX4 repeats them by its own clock.
+- State messages (HEARTBEAT and its kind) that the recording kept must be among ours of that time.
+- The mode, the arming and the landed state at the end were sampled at 1 Hz: any of the last second counts.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+from driver import HEALTH, STATE_MESSAGES, SUMMARY, TELEMETRY, Answer, Dialogue, Heard, value_of
+
+from vehicle_sim.autopilot.announcer import EVENTS
+
+EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
+
+NOT_COMPARED: dict[str, frozenset[str]] = {
+    "*": frozenset({"time_usec", "time_boot_ms", "event_time_boot_ms", "timestamp", "time_unix_usec"}),
+    "EVENT": frozenset({"sequence"}),
+    "STATUSTEXT": frozenset({"id", "chunk_seq"}),
+    "TIMESYNC": frozenset({"tc1", "ts1", "target_system", "target_component"}),
+    "LINK_NODE_STATUS": frozenset(
+        {"tx_rate", "rx_rate", "messages_sent", "messages_received", "messages_lost", "rx_buf", "tx_buf"}
+    ),
+    "FLIGHT_INFORMATION": frozenset({"flight_uuid", "arming_time_utc", "takeoff_time_utc"}),
+    "GIMBAL_MANAGER_INFORMATION": frozenset({"roll_min", "roll_max"}),
+    "CURRENT_EVENT_SEQUENCE": frozenset({"sequence"}),
+    "RESPONSE_EVENT_ERROR": frozenset({"sequence_oldest_available"}),
+    "LOG_ENTRY": frozenset({"time_utc", "size"}),
+}
+"""Clocks, counters, and what PX4 leaves uninitialised (gimbal roll limits, the targets of its TIMESYNC)."""
+
+ABSOLUTE: dict[str, float] = {
+    "GPS_RAW_INT.lat": 400, "GPS_RAW_INT.lon": 400, "GPS_RAW_INT.alt": 4000, "GPS_RAW_INT.vel": 60,
+    "GPS_RAW_INT.cog": 36000, "GPS_RAW_INT.eph": 30, "GPS_RAW_INT.epv": 60, "GPS_RAW_INT.alt_ellipsoid": 4000,
+    "GPS_RAW_INT.h_acc": 500, "GPS_RAW_INT.v_acc": 500, "GPS_RAW_INT.vel_acc": 200,
+    "GLOBAL_POSITION_INT.lat": 200, "GLOBAL_POSITION_INT.lon": 200, "GLOBAL_POSITION_INT.alt": 2000,
+    "GLOBAL_POSITION_INT.relative_alt": 800, "GLOBAL_POSITION_INT.vx": 15, "GLOBAL_POSITION_INT.vy": 15,
+    "GLOBAL_POSITION_INT.vz": 15, "GLOBAL_POSITION_INT.hdg": 36000,
+    "HOME_POSITION.latitude": 200, "HOME_POSITION.longitude": 200, "HOME_POSITION.altitude": 2000,
+    "HOME_POSITION.x": 2.0, "HOME_POSITION.y": 2.0, "HOME_POSITION.z": 1.5, "HOME_POSITION.q": 0.05,
+    "GPS_GLOBAL_ORIGIN.latitude": 200, "GPS_GLOBAL_ORIGIN.longitude": 200, "GPS_GLOBAL_ORIGIN.altitude": 3000,
+    "HIGHRES_IMU.xacc": 0.6, "HIGHRES_IMU.yacc": 0.6, "HIGHRES_IMU.zacc": 0.6, "HIGHRES_IMU.xgyro": 0.05,
+    "HIGHRES_IMU.ygyro": 0.05, "HIGHRES_IMU.zgyro": 0.05, "HIGHRES_IMU.xmag": 0.03, "HIGHRES_IMU.ymag": 0.03,
+    "HIGHRES_IMU.zmag": 0.03, "HIGHRES_IMU.abs_pressure": 60, "HIGHRES_IMU.pressure_alt": 6,
+    "HIGHRES_IMU.temperature": 2.0,
+    "SCALED_IMU.xacc": 60, "SCALED_IMU.yacc": 60, "SCALED_IMU.zacc": 60, "SCALED_IMU.xgyro": 50,
+    "SCALED_IMU.ygyro": 50, "SCALED_IMU.zgyro": 50, "SCALED_IMU.xmag": 30, "SCALED_IMU.ymag": 30,
+    "SCALED_IMU.zmag": 30,
+    "ATTITUDE.roll": 0.03, "ATTITUDE.pitch": 0.03, "ATTITUDE.yaw": 0.08, "ATTITUDE.rollspeed": 0.03,
+    "ATTITUDE.pitchspeed": 0.03, "ATTITUDE.yawspeed": 0.03, "VFR_HUD.groundspeed": 0.15, "VFR_HUD.alt": 2.0,
+    "VFR_HUD.climb": 0.15, "VFR_HUD.heading": 360, "ATTITUDE_TARGET.q": 0.08,
+    "ALTITUDE.altitude_monotonic": 4, "ALTITUDE.altitude_amsl": 2, "ALTITUDE.altitude_local": 1.5,
+    "ALTITUDE.altitude_relative": 1.0, "ALTITUDE.altitude_terrain": 1.5, "ALTITUDE.bottom_clearance": 1.0,
+    "ESTIMATOR_STATUS.vel_ratio": 0.5, "ESTIMATOR_STATUS.pos_horiz_ratio": 0.5,
+    "ESTIMATOR_STATUS.pos_vert_ratio": 0.5, "ESTIMATOR_STATUS.mag_ratio": 0.5,
+    "ESTIMATOR_STATUS.hagl_ratio": 0.5, "ESTIMATOR_STATUS.pos_horiz_accuracy": 0.5,
+    "ESTIMATOR_STATUS.pos_vert_accuracy": 0.5, "VIBRATION.vibration_x": 0.1, "VIBRATION.vibration_y": 0.1,
+    "VIBRATION.vibration_z": 0.5, "MOUNT_ORIENTATION.yaw_absolute": 5.0, "MOUNT_ORIENTATION.roll": 1.5,
+    "MOUNT_ORIENTATION.pitch": 1.5, "MOUNT_ORIENTATION.yaw": 1.5, "GIMBAL_DEVICE_ATTITUDE_STATUS.q": 0.05,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS.angular_velocity_x": 0.05,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS.angular_velocity_y": 0.05,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS.angular_velocity_z": 0.05, "BATTERY_STATUS.voltages": 300,
+    "SYS_STATUS.voltage_battery": 300, "SYS_STATUS.load": 100, "SYS_STATUS.battery_remaining": 2,
+    "BATTERY_STATUS.battery_remaining": 2,
+    "ORBIT_EXECUTION_STATUS.radius": 1e-3, "ORBIT_EXECUTION_STATUS.x": 200, "ORBIT_EXECUTION_STATUS.y": 200,
+    "ORBIT_EXECUTION_STATUS.z": 2.0,
+}  # fmt: skip
+"""In the field's unit: noise of sensors and estimates, wandering of home and heading, battery charge."""
+
+ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8, "afx": 2.0, "afy": 2.0,
+                  "afz": 2.0, "yaw": 0.15, "yaw_rate": 0.1, "q": 0.08, "body_roll_rate": 0.3,
+                  "body_pitch_rate": 0.3, "body_yaw_rate": 0.3, "thrust": 0.08}  # fmt: skip
+"""In m, m/s, m/s², rad: what the controllers followed while the vehicle wandered with its GPS."""
+
+Row = tuple[str, str, Any, Any]
+RATE_TOLERANCE = 0.1
+STREAMED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
+"""Compared by their number and by the fields of the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One cell of the table."""
+
+    dialogue: str
+    message: str
+    field: str
+    px4: Any
+    ours: Any
+
+    def __str__(self) -> str:
+        return f"{self.dialogue} | {self.message} | {self.field} | {self.px4} | {self.ours}"
+
+
+def compare(dialogue: Dialogue, answer: Answer) -> list[Difference]:
+    """All differences of one dialogue."""
+    name = dialogue["id"]
+    for entry in dialogue["received"]:
+        if "decoded" in entry:
+            EVENT_NAMES.setdefault(entry["fields"]["id"], entry["decoded"]["name"])
+    theirs = [
+        Heard(e["dt_s"], e["msg"], {k: value_of(v) for k, v in e["fields"].items()})
+        for e in dialogue["received"]
+        if "link" not in e
+    ]
+    out: list[Row] = []
+    out += _reports(theirs, answer)
+    out += _states(theirs, answer)
+    mine = [h for h in answer.heard if h.name not in STATE_MESSAGES and not _in_report(h)]
+    rest = [h for h in theirs if h.name not in STATE_MESSAGES and not _in_report(h)]
+    thinned = "received_total" in dialogue or "kept" in dialogue.get("summary", {})
+    for kind in dict.fromkeys(h.name for h in (*rest, *mine)):
+        out += _align(kind, _joined(rest, kind), _joined(mine, kind), thinned)
+    out += _end(dialogue, answer)
+    return [Difference(name, *row) for row in out]
+
+
+def _in_report(heard: Heard) -> bool:
+    if heard.name != "EVENT":
+        return False
+    event_id = heard.values["id"]
+    return event_id in (SUMMARY, HEALTH) or EVENT_NAMES.get(event_id, "").startswith("check_")
+
+
+def _joined(heard: list[Heard], kind: str) -> list[Heard]:
+    same = [h for h in heard if h.name == kind]
+    if kind == "STATUSTEXT":
+        texts: dict[int, Heard] = {}
+        for h in same:
+            old = texts.get(h.values["id"])
+            text = (old.values["text"] if old else "") + _plain(h.values["text"])
+            texts[h.values["id"]] = Heard(h.dt_s, kind, {"severity": h.values["severity"], "text": text})
+        return list(texts.values())
+    if kind == "SERIAL_CONTROL" and same:
+        text = "".join(_serial_text(h.values) for h in same)
+        return [Heard(same[0].dt_s, kind, {"text": text})]
+    if kind == "FILE_TRANSFER_PROTOCOL":
+        return [Heard(h.dt_s, kind, _ftp(h.values["payload"])) for h in same]
+    return same
+
+
+def _serial_text(values: dict[str, Any]) -> str:
+    if "text" in values:
+        return values["text"]
+    return bytes(values["data"][: values["count"]]).decode("utf-8", "replace")
+
+
+def _ftp(payload: Any) -> dict[str, Any]:
+    if isinstance(payload, dict):
+        return payload
+    raw = bytes(payload)
+    seq, session, opcode, size, req, burst, padding, offset = struct.unpack("<HBBBBBBI", raw[:12])
+    return {
+        "seq_number": seq, "session": session, "opcode": opcode, "size": size, "req_opcode": req,
+        "burst_complete": burst, "padding": padding, "offset": offset, "data_hex": raw[12 : 12 + size].hex(),
+    }  # fmt: skip
+
+
+def _key(heard: Heard) -> Any:
+    v = heard.values
+    match heard.name:
+        case "COMMAND_ACK" | "COMMAND_LONG" | "COMMAND_INT":
+            return v["command"]
+        case "STATUSTEXT":
+            return v["text"]
+        case "EVENT":
+            return EVENT_NAMES.get(v["id"], v["id"])
+        case "PARAM_VALUE":
+            return v["param_id"]
+        case "MISSION_ITEM_INT" | "MISSION_ITEM" | "MISSION_REQUEST_INT" | "MISSION_REQUEST":
+            return v["seq"]
+        case _:
+            return ""
+
+
+def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool) -> list[Row]:
+    out: list[Row] = []
+    if kind in TELEMETRY and not theirs:
+        return out
+    if kind in STREAMED or (len(theirs) > 8 and len({_key(h) for h in theirs}) == 1):
+        if not thinned and abs(len(theirs) - len(ours)) > max(1, RATE_TOLERANCE * len(theirs)):
+            out.append((kind, "(number)", len(theirs), len(ours)))
+        theirs, ours = theirs[:1], ours[:1]
+    if kind in TELEMETRY and kind != "PING":
+        theirs, ours = theirs[:1], ours[:1]  # asked for, and streamed as well
+    if thinned:
+        theirs, ours = _distinct(theirs), _distinct(ours)
+    a, b = [_key(h) for h in theirs], [_key(h) for h in ours]
+    for tag, i0, i1, j0, j1 in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
+        if tag == "equal":
+            for real, own in zip(theirs[i0:i1], ours[j0:j1], strict=True):
+                out += _fields(kind, real.values, own.values)
+            continue
+        out += [(kind, "(missing)", key, "–") for key in a[i0:i1]]
+        if not thinned or kind in ("COMMAND_ACK", "STATUSTEXT"):
+            out += [(kind, "(extra)", "–", key) for key in b[j0:j1]]
+    return out
+
+
+def _distinct(heard: list[Heard]) -> list[Heard]:
+    """One of each kind in sorted order: a thinned recording has lost numbers and places."""
+    return [h for _, h in sorted({str(_key(h)): h for h in heard}.items())]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes | bytearray | tuple):
+        value = list(value)
+    return value.rstrip("\0") if isinstance(value, str) else value
+
+
+def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
+    skipped = NOT_COMPARED["*"] | NOT_COMPARED.get(kind, frozenset())
+    out: list[Row] = []
+    for name, value in real.items():
+        if name in skipped or name not in own or name == "int_value":
+            continue
+        a, b = _plain(value), _plain(own[name])
+        if name == "param_value" and "int_value" in real:
+            a = real["int_value"] & 0xFFFFFFFF
+            b = struct.unpack("<I", struct.pack("<f", own[name]))[0]
+        if not same(a, b, ABSOLUTE.get(f"{kind}.{name}")):
+            out.append((kind, f"{_label(kind, real)}{name}", a, b))
+    return out
+
+
+def _label(kind: str, values: dict[str, Any]) -> str:
+    key = _key(Heard(0, kind, values))
+    return f"[{key}]." if key != "" else ""
+
+
+def same(a: Any, b: Any, tolerance: float | None = None) -> bool:
+    """Equal, or near enough; lists element by element."""
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(same(x, y, tolerance) for x, y in zip(a, b, strict=True))
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        if math.isnan(a) or math.isnan(b):
+            return math.isnan(a) and math.isnan(b)
+        if tolerance is not None:
+            return abs(a - b) <= tolerance
+        if isinstance(a, int) and isinstance(b, int):
+            return a == b
+        return a == b or abs(a - b) <= 2e-6 * max(abs(a), abs(b), 1e-3)
+    return a == b
+
+
+def _reports(theirs: list[Heard], answer: Answer) -> list[Row]:
+    events = [h for h in theirs if _in_report(h)]
+    ends = [n for n, h in enumerate(events) if h.values["id"] == HEALTH]
+    if not ends or not any(h.values["id"] == SUMMARY for h in events[: ends[-1]]):
+        return []
+    first = max(n for n, h in enumerate(events[: ends[-1]]) if h.values["id"] == SUMMARY)
+    return _align("EVENT", events[first : ends[-1] + 1], answer.report, thinned=False)
+
+
+def _states(theirs: list[Heard], answer: Answer) -> list[Row]:
+    out: list[Row] = []
+    for real in theirs:
+        if real.name not in STATE_MESSAGES:
+            continue
+        own = [h for h in (*answer.heard, *answer.after) if h.name == real.name]
+        if real.name in answer.before:
+            own.insert(0, answer.before[real.name])
+        found = [_fields(real.name, real.values, h.values) for h in own]
+        if not found:
+            out.append((real.name, "(missing)", real.values, "–"))
+        elif all(found):
+            out += min(found, key=len)
+    return out
+
+
+def _end(dialogue: Dialogue, answer: Answer) -> list[Row]:
+    out: list[Row] = []
+    for name in ("armed", "custom_mode", "landed_state"):
+        real = dialogue["state_after"].get(name)
+        own = list(dict.fromkeys(state[name] for state in answer.states))
+        if real is not None and real not in own:
+            out.append(("(state after)", name, real, own))
+    for name, real in dialogue.get("echo_at_end", {}).items():
+        own = answer.echo.get(name.upper(), {})
+        for field_name, value in (real or {}).items():
+            if name == "local_position_ned" or field_name.startswith("time"):
+                continue
+            if not same(value_of(value), _plain(own.get(field_name)), ECHO_TOLERANCE.get(field_name)):
+                out.append((f"(echo) {name.upper()}", field_name, value, _plain(own.get(field_name))))
+    return out

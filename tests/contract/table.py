@@ -1,0 +1,42 @@
+"""Prints the table of differences: `python tests/contract/table.py [group…]`."""
+
+import os
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from compare import compare  # noqa: E402
+from driver import Player, sessions  # noqa: E402
+
+
+def main() -> None:
+    folder = HERE.parents[2] / "shared" / "px4" / "dialogues"
+    rows: Counter[str] = Counter()
+    bad: set[str] = set()
+    total = 0
+    for name, dialogues in sessions(folder):
+        if len(sys.argv) > 1 and not any(name.startswith(each) for each in sys.argv[1:]):
+            continue
+        began = time.perf_counter()
+        player, count = Player(), 0
+        for dialogue in dialogues:
+            total += 1
+            for difference in compare(dialogue, player.play(dialogue)):
+                print(str(difference)[:420])
+                rows[f"{difference.message} {difference.field}"] += 1
+                bad.add(name + dialogue["id"])
+                count += 1
+        spent_s = time.perf_counter() - began
+        print(f"## {name}: {len(dialogues)} dialogues, {count} differences, {spent_s:.1f} s")
+    print(f"{len(bad)} of {total} differ")
+    if os.environ.get("SUMMARY"):
+        for what, count in rows.most_common(60):
+            print(count, what)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Which items PX4's mission protocol stores, how it refuses the others, and the id of a stored plan."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+ACCEPTED, ERROR, UNSUPPORTED_FRAME, UNSUPPORTED, NO_SPACE, INVALID_SEQUENCE = 0, 1, 2, 3, 4, 13
+CANCELLED = 15
+"""MAV_MISSION_RESULT."""
+MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
+"""MAV_MISSION_TYPE."""
+CAPACITY: Final[dict[int, int]] = {MISSION: 10_000, FENCE: 64, RALLY: 32}
+"""Items PX4 has room for in SITL."""
+
+FRAME_MISSION = 2
+_GLOBAL_FRAMES = frozenset({0, 3})
+_GLOBAL_INT_FRAMES = frozenset({5, 6})
+_POLYGON_VERTICES = frozenset({5001, 5002})
+_FENCE_ITEMS = frozenset({5000, 5001, 5002, 5003, 5004})
+_RALLY_POINT = 5100
+_PLACES = _FENCE_ITEMS | {16, 17, 19, 21, 22, 31, 84, 85, 195, 201, 4501, _RALLY_POINT}
+"""Commands stored with a global frame."""
+_DOES = frozenset(
+    {20, 93, 112, 114, 177, 178, 179, 183, 187, 189, 196, 197, 200, 203, 204, 205, 206, 211, 214, 260, 530,
+     531, 532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
+)  # fmt: skip
+"""Commands stored with the frame "mission"."""
+_LEAST_VERTICES = 3
+
+_CRC_ITEM = struct.Struct("<BHB4fiif")
+_POLYNOMIAL = 0xEDB88320
+
+
+def _crc_table() -> tuple[int, ...]:
+    table: list[int] = []
+    for n in range(256):
+        for _ in range(8):
+            n = (n >> 1) ^ (_POLYNOMIAL if n & 1 else 0)
+        table.append(n)
+    return tuple(table)
+
+
+_TABLE = _crc_table()
+
+
+def result_of(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
+    """Whether PX4 stores the item (fields of MISSION_ITEM or _INT): MAV_MISSION_RESULT."""
+    frame, command = item["frame"], item["command"]
+    if frame in _GLOBAL_FRAMES or (as_int and frame in _GLOBAL_INT_FRAMES):
+        known = command in _PLACES
+    elif frame == FRAME_MISSION:
+        known = command in _DOES
+    else:
+        return UNSUPPORTED_FRAME
+    if not known:
+        return UNSUPPORTED
+    return ERROR if misplaced(kind, item) else ACCEPTED
+
+
+def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
+    """Fence and rally items in a mission, or polygons of too few vertices: refused without a text."""
+    command = item["command"]
+    if kind == MISSION:
+        return command in _FENCE_ITEMS or command == _RALLY_POINT
+    if kind == FENCE and command in _POLYGON_VERTICES:
+        vertices = item["param1"]
+        return not (math.isfinite(vertices) and int(vertices + 0.5) >= _LEAST_VERTICES)
+    return False
+
+
+def opaque_id(items: Sequence[Mapping[str, Any]]) -> int:
+    """PX4's id of a plan: a CRC32 over the items, neither started nor ended with ones; 0 for no items."""
+    crc = 0
+    for i in items:
+        packed = _CRC_ITEM.pack(
+            i["frame"], i["command"], i["autocontinue"], i["param1"], i["param2"], i["param3"], i["param4"],
+            i["x"], i["y"], i["z"],
+        )  # fmt: skip
+        for byte in packed:
+            crc = _TABLE[(crc ^ byte) & 0xFF] ^ (crc >> 8)
+    return crc
