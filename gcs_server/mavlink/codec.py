@@ -17,10 +17,13 @@ from gcs_server.mavlink.tables import CRC_EXTRA, LAYOUTS
 
 STX_V1, STX_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2, CHECKSUM, SIGNATURE = 6, 10, 2, 13
+LEAST_V2 = HEADER_V2 + CHECKSUM
 SIGNED = 0x01
 
 _crc = fastcrc.crc16.mcrf4xx
 _header_v2 = struct.Struct("<BBBBBBBHB")
+_header_v2_tail = struct.Struct("<xBBBBBBHB").unpack_from
+"""What follows the first byte."""
 _checksum = struct.Struct("<H")
 
 
@@ -61,13 +64,26 @@ class FrameParser:
         self.crc_errors = 0
         self.lost: dict[tuple[int, int], int] = {}
         """Frames missed, by the gaps in the sequence numbers, per (system, component)."""
-        self._last_seq: dict[tuple[int, int], int] = {}
+        self._last_seq: dict[int, int] = {}
+        """By system id * 256 + component id."""
         self._rest = b""
 
     def feed(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
         """All frames that are complete now."""
         if self._rest:
-            data = self._rest + data
+            return self._cut(self._rest + data, received_monotonic_s)
+        # nearly always a datagram is one good unsigned frame: seen at a glance, else looked at with care
+        size = len(data)
+        if size > LEAST_V2 and data[0] == STX_V2 and data[1] + LEAST_V2 == size and not data[2]:
+            _, _, _, seq, system_id, component_id, low, high = _header_v2_tail(data)
+            msg_id = low | high << 16
+            extra = CRC_EXTRA.get(msg_id)
+            if extra is not None and _crc(data[1:-2] + extra) == data[-2] | data[-1] << 8:
+                self._count(system_id, component_id, seq)
+                return [Frame(msg_id, system_id, component_id, seq, data, received_monotonic_s)]
+        return self._cut(data, received_monotonic_s)
+
+    def _cut(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
         frames: list[Frame] = []
         position, size = 0, len(data)
         while position < size:
@@ -119,14 +135,7 @@ class FrameParser:
         elif _crc(data[at + 1 : end - 2] + extra) != data[end - 2] | data[end - 1] << 8:
             self.crc_errors += 1
             return None
-        self.frames += 1
-        key = (system_id, component_id)
-        last = self._last_seq.get(key)
-        self._last_seq[key] = seq
-        if last is not None and seq != (last + 1) & 0xFF:
-            gap = (seq - last - 1) & 0xFF
-            if gap < 128:  # more: an older frame came late, or the sender began anew
-                self.lost[key] = self.lost.get(key, 0) + gap
+        self._count(system_id, component_id, seq)
         return Frame(
             msg_id,
             system_id,
@@ -136,6 +145,17 @@ class FrameParser:
             now_s,
             extra is not None,
         )
+
+    def _count(self, system_id: int, component_id: int, seq: int) -> None:
+        self.frames += 1
+        key = system_id << 8 | component_id
+        last = self._last_seq.get(key)
+        self._last_seq[key] = seq
+        if last is not None and seq != (last + 1) & 0xFF:
+            gap = (seq - last - 1) & 0xFF
+            if gap < 128:  # more: an older frame came late, or the sender began anew
+                of = (system_id, component_id)
+                self.lost[of] = self.lost.get(of, 0) + gap
 
 
 def _next_start(data: bytes, position: int, size: int) -> int:

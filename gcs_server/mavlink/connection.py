@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from gcs_server.clock import Clock
 from gcs_server.links.base import Link, LinkInfo, Peer
 from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame
-from gcs_server.mavlink.tlog_writer import TlogChannel
+from gcs_server.mavlink.tlog_writer import TlogChannel, stamp
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class Connection:
         self._on_peer_gone = on_peer_gone
         self._on_state = on_state
         self._parsers: dict[str, FrameParser] = {}
-        self._stamped_s, self._stamp_us = -1.0, 0
+        self._stamped_s, self._stamp = -1.0, b""
         """When the newest bytes came, and what the recording calls that."""
         self._gone = ParserCounts(0, 0, 0, 0, 0)
         """Of peers that have gone."""
@@ -162,9 +162,9 @@ class Connection:
             return
         if self._recording is not None:
             if received_s != self._stamped_s:  # many datagrams are read in one go
-                self._stamped_s, self._stamp_us = received_s, int(self._clock.unix_s() * 1e6)
+                self._stamped_s, self._stamp = received_s, stamp(int(self._clock.unix_s() * 1e6))
             for frame in frames:
-                self._recording.append(self._stamp_us, frame.raw)
+                self._recording.append(self._stamp, frame.raw)
         if is_new:
             self._on_new_peer(self, peer)
         on_frame = self._on_frame
@@ -180,7 +180,7 @@ class Connection:
 
     def _record(self, raw: bytes) -> None:
         if self._recording is not None:
-            self._recording.append(int(self._clock.unix_s() * 1e6), raw)
+            self._recording.append(stamp(int(self._clock.unix_s() * 1e6)), raw)
 
 
 def _counts_of(parser: FrameParser) -> ParserCounts:

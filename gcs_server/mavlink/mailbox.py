@@ -62,7 +62,8 @@ class Mailbox:
     def __init__(self, decode: Callable[[Frame], MAVLink_message | None]) -> None:
         self._decode = decode
         self._waiters: list[Waiter] = []
-        self._awaited: frozenset[int] = frozenset()
+        self.awaited: frozenset[int] = frozenset()
+        """Message ids for which somebody waits; `deliver` does nothing with others."""
 
     @contextmanager
     def expect(self, *msg_ids: int, matches: Matches | None = None) -> Generator[Waiter]:
@@ -78,7 +79,7 @@ class Mailbox:
 
     def deliver(self, frame: Frame) -> None:
         """Gives a frame to who waits for it; cheap when nobody does."""
-        if frame.msg_id not in self._awaited:
+        if frame.msg_id not in self.awaited:
             return
         message = self._decode(frame)
         if message is None:
@@ -93,4 +94,4 @@ class Mailbox:
             waiter.fail(error)
 
     def _refresh(self) -> None:
-        self._awaited = frozenset[int]().union(*(w.msg_ids for w in self._waiters))
+        self.awaited = frozenset[int]().union(*(w.msg_ids for w in self._waiters))

@@ -14,6 +14,7 @@ import re
 import shutil
 import struct
 import threading
+from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,12 +23,17 @@ from gcs_server.links.base import Recording
 log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
-BACKLOG_LIMIT_BYTES = 16_000_000
-"""What may wait for a stalled disk, a link; more stops that recording."""
+BACKLOG_LIMIT_FRAMES = 150_000
+"""What may wait for a stalled disk, a link (15 MB, half a minute of fifty vehicles); more stops it."""
 TRY_AGAIN_FLUSHES = 40
 """A stopped recording is tried again after so many flushes."""
 
 _time = struct.Struct(">Q")
+
+
+def stamp(time_us: int) -> bytes:
+    """A record's time (since 1970), as `TlogChannel.append` wants it."""
+    return _time.pack(time_us)
 
 
 class TlogChannel:
@@ -39,32 +45,29 @@ class TlogChannel:
         """Why nothing is recorded, for people; empty while all is well."""
         self.path: Path | None = None
         self.closing = False
-        self._lock = threading.Lock()
-        self._waiting = bytearray()
+        self._waiting: deque[bytes] = deque()
+        """Records; many threads append and the recorder takes, which a deque allows without a lock."""
         self._file: int | None = None
         self._began_unix_s: float | None = None
         self._size = 0
         self._flushes_until_retry = 0
 
-    def append(self, time_us: int, raw: bytes) -> None:
-        """One frame, heard or sent."""
-        if self.problem:
-            return
-        with self._lock:
-            self._waiting += _time.pack(time_us) + raw
+    def append(self, when: bytes, raw: bytes) -> None:
+        """One frame, heard or sent, with its `stamp`."""
+        if not self.problem and len(self._waiting) < BACKLOG_LIMIT_FRAMES:
+            self._waiting.append(when + raw)
 
-    def take(self) -> bytearray:
-        """Everything that waits since the last time."""
-        with self._lock:
-            taken, self._waiting = self._waiting, bytearray()
-        return taken
+    def take(self) -> bytes:
+        """Everything that waits since the last time; for the recorder's thread alone."""
+        waiting = self._waiting
+        return b"".join([waiting.popleft() for _ in range(len(waiting))])
 
     @property
-    def backlog_bytes(self) -> int:
+    def backlog_frames(self) -> int:
         """What waits to be written."""
         return len(self._waiting)
 
-    def write(self, directory: Path, data: bytes | bytearray, time_us: int, max_bytes: int) -> None:
+    def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:
         """Called by the recorder's thread; raises OSError, having taken back a torn record."""
         if self._file is not None and self._size and self._size + len(data) > max_bytes:
             self.end()
@@ -174,17 +177,17 @@ class TlogRecorder:
                     log.info("recording of %s goes on", channel.link)
                     channel.problem = ""
                 continue
-            if too_full and channel.backlog_bytes:
+            if too_full and channel.backlog_frames:
                 self._stopped(channel, too_full)
                 continue
             self._write(channel)
-            if channel.closing and not channel.backlog_bytes:
+            if channel.closing and not channel.backlog_frames:
                 channel.end()
                 with self._lock:
                     self._channels.remove(channel)
 
     def _write(self, channel: TlogChannel) -> None:
-        if channel.backlog_bytes > BACKLOG_LIMIT_BYTES:
+        if channel.backlog_frames >= BACKLOG_LIMIT_FRAMES:
             self._stopped(channel, "The disk is too slow: too much waits to be written.")
             return
         data = channel.take()

@@ -23,6 +23,7 @@ ASK_EVERY_S = 1.0
 ASK_TIMES = 5
 ASK_RARELY_S = 30.0
 OTHER_MARK = "~"
+VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ class Fleet(FrameSink):
             if endpoint is None:
                 return
         endpoint.hear(frame)
-        if frame.msg_id == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION and frame.component_id == endpoint.component_id:
+        if frame.msg_id == VERSION_ID and frame.component_id == endpoint.component_id:
             self._version(endpoint, frame)
         vehicle = endpoint.vehicle
         if vehicle is None:
@@ -128,7 +129,7 @@ class Fleet(FrameSink):
                 if vehicle is not None:
                     vehicle.detach(endpoint)
                     if vehicle.identity.replayed and not vehicle.endpoints:
-                        self._remove(vehicle, "its recording was closed")
+                        self._remove(vehicle, "its recording was closed or went to another moment")
 
     def tick(self) -> None:
         """Four times a second."""
@@ -200,8 +201,9 @@ class Fleet(FrameSink):
             firmware=None,
             capabilities=None,
         )
-        vehicle = Vehicle(vehicle_id, identity, self._clock, self._own_ids)
-        vehicle.events.subscribe(self._publish)
+        link = endpoint.connection.link
+        vehicle = Vehicle(vehicle_id, identity, link.clock or self._clock, self._own_ids)
+        vehicle.events.subscribe(lambda event: None if link.quiet else self._publish(event))
         vehicle.attach(endpoint)
         self._vehicles[vehicle_id] = vehicle
         for callback in self._on_added:

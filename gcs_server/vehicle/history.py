@@ -34,17 +34,26 @@ class History:
     def keep(self, latest: dict[int, Frame], now_s: float) -> None:
         """Keeps what is new among the newest frames, and drops what is older than `HISTORY_S`.
 
-        One older frame of each message stays: it is what held when the remembered time began.
+        One older frame of each message stays: it is what held when the remembered time began. A message
+        that has fallen silent keeps its past until it comes again.
         """
-        before_s = now_s - HISTORY_S
-        for msg_id, past in self._kept.items():
-            frame = latest.get(msg_id)
-            if frame is not None and frame is not self._last.get(msg_id):
-                self._last[msg_id] = frame
-                received_s = frame.received_monotonic_s
-                past.append(
-                    (now_s, msg_id, received_s, frame.system_id, frame.component_id, frame.seq, frame.raw)
+        before_s, kept, last = now_s - HISTORY_S, self._kept, self._last
+        for msg_id, frame in latest.items():
+            if frame is last.get(msg_id) or msg_id not in kept:
+                continue
+            last[msg_id] = frame
+            past = kept[msg_id]
+            past.append(
+                (
+                    now_s,
+                    msg_id,
+                    frame.received_monotonic_s,
+                    frame.system_id,
+                    frame.component_id,
+                    frame.seq,
+                    frame.raw,
                 )
+            )
             while len(past) > 1 and past[1][0] < before_s:
                 past.popleft()
 

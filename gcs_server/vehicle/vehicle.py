@@ -59,6 +59,8 @@ class Vehicle:
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self._narrator.event(full_payload(f)),
         }
+        self._notable = frozenset((*REDUCERS, *self._special))
+        """Messages that do more than become the newest of their kind."""
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
         self.params = ParamService(self)
@@ -147,17 +149,17 @@ class Vehicle:
 
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """A frame of this vehicle's, from one of its endpoints."""
-        msg_id = frame.msg_id
-        before = self._state.facts
-        if self._state.take(frame):
-            if msg_id in REDUCERS:
-                self._narrator.facts(before, self._state.facts)
-                if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
-                    self._heartbeat()
+        state, msg_id = self._state, frame.msg_id
+        before = state.facts
+        if state.take(frame) and msg_id in self._notable:
+            if state.facts is not before:
+                self._narrator.facts(before, state.facts)
+            if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+                self._heartbeat()
             special = self._special.get(msg_id)
             if special is not None:
                 special(frame, endpoint)
-        if frame.known:
+        if msg_id in self.mailbox.awaited and frame.known:
             self.mailbox.deliver(frame)
 
     def attach(self, endpoint: Endpoint) -> None:

@@ -7,10 +7,10 @@ import subprocess
 import sys
 import time
 
-from gcs_server.links.tlog import read_tlog
 from gcs_server.mavlink import tlog_writer
 from gcs_server.mavlink.codec import encode_frame
-from gcs_server.mavlink.tlog_writer import TlogRecorder
+from gcs_server.mavlink.tlog_writer import TlogRecorder, stamp
+from gcs_server.replay.records import read_tlog
 
 NOW_US = 1_700_000_000_000_000
 FRAME = encode_frame(0, b"\x01" * 9, 0, 1, 1)
@@ -28,7 +28,7 @@ def test_what_is_appended_is_read_back(tmp_path):
     tape = recorder(tmp_path / "logs")
     channel = tape.channel("udpin-127.0.0.1/14550")
     for n in range(100):
-        channel.append(NOW_US + n, FRAME)
+        channel.append(stamp(NOW_US + n), FRAME)
     tape.close()
     (path,) = files(tmp_path / "logs")
     assert path.name == "20231114-221320-udpin-127.0.0.1_14550.tlog"
@@ -46,7 +46,7 @@ def test_it_is_rotated_by_size_between_records(tmp_path):
     tape = recorder(tmp_path, max_bytes=1000)
     channel = tape.channel("a")
     for n in range(100):
-        channel.append(NOW_US + n, FRAME)
+        channel.append(stamp(NOW_US + n), FRAME)
         tape.flush()
     tape.close()
     assert len(files(tmp_path)) > 2
@@ -59,7 +59,7 @@ def test_it_is_rotated_by_size_between_records(tmp_path):
 def test_a_full_disk_stops_the_recording_not_the_caller_and_room_lets_it_go_on(tmp_path, monkeypatch):
     tape = recorder(tmp_path)
     channel = tape.channel("a")
-    channel.append(NOW_US, FRAME)
+    channel.append(stamp(NOW_US), FRAME)
     tape.flush()
     real_write, full = os.write, True
 
@@ -72,18 +72,18 @@ def test_a_full_disk_stops_the_recording_not_the_caller_and_room_lets_it_go_on(t
 
     monkeypatch.setattr(tlog_writer.os, "write", write)
     monkeypatch.setattr(tlog_writer, "TRY_AGAIN_FLUSHES", 2)
-    channel.append(NOW_US + 1, FRAME)
+    channel.append(stamp(NOW_US + 1), FRAME)
     tape.flush()
     ((link, why),) = tape.problems()
     assert link == "a"
     assert "No space left" in why
-    channel.append(NOW_US + 2, FRAME)
-    assert channel.backlog_bytes == 0
+    channel.append(stamp(NOW_US + 2), FRAME)
+    assert channel.backlog_frames == 0
     full = False
     tape.flush()
     tape.flush()
     assert tape.problems() == []
-    channel.append(NOW_US + 3, FRAME)
+    channel.append(stamp(NOW_US + 3), FRAME)
     tape.close()
     assert [t for path in files(tmp_path) for t, _ in read_tlog(path)] == [NOW_US, NOW_US + 3]
     assert files(tmp_path)[0].stat().st_size == 8 + len(FRAME)
@@ -92,7 +92,7 @@ def test_a_full_disk_stops_the_recording_not_the_caller_and_room_lets_it_go_on(t
 def test_too_little_room_is_said_in_numbers(tmp_path):
     tape = recorder(tmp_path, keep_free_bytes=10**18)
     channel = tape.channel("a")
-    channel.append(NOW_US, FRAME)
+    channel.append(stamp(NOW_US), FRAME)
     tape.flush()
     assert "are kept free" in tape.problems()[0][1]
     assert files(tmp_path) == []
@@ -100,11 +100,12 @@ def test_too_little_room_is_said_in_numbers(tmp_path):
 
 
 def test_a_stalled_disk_is_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_BYTES", 100)
+    monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_FRAMES", 5)
     tape = recorder(tmp_path)
     channel = tape.channel("a")
     for n in range(10):
-        channel.append(NOW_US + n, FRAME)
+        channel.append(stamp(NOW_US + n), FRAME)
+    assert channel.backlog_frames == 5
     tape.flush()
     assert "too slow" in tape.problems()[0][1]
     tape.close()
@@ -113,7 +114,7 @@ def test_a_stalled_disk_is_bounded(tmp_path, monkeypatch):
 def test_a_removed_link_ends_its_file(tmp_path):
     tape = recorder(tmp_path)
     channel = tape.channel("a")
-    channel.append(NOW_US, FRAME)
+    channel.append(stamp(NOW_US), FRAME)
     channel.closing = True
     tape.flush()
     assert tape._channels == []
@@ -122,9 +123,10 @@ def test_a_removed_link_ends_its_file(tmp_path):
 
 def test_a_killed_server_leaves_what_was_flushed(tmp_path):
     program = (
-        "import sys,time;from pathlib import Path;from gcs_server.mavlink.tlog_writer import TlogRecorder\n"
+        "import sys,time;from pathlib import Path\n"
+        "from gcs_server.mavlink.tlog_writer import TlogRecorder,stamp\n"
         "t=TlogRecorder(Path(sys.argv[1]),max_bytes=10**9,keep_free_bytes=0);t.start();c=t.channel('a')\n"
-        f"[c.append({NOW_US}+n,bytes.fromhex('{FRAME.hex()}')) for n in range(500)]\n"
+        f"[c.append(stamp({NOW_US}+n),bytes.fromhex('{FRAME.hex()}')) for n in range(500)]\n"
         "print('ready',flush=True);time.sleep(60)"
     )
     process = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)
