@@ -8,10 +8,13 @@ of `page.py` draws the texts where the nodes are.
 from __future__ import annotations
 
 import html
+from typing import Literal
 
 import viser
 
 from gcs_server.scene.frames import Vector3
+
+Side = Literal["above", "below", "sign"]
 
 EVERY_S = 0.2
 """Figures that change faster than this cannot be read."""
@@ -21,13 +24,13 @@ class Label:
     """A tag at a point of the scene.
 
     Args:
-        below: hangs under the point instead of standing over it.
+        side: over the point or hanging under it; a sign is a letter at the point, without a frame.
     """
 
-    def __init__(self, client: viser.ClientHandle, name: str, colour: str, *, below: bool = False) -> None:
+    def __init__(self, client: viser.ClientHandle, name: str, colour: str, *, side: Side = "above") -> None:
         self._node = client.scene.add_frame(name, show_axes=False)
         self.name = name
-        self._side = "below" if below else "above"
+        self._side = side
         self.colour = colour
         self.text = ""
         self.note = ""
@@ -56,11 +59,17 @@ class Board:
         self._said = ""
         self._next_s = 0.0
 
-    def say(self, labels: list[Label], now_s: float) -> None:
-        """Sends the texts if one has changed; at most five times a second."""
+    def say(self, labels: list[Label], now_s: float, *, mode: str, scale: str) -> None:
+        """Sends the texts if one has changed; at most five times a second.
+
+        Args:
+            mode: of the view; looking through the camera has a mark at its middle.
+            scale: what the grid's squares measure.
+        """
         if now_s < self._next_s:
             return
-        text = "".join(label.html() for label in labels)
+        view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
+        text = view + "".join(label.html() for label in labels)
         if text != self._said:
             self._said = text
             self._next_s = now_s + EVERY_S

@@ -41,11 +41,16 @@ _BOOT = """
   const tags = new Map();
   const layer = document.createElement('div');
   layer.className = 'gcs-tags';
+  const scale = document.createElement('em');
+  layer.append(scale);
   addEventListener('DOMContentLoaded', () => document.body.append(layer));
   const apply = (m, [x, y, z, w]) =>
     [0, 1, 2, 3].map((r) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w);
   const sync = () => {
     const wanted = new Set();
+    const view = document.querySelector('[data-gcs-mode]');
+    if (view && view.textContent !== scale.textContent) scale.textContent = view.textContent;
+    if (view && view.dataset.gcsMode !== layer.dataset.mode) layer.dataset.mode = view.dataset.gcsMode;
     for (const source of document.querySelectorAll('[data-gcs-tag]')) {
       const name = source.dataset.gcsTag;
       wanted.add(name);
@@ -59,7 +64,7 @@ _BOOT = """
       const [text, note] = tag.children;
       if (text.textContent !== source.textContent) text.textContent = source.textContent;
       if (note.textContent !== source.dataset.gcsNote) note.textContent = source.dataset.gcsNote;
-      tag.style.borderColor = source.dataset.gcsColour;
+      tag.style.setProperty('--c', source.dataset.gcsColour);
       tag.dataset.side = source.dataset.gcsSide;
     }
     for (const [name, tag] of tags) if (!wanted.has(name)) { tag.remove(); tags.delete(name); }
@@ -78,7 +83,7 @@ _BOOT = """
       if (seen) {
         const [x, y, , w] = apply(projectionMatrix.elements, at);
         const left = ((x / w + 1) / 2) * innerWidth, top = ((1 - y / w) / 2) * innerHeight;
-        const up = tag.dataset.side === 'below' ? 90 : -190;
+        const up = { above: -190, below: 90, sign: -100 }[tag.dataset.side];
         const place = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px) translate(-50%, ${up}%)`;
         if (tag.style.transform !== place) tag.style.transform = place;
       }
@@ -136,10 +141,22 @@ canvas { outline: none; }
 .gcs-tags span {
   position: absolute; left: 0; top: 0; display: flex; gap: 6px; white-space: nowrap; visibility: hidden;
   font: 600 11px/18px Inter, system-ui, "Segoe UI", sans-serif; font-variant-numeric: tabular-nums;
-  padding: 0 8px; border-radius: 10px; border: 1px solid; will-change: transform;
+  padding: 0 8px; border-radius: 10px; border: 1px solid var(--c); will-change: transform;
 }
 .gcs-tags b { font-weight: 600; }
 .gcs-tags small { font-size: 11px; font-weight: 400; }
+.gcs-tags span[data-side="sign"] { border: 0; font-weight: 500; z-index: -1; }
+.gcs-tags em {
+  position: absolute; right: 10px; bottom: 8px; font: 500 11px/16px Inter, system-ui, "Segoe UI", sans-serif;
+  font-variant-numeric: tabular-nums; white-space: nowrap;
+}
+.gcs-tags[data-mode="gimbal"]::before {
+  content: ""; position: absolute; left: 50%; top: 50%; width: 44px; height: 44px; translate: -50% -50%;
+  --bar: linear-gradient(var(--mark), var(--mark));
+  background: var(--bar) 0 50% / 14px 1.5px, var(--bar) 100% 50% / 14px 1.5px, var(--bar) 50% 0 / 1.5px 14px,
+    var(--bar) 50% 100% / 1.5px 14px, radial-gradient(var(--mark) 1.5px, #0000 2px);
+  background-repeat: no-repeat; opacity: 0.85;
+}
 .gcs-tags small:empty { display: none; }
 """
 
@@ -189,5 +206,7 @@ def _theme_style(p: Palette) -> str:
         f"{root}, {root} body {{ background: {p.ground}; color-scheme: {p.theme}; }}"
         f"{root} canvas[data-engine] {{ background: linear-gradient({p.sky}, {p.ground} 47%); }}"
         f"{root} .gcs-tags span {{ background: {p.panel}; color: {p.text}; }}"
-        f"{root} .gcs-tags small {{ color: {p.text_2}; }}"
+        f"{root} .gcs-tags small, {root} .gcs-tags em {{ color: {p.text_2}; }}"
+        f"{root} .gcs-tags {{ --mark: {p.identities[0]}; }}"
+        f'{root} .gcs-tags span[data-side="sign"] {{ background: none; color: {p.text_2}; }}'
     )

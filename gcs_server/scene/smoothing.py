@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from gcs_server.scene.frames import Quaternion, Vector3, normalized
+from gcs_server.scene.frames import Quaternion, Vector3, normalized, yaw_from_q
 from gcs_server.scene.model import ROTOR_SPINS
 from gcs_server.scene.pose import VehiclePose
 
 LAG_S = 0.07
+HEADING_LAG_S = 0.3
+"""Of the chasing camera: an estimate's yaw trembles, and the whole picture would with it."""
 SNAP_M = 15.0
 """Farther than this at once is a jump, and shown as one."""
 SPIN_HZ = 2.6
@@ -22,6 +24,8 @@ class Smoother:
 
     def __init__(self) -> None:
         self.pose: VehiclePose | None = None
+        self.heading_enu_rad = 0.0
+        """Where the chasing camera looks: after the vehicle's nose, calmly."""
         self.rotor_angles_rad: tuple[float, ...] = (0.3, 1.1, 2.0, 2.7)
 
     def step(self, measured: VehiclePose, dt_s: float) -> VehiclePose:
@@ -36,6 +40,7 @@ class Smoother:
             )
         if last is None or math.dist(last.position_enu_m, measured.position_enu_m) > SNAP_M:
             self.pose = measured
+            self.heading_enu_rad = yaw_from_q(measured.q_enu_flu)
             return measured
         share = 1.0 - math.exp(-max(0.0, dt_s) / LAG_S)
         camera = measured.q_body_camera
@@ -47,7 +52,13 @@ class Smoother:
             q_enu_flu=_towards(last.q_enu_flu, measured.q_enu_flu, share),
             q_body_camera=camera,
         )
+        self._turn(yaw_from_q(self.pose.q_enu_flu), dt_s)
         return self.pose
+
+    def _turn(self, yaw_enu_rad: float, dt_s: float) -> None:
+        left = math.remainder(yaw_enu_rad - self.heading_enu_rad, 2 * math.pi)
+        share = 1.0 - math.exp(-max(0.0, dt_s) / HEADING_LAG_S) if abs(left) > SETTLED else 1.0
+        self.heading_enu_rad = math.remainder(self.heading_enu_rad + left * share, 2 * math.pi)
 
 
 def _visible_effort(effort: float) -> float:

@@ -14,10 +14,11 @@ import numpy as np
 import viser
 
 from gcs_server.scene.frames import Vector3
-from gcs_server.scene.labels import Board
+from gcs_server.scene.labels import Board, Label
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.shapes import Shapes, shapes
+from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode, set_pose
@@ -25,6 +26,11 @@ from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, in_world, wor
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Cell sizes; sections are ten of them."""
+FINE_BELOW = 45.0
+"""Higher than this many cells the next coarser grid is drawn."""
+COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+COMPASS_AT_M = 8_000.0
+"""So far that they stand on the horizon, wherever one is."""
 CAMERA_STRAYED_M = 0.02
 FAR_M = 20_000.0
 
@@ -65,6 +71,7 @@ class Stage:
             self._grid = self._add_grid()
             self._marks: Any = None
             self._board = Board(client)
+            self._compass = [self._direction(i, name) for i, name in enumerate(COMPASS)]
 
     def close(self) -> None:
         """Takes everything down, to be built anew in another theme; the browser stays."""
@@ -101,15 +108,21 @@ class Stage:
                     self._vehicles[vehicle_id] = node
                 through_its_camera = view.mode == "gimbal" and vehicle_id == seen
                 node.update(track.smoother, track.trail, now_s, hidden=through_its_camera)
-            self._look(view, fleet[seen].smoother.pose if seen is not None else None)
-            self._board.say([label for node in self._vehicles.values() for label in node.labels], now_s)
+            self._look(view, fleet[seen].smoother if seen is not None else None)
+            labels = [label for node in self._vehicles.values() for label in node.labels]
+            self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
                 self._show_marks(view.mode)
 
-    def _look(self, view: View, pose: VehiclePose | None) -> None:
-        world = world_pose(view.mode, pose)
+    @property
+    def _scale(self) -> str:
+        return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
+
+    def _look(self, view: View, smoother: Smoother | None) -> None:
+        pose = smoother.pose if smoother is not None else None
+        world = world_pose(view.mode, pose, smoother.heading_enu_rad if smoother is not None else 0.0)
         if view.mode != self._mode:
             self._start_mode(view.mode, world, pose)
         elif view.mode == "gimbal":
@@ -153,7 +166,7 @@ class Stage:
         """Finer near the ground, coarser from above; the figures on it follow."""
         camera = self._client.camera
         height_m = abs(in_world(self._world_pose, _triple(camera.position))[2])
-        step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < 25 * s), GRID_STEPS_M[-1])
+        step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < FINE_BELOW * s), GRID_STEPS_M[-1])
         if step_m == self._grid_step_m:
             return
         self._grid_step_m = step_m
@@ -175,6 +188,13 @@ class Stage:
         readable = mode in ("free", "top")
         if self._marks.visible != readable:
             self._marks.visible = readable
+
+    def _direction(self, eighth: int, name: str) -> Label:
+        label = Label(self._client, f"/world/compass_{name}", self._palette.text_3, side="sign")
+        bearing_rad = eighth * math.pi / 4
+        label.move((math.sin(bearing_rad) * COMPASS_AT_M, math.cos(bearing_rad) * COMPASS_AT_M, 0.0))
+        label.text = name
+        return label
 
     def _add_grid(self) -> Any:
         return self._scene.add_grid(

@@ -242,7 +242,7 @@ class VehicleNode:
         p = self._palette
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
         self._way = self._lines("/way", self._shapes.dots, p.target, 2.0)
-        self._target_label = Label(self._client, f"{self._root}/target_label", p.target, below=True)
+        self._target_label = Label(self._client, f"{self._root}/target_label", p.target, side="below")
         self._target.visible = self._way.visible = False
         self._target_label.shown = False
 

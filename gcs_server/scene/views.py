@@ -17,7 +17,6 @@ from gcs_server.scene.frames import (
     multiply,
     q_from_yaw,
     rotate,
-    yaw_from_q,
 )
 from gcs_server.scene.model import GIMBAL_AT_M
 from gcs_server.scene.palette import Theme
@@ -62,14 +61,18 @@ CAMERAS: dict[Mode, Camera] = {
 """Where each mode starts; the user goes on from there (but in gimbal, which is the camera's view)."""
 
 
-def world_pose(mode: Mode, pose: VehiclePose | None) -> WorldPose:
-    """How the world has to lie for this mode; without a vehicle as it is."""
+def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> WorldPose:
+    """How the world has to lie for this mode; without a vehicle as it is.
+
+    Args:
+        heading_enu_rad: where `chase` looks.
+    """
     if mode == "free" or pose is None:
         return WorldPose()
     if mode == "top":
         return _world_from(pose.position_enu_m, IDENTITY)
     if mode == "chase":
-        return _world_from(pose.position_enu_m, q_from_yaw(yaw_from_q(pose.q_enu_flu)))
+        return _world_from(pose.position_enu_m, q_from_yaw(heading_enu_rad))
     lens = rotate(pose.q_enu_flu, GIMBAL_AT_M)
     at = (
         pose.position_enu_m[0] + lens[0],

@@ -5,7 +5,7 @@ import pytest
 from scene_fakes import flying
 
 from gcs_server.scene import model, strokes
-from gcs_server.scene.frames import IDENTITY, rotate
+from gcs_server.scene.frames import IDENTITY, q_from_yaw, rotate
 from gcs_server.scene.palette import PALETTES, lit
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.pose import pose_of
@@ -20,6 +20,9 @@ SOLIDS = {
     "tube": model.tube((0, 0, 0), (0.3, 0.2, 1.0), 0.1, 0.05),
     "box": model.rounded_box((0.2, 0.1, 0.05)),
 }
+
+HEADING_RAD = math.pi / 2
+"""North, anticlockwise from east."""
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -135,32 +138,49 @@ def test_rotors_turn_their_own_way_and_stand_when_disarmed():
     assert smoother.rotor_angles_rad == still
 
 
+def test_the_chasing_heading_follows_calmly_and_the_short_way_round():
+    from dataclasses import replace
+
+    smoother = Smoother()
+
+    def step(yaw_enu_rad: float, dt_s: float) -> float:
+        smoother.step(replace(pose(), q_enu_flu=q_from_yaw(yaw_enu_rad)), dt_s)
+        return smoother.heading_enu_rad
+
+    assert step(3.1, 0.03) == pytest.approx(3.1)
+    after = step(-3.1, 0.03)
+    assert 3.1 < after < math.pi  # over π, not back through 0
+    for _ in range(100):
+        after = step(-3.1, 0.03)
+    assert after == pytest.approx(-3.1, abs=1e-3)
+
+
 @pytest.mark.parametrize("mode", ["chase", "top"])
 def test_chase_and_top_keep_the_vehicle_in_the_middle(mode):
     measured = pose()
-    world = world_pose(mode, measured)
+    world = world_pose(mode, measured, HEADING_RAD)
     assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured.position_enu_m, abs=1e-9)
 
 
 def test_chase_looks_where_the_vehicle_goes():
     measured = pose()  # heading north
-    ahead = in_world(world_pose("chase", measured), (5.0, 0.0, 0.0))
+    ahead = in_world(world_pose("chase", measured, HEADING_RAD), (5.0, 0.0, 0.0))
     assert ahead == pytest.approx((0.0, 5.0, 10.0), abs=1e-6)
-    behind = in_world(world_pose("chase", measured), CAMERAS["chase"].position_m)
+    behind = in_world(world_pose("chase", measured, HEADING_RAD), CAMERAS["chase"].position_m)
     assert behind[1] < 0
 
 
 def test_the_gimbals_view_is_the_cameras_axis():
     measured = pose()  # camera 0.5 rad down
-    world = world_pose("gimbal", measured)
+    world = world_pose("gimbal", measured, 0.0)
     eye, ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
     assert ahead[2] - eye[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
     assert ahead[1] - eye[1] == pytest.approx(math.cos(0.5), abs=1e-9)
 
 
 def test_free_leaves_the_world_alone():
-    assert world_pose("free", pose()) == WorldPose()
-    assert world_pose("chase", None) == WorldPose()
+    assert world_pose("free", pose(), 1.0) == WorldPose()
+    assert world_pose("chase", None, 1.0) == WorldPose()
 
 
 def test_identity_colours_are_the_pages(shared):
