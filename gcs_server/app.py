@@ -23,6 +23,7 @@ from gcs_server.control.journal import Journal
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.replay.service import Replays
 from gcs_server.scene import OffboardTarget, Scene, SceneClick
 from gcs_server.settings import Settings
 from gcs_server.simulator_process import SimulatorProcess
@@ -69,17 +70,20 @@ class Server:
         self.scene = (
             Scene(self.fleet, clock, self._offboard_target, self._scene_clicked) if settings.scene else None
         )
+        replays = Replays(self.router, self.fleet, folder.recordings)
         self.station = Station(
             clock=clock,
             router=self.router,
             fleet=self.fleet,
             hub=Hub(clock, self.fleet),
             journal=Journal(clock, folder.journal),
+            replays=replays,
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             has_scene=self.scene is not None,
             simulator=self._simulator is not None,
         )
+        self.station.hub.watch_replays(replays.all)
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
@@ -119,6 +123,7 @@ class Server:
             await self.scene.stop()
         await self.fleet.close()
         await self.supervisor.close()
+        self.station.replays.stop()
         await self.router.close()
         self.station.journal.flush()
         if self._simulator is not None:

@@ -4,6 +4,8 @@
     ├── LinkError                a port, a socket, a serial device
     ├── UnknownVehicle           no vehicle of that id (or it has gone)
     ├── UnknownLink              no link of that name
+    ├── UnknownRecording         no recording, or no replay, of that name
+    ├── RecordingUnusable        a recording in which nothing can be read
     ├── InvalidRequest           what was asked is not well-formed; names the field
     ├── Refused                  not sent: our own check says no, with the reason and the remedy
     │   └── NotVerified          this autopilot or airframe is shown, not commanded
@@ -59,6 +61,18 @@ class UnknownLink(GcsError):
     """No link has this name."""
 
     code = "unknown_link"
+
+
+class UnknownRecording(GcsError):
+    """No recording, or no replay, has this name."""
+
+    code = "unknown_recording"
+
+
+class RecordingUnusable(GcsError):
+    """Nothing can be read in this recording."""
+
+    code = "recording_unusable"
 
 
 class InvalidRequest(GcsError):

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
+from gcs_server.replay.playback import FASTEST, SLOWEST
 from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -268,3 +269,33 @@ def to_order(
     """The streamer's own value."""
     hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
     return Order(to_setpoint(setpoint), valid_for_s, OnExpiry(on_expiry.action, hold_for_s), client)
+
+
+class ReplayRequest(_Body):
+    """Which recording to play, and how."""
+
+    model_config = _example(recording="20260711-093000-udpin-127.0.0.1-14550.tlog")
+
+    recording: str = Field(min_length=1, max_length=255, description="A name of `GET /recordings`.")
+    speed: float = Field(
+        default=1.0, allow_inf_nan=False, ge=SLOWEST, le=FASTEST, description="Times the recorded pace."
+    )
+    playing: bool = Field(default=True, description="Whether it plays at once.")
+
+
+class ReplayChange(_Body):
+    """What to change of a replay; what is left out stays."""
+
+    model_config = _example(playing=True, speed=4, position_unix_s=1783762200)
+
+    playing: bool | None = Field(default=None, description="Whether it plays; at the end, from the begin.")
+    speed: float | None = Field(
+        default=None, allow_inf_nan=False, ge=SLOWEST, le=FASTEST, description="Times the recorded pace."
+    )
+    position_unix_s: float | None = Field(
+        default=None,
+        allow_inf_nan=False,
+        ge=0,
+        le=10_000_000_000,
+        description="The moment to show [s since 1970, recording clock]; the nearest there is.",
+    )

@@ -16,9 +16,11 @@ from gcs_server.errors import (
     InvalidRequest,
     LinkError,
     NoReply,
+    RecordingUnusable,
     Refused,
     Rejected,
     UnknownLink,
+    UnknownRecording,
     UnknownVehicle,
 )
 from gcs_server.telemetry.wire import encode
@@ -28,6 +30,8 @@ log = logging.getLogger(__name__)
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
     (UnknownLink, 404, "Unknown link"),
+    (UnknownRecording, 404, "Unknown recording"),
+    (RecordingUnusable, 409, "Recording unusable"),
     (InvalidRequest, 422, "Not possible as asked"),
     (Rejected, 409, "The vehicle refused"),
     (Refused, 409, "Not sent"),
@@ -68,7 +72,7 @@ class Problem(BaseModel):
 RESPONSES: dict[int | str, dict[str, object]] = {
     status: {"model": Problem, "description": text}
     for status, text in (
-        (404, "No such vehicle or link."),
+        (404, "No such vehicle, link or recording."),
         (409, "Refused by this server or by the vehicle, with the reason."),
         (422, "Malformed; names the field."),
         (503, "The link to the vehicle was lost."),

@@ -11,6 +11,9 @@ from gcs_server.api.models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.reflect import model_of
 from gcs_server.control.journal import Entry
 from gcs_server.links.base import LinkInfo, Recording
+from gcs_server.replay.catalogue import RecordingInfo
+from gcs_server.replay.marks import ArmedSpan, ModeSpan, Said, VehicleMarks
+from gcs_server.replay.service import RecordingIndex, Replay
 from gcs_server.streamer.offboard import OffboardStatus
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.events import Event
@@ -35,6 +38,17 @@ LinkModel = model_of(LinkInfo, "Link", recording=model_of(Recording) | None)
 NoticeModel = model_of(Notice)
 ParamModel = model_of(Param, "Parameter")
 JournalEntryModel = model_of(Entry, "JournalEntry")
+
+
+RecordingModel = model_of(RecordingInfo, "RecordedFlight")
+ReplayModel = model_of(Replay)
+VehicleMarksModel = model_of(
+    VehicleMarks,
+    modes=tuple[model_of(ModeSpan), ...],
+    armed=tuple[model_of(ArmedSpan), ...],
+    messages=tuple[model_of(Said), ...],
+)
+RecordingIndexModel = model_of(RecordingIndex, vehicles=tuple[VehicleMarksModel, ...])
 
 
 class StreamedSetpoint(_Out):
@@ -178,6 +192,18 @@ class Maps(_Out):
     folder: str = Field(description="Where to put PMTiles and MBTiles files.")
     maps: list[MapFile] = Field(description="By name; drawn in this order, the first lowest.")
     unreadable: list[str] = Field(description="Files there that cannot be shown, each with the reason.")
+
+
+class Recordings(_Out):
+    """Recorded flights, newest first."""
+
+    recordings: list[RecordingModel] = Field(description="Of the data folder.")  # type: ignore[valid-type]
+
+
+class Replays(_Out):
+    """The recordings that are played."""
+
+    replays: list[ReplayModel] = Field(description="Empty where none is open.")  # type: ignore[valid-type]
 
 
 class Journal(_Out):

@@ -12,6 +12,7 @@ from gcs_server.api import (
     map_routes,
     offboard_routes,
     problems,
+    recording_routes,
     reference_page,
     station_routes,
     vehicle_routes,
@@ -24,7 +25,14 @@ API = "/api/v1"
 def api_router() -> APIRouter:
     """Everything under /api/v1."""
     router = APIRouter(prefix=API)
-    for part in (station_routes, vehicle_routes, offboard_routes, gimbal_routes, map_routes):
+    for part in (
+        station_routes,
+        vehicle_routes,
+        offboard_routes,
+        gimbal_routes,
+        map_routes,
+        recording_routes,
+    ):
         router.include_router(part.router)
     return router
 

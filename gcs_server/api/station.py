@@ -15,6 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.journal import Journal
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.router import Router
+from gcs_server.replay.service import Replays
 from gcs_server.telemetry.hub import Hub
 from gcs_server.telemetry.wire import plain
 from gcs_server.vehicle.fleet import Fleet, Notice
@@ -36,6 +37,7 @@ class Station:
     fleet: Fleet
     hub: Hub
     journal: Journal
+    replays: Replays
     started_s: float
     own_ids: tuple[int, int]
     maps: Path

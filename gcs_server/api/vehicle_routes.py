@@ -58,7 +58,6 @@ async def show_vehicle(vehicle: VehicleDep) -> Response:
 @router.get("/{v}/history", response_model=responses.History)
 async def history(
     vehicle: VehicleDep,
-    station: StationDep,
     topics: Annotated[str, Query(description="Names joined by commas; all unless given.")] = "",
     since_unix_s: Annotated[
         float | None, Query(allow_inf_nan=False, description="[s since 1970]; the last 5 minutes.")
@@ -71,7 +70,7 @@ async def history(
         raise InvalidRequest(
             "topics", f"Unknown: {', '.join(unknown)}.", remedy=f"Known topics: {', '.join(TOPICS)}."
         )
-    since = station.clock.unix_s() - HISTORY_S if since_unix_s is None else since_unix_s
+    since = vehicle.clock.unix_s() - HISTORY_S if since_unix_s is None else since_unix_s
     samples = vehicle.history(wanted, since)
     return answer({"samples": [responses.history_view(vehicle.id, sample) for sample in samples]})
 

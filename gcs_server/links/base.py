@@ -7,6 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gcs_server.clock import Clock
+
 FIRST_RETRY_S = 0.5
 LONGEST_RETRY_S = 5.0
 
@@ -80,6 +82,10 @@ class Link(ABC):
 
     replay = False
     """True where what arrives is a recording; nothing can be sent."""
+    clock: Clock | None = None
+    """Whose time it is for those heard here: a recording has its own; None is the server's."""
+    quiet = False
+    """True while what arrives only makes a vehicle what it was: nobody is told of its events."""
 
     def __init__(self, name: str, url: str, *, forward: bool = False) -> None:
         self.name = name

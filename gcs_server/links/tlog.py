@@ -1,127 +1,312 @@
-"""Telemetry logs: reading their records, and a link that plays one."""
+"""A link that plays a telemetry log: pace, pause, and jumps to any moment."""
 
 from __future__ import annotations
 
 import asyncio
-import gzip
-import struct
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, TypeVar
 
 from gcs_server.links.base import Link, Peer
+from gcs_server.replay.index import Index, IndexProcess, UnreadableRecording, explain
+from gcs_server.replay.playback import Moment, ReplayClock, Timeline, condense, moment
+from gcs_server.replay.records import Batch, Cursor, Record, open_log, read_batch
 
-STX_V1, STX_V2 = 0xFE, 0xFD
 TICK_S = 0.02
 RECORDS_A_TICK = 2000
-PLAUSIBLE_US = (10**14, 10**16)
-"""1973 to 2286: what a record's time must be, so that damage is noticed."""
+"""Where nothing may be left out (speed 0)."""
+CONDENSE_FROM = 100
+"""More than this at once and only what the vehicles' state is made of is played."""
+READ_AHEAD = 4000
+AT_ITS_END = "The recording has come to its end."
 
-_time = struct.Struct(">Q")
-
-
-def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
-    """(time in microseconds since 1970, raw frame) of each record; reads `.gz` too.
-
-    A damaged stretch is skipped up to the next plausible record; a torn last record is left out.
-
-    Raises:
-        OSError: the file cannot be read.
-    """
-    with cast(BinaryIO, gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")) as file:
-        yield from _records(file)
+T = TypeVar("T")
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    buffer = b""
-    while True:
-        try:
-            more = file.read(1 << 16)
-        except EOFError:  # a gzip file that was cut off
-            more = b""
-        buffer += more
-        position = 0
-        while len(buffer) - position >= 8 + 12:
-            length = _frame_length(buffer, position + 8)
-            time_us = _time.unpack_from(buffer, position)[0]
-            if not length or not PLAUSIBLE_US[0] < time_us < PLAUSIBLE_US[1]:
-                position += 1
-                continue
-            if len(buffer) - position < 8 + length:
-                break
-            yield time_us, buffer[position + 8 : position + 8 + length]
-            position += 8 + length
-        buffer = buffer[position:]
-        if not more:
-            last = _frame_length(buffer, 8) if len(buffer) >= 8 + 8 else 0
-            if last and len(buffer) >= 8 + last:  # a MAVLink 1 frame shorter than the smallest MAVLink 2 one
-                yield _time.unpack_from(buffer)[0], buffer[8 : 8 + last]
-            return
+@dataclass(frozen=True, slots=True)
+class ReplayState:
+    """Where a replay is."""
 
-
-def _frame_length(buffer: bytes, at: int) -> int:
-    if buffer[at] == STX_V2:
-        return 12 + buffer[at + 1] + (13 if buffer[at + 2] & 1 else 0)
-    return 8 + buffer[at + 1] if buffer[at] == STX_V1 else 0
+    state: str
+    """connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`)."""
+    detail: str
+    """For people; empty while all is well."""
+    playing: bool
+    speed: float
+    """Times the pace at which it was recorded; 0 is as fast as it goes."""
+    position_unix_s: float | None
+    """Which moment is shown, by the recording machine's clock; null while the recording is being read."""
+    begin_unix_s: float | None
+    end_unix_s: float | None
 
 
 class TlogLink(Link):
-    """Plays a recording at its own pace, or `speed` times that; 0 is as fast as it goes."""
+    """Plays a recording at its own pace, or `speed` times that; 0 is as fast as it goes, leaving nothing out.
+
+    What it plays happens at the recording's time (`clock`), not at the server's. A jump makes the peer go and
+    come again, so that the vehicles of before are gone with all that they had heard.
+
+    Args:
+        index: of this file; it is made, in a process of its own, where none is given.
+    """
 
     replay = True
 
-    def __init__(self, name: str, url: str, path: Path, speed: float = 1.0) -> None:
+    def __init__(
+        self, name: str, url: str, path: Path, speed: float = 1.0, *, index: Index | None = None
+    ) -> None:
         super().__init__(name, url)
-        self._path = path
+        self.path = path
+        self.index = index
         self._speed = speed
         self._peer = Peer(path.name)
-        self._records: Iterator[tuple[int, bytes]] | None = None
-        self._next: tuple[int, bytes] | None = None
-        self._began_s = 0.0
-        self._began_us = 0
+        self._file: BinaryIO | None = None
+        self._reader: ThreadPoolExecutor | None = None
+        """The one thread that reads the file, so that nothing is closed under its hands."""
+        self._indexing: IndexProcess | None = None
+        self._timeline: Timeline | None = None
+        self._replay_clock: ReplayClock | None = None
+        self._pending: deque[Record] = deque()
+        self._cursor, self._at_end, self._reading = Cursor(), False, False
+        self._take = 0
+        self._jump_to_us: int | None = None
+        self._jumping = False
+        self._jumped: list[asyncio.Future[None]] = []
         self._timer: asyncio.Handle | None = None
+        self._settled = asyncio.Event()
+
+    async def opened(self) -> None:
+        """Returns once it plays, or cannot be played: see `replay_state`."""
+        await self._settled.wait()
+
+    # --- for whoever watches it -------------------------------------------------------------------
+
+    def replay_state(self) -> ReplayState:
+        """Now."""
+        timeline, clock = self._timeline, self._replay_clock
+        if timeline is None or clock is None:
+            return ReplayState(self._state, self._detail, False, self._speed, None, None, None)
+        now_s = self._loop.time()
+        at_us = timeline.position_us(now_s) if self._jump_to_us is None else self._jump_to_us
+        return ReplayState(
+            self._state,
+            self._detail,
+            timeline.playing(now_s),
+            self._speed,
+            (at_us if self._jumping else clock.time_us) / 1e6,
+            timeline.begin_us / 1e6,
+            timeline.end_us / 1e6,
+        )
+
+    def play(self) -> None:
+        """Goes on; from the begin where it is at its end."""
+        timeline, now_s = self._ready(), self._loop.time()
+        if timeline.position_us(now_s) >= timeline.end_us and not self._jumping:
+            self._jump(timeline.begin_us)
+        timeline.play(now_s)
+
+    def pause(self) -> None:
+        """Stands; what is shown stays."""
+        self._ready().pause(self._loop.time())
+
+    def set_speed(self, speed: float) -> None:
+        """From now on."""
+        self._ready().set_speed(self._loop.time(), speed)
+        self._speed = speed
+
+    async def seek(self, time_us: int) -> None:
+        """To a moment, or the nearest one there is; returns once the vehicles are as they were then."""
+        self._ready()
+        self._jumped.append(done := self._loop.create_future())
+        self._jump(time_us)
+        await done
+
+    # --- opening ----------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        self._records = read_tlog(self._path)
-        self._next = next(self._records, None)
-        if self._next is None:
-            self._wanted = False
-            self._set_state("ended", f"{self._path.name} holds no MAVLink records.")
-            return
-        self._began_us, self._began_s = self._next[0], self._loop.time()
-        self._peers[self._peer.name] = self._peer
-        self._opened()
-        self._timer = self._loop.call_soon(self._play)
+        self._set_state("connecting", "The recording is being read.")
+        self._reader = ThreadPoolExecutor(1, thread_name_prefix="replay")
+        if self.index is None:
+            self._indexing = IndexProcess(self.path)
+        index, indexing = self.index, self._indexing
+
+        def prepare() -> tuple[BinaryIO, Index]:
+            made = index if index is not None else indexing.run() if indexing is not None else None
+            assert made is not None
+            return open_log(self.path), made
+
+        self._in_background(prepare, self._prepared)
 
     def _explain(self, error: OSError) -> str:
-        return f"{self._path}: {error.strerror or error}"
+        return explain(self.path, error)
 
-    def _play(self) -> None:
-        due_us = self._began_us + (self._loop.time() - self._began_s) * 1e6 * self._speed
-        for _ in range(RECORDS_A_TICK):
-            if self._next is None or self._records is None:
-                self._timer = None
-                self._set_state("ended", "The recording has come to its end.")
+    def _prepared(self, prepared: tuple[BinaryIO, Index]) -> None:
+        file, index = prepared
+        if self._reader is None:  # closed meanwhile
+            file.close()
+            return
+        self._file, self.index = file, index
+        as_fast_as_it_goes = self._speed == 0
+        speed = 1.0 if as_fast_as_it_goes else self._speed
+        self._timeline = Timeline(index.begin_us, index.end_us, speed=speed, playing=True)
+        self._replay_clock = self.clock = ReplayClock(index.begin_us, self._take)
+        self._peers[self._peer.name] = self._peer
+        self._opened()
+        self._settled.set()
+        self._timer = self._loop.call_soon(self._tick)
+
+    def _in_background(self, work: Callable[[], T], then: Callable[[T], None]) -> None:
+        """Runs what reads files beside the loop; what goes wrong ends the replay, in words."""
+
+        def done(future: asyncio.Future[T]) -> None:
+            if future.cancelled():
                 return
-            time_us, raw = self._next
-            if self._speed > 0 and time_us > due_us:
+            error = future.exception()
+            if error is None:
+                then(future.result())
+            elif isinstance(error, OSError):
+                self._end(self._explain(error))
+            elif isinstance(error, UnreadableRecording):
+                self._end(f"{self.path.name}: {error}")
+            else:
+                self._end(f"{self.path.name} cannot be played.")
+                self._loop.call_exception_handler({"message": "replay failed", "exception": error})
+
+        assert self._reader is not None
+        self._loop.run_in_executor(self._reader, work).add_done_callback(done)
+
+    def _end(self, why: str) -> None:
+        if self._wanted:
+            self._wanted = False
+            self._close()
+            self._set_state("ended", why)
+
+    # --- playing ----------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        timeline, clock = self._timeline, self._replay_clock
+        if timeline is None or clock is None:
+            return
+        if not self._jumping:
+            self._play_due(timeline, clock)
+        if self._wanted and self._timeline is not None:
+            behind = self._speed == 0 and bool(self._pending)
+            self._timer = self._loop.call_later(0.0 if behind else TICK_S, self._tick)
+
+    def _play_due(self, timeline: Timeline, clock: ReplayClock) -> None:
+        position_us = timeline.position_us(self._loop.time())
+        everything = self._speed == 0 and timeline.playing(self._loop.time())
+        due: list[Record] = []
+        pending = self._pending
+        while pending and (pending[0].time_us <= position_us or everything):
+            if everything and len(due) >= RECORDS_A_TICK:
                 break
-            self._received(raw, self._peer)
+            due.append(pending.popleft())
+        if len(pending) < READ_AHEAD and not self._at_end:
+            self._read_on()
+        self._feed(due if everything or len(due) <= CONDENSE_FROM else condense(due), clock)
+        if not pending and not self._at_end:
+            return  # the file is slower than the pace
+        if everything:
+            timeline.jump(self._loop.time(), clock.time_us)
+        else:
+            clock.time_us = max(clock.time_us, position_us)
+        if not pending and self._at_end and clock.time_us >= timeline.end_us:
+            timeline.pause(self._loop.time())
+            self._set_state("ended", AT_ITS_END)
+
+    def _feed(self, records: list[Record], clock: ReplayClock) -> None:
+        for record in records:
+            clock.time_us = max(clock.time_us, record.time_us)
+            self._received(record.raw, self._peer, clock.monotonic_s())
             if not self._wanted:  # closed by who received it
                 return
-            try:
-                self._next = next(self._records, None)
-            except OSError as error:
-                self._wanted = False
-                self._set_state("ended", self._explain(error))
+
+    def _read_on(self) -> None:
+        file, cursor, take = self._file, self._cursor, self._take
+        if self._reading or file is None:
+            return
+        self._reading = True
+
+        def read(batch: Batch) -> None:
+            self._reading = False
+            if take == self._take and not self._jumping and self._file is file:
+                self._pending.extend(batch.records)
+                self._cursor, self._at_end = batch.after, batch.at_end
+
+        self._in_background(lambda: read_batch(file, cursor), read)
+
+    # --- jumping ----------------------------------------------------------------------------------
+
+    def _ready(self) -> Timeline:
+        if self._timeline is None:
+            raise UnreadableRecording(self._detail or "The recording is closed.")
+        return self._timeline
+
+    def _jump(self, time_us: int) -> None:
+        self._jump_to_us = self._ready().jump(self._loop.time(), time_us)
+        if not self._jumping:
+            self._jumping = True
+            self._fetch()
+
+    def _fetch(self) -> None:
+        file, index, wanted_us = self._file, self.index, self._jump_to_us
+        assert file is not None
+        assert index is not None
+        assert wanted_us is not None
+
+        def fetched(there: Moment) -> None:
+            if self._timeline is None or self._file is not file:
                 return
-        self._timer = self._loop.call_later(TICK_S if self._speed > 0 else 0.0, self._play)
+            if self._jump_to_us != wanted_us:  # jumped on meanwhile
+                self._fetch()
+                return
+            self._arrive(there, index, wanted_us)
+
+        self._in_background(lambda: moment(file, index, wanted_us), fetched)
+
+    def _arrive(self, there: Moment, index: Index, time_us: int) -> None:
+        self._take += 1
+        self._pending = deque(there.following)
+        self._cursor, self._at_end = there.after, there.at_end
+        self._forget(self._peer)
+        self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._take)
+        self._peers[self._peer.name] = self._peer
+        self.quiet = True
+        self._feed(there.records, clock)
+        self.quiet = False
+        clock.time_us = max(clock.time_us, time_us)
+        self._jumping, self._jump_to_us = False, None
+        self._set_state("open", "")
+        self._resolve_jumps()
+
+    def _resolve_jumps(self) -> None:
+        waiting, self._jumped = self._jumped, []
+        for future in waiting:
+            if not future.done():
+                future.set_result(None)
+
+    # --- closing ----------------------------------------------------------------------------------
 
     def _write(self, data: bytes, peer: Peer) -> bool:
         return False
 
     def _close(self) -> None:
+        self._settled.set()
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        self._records = None
+        if self._indexing is not None:
+            self._indexing.stop()
+        self._timeline = None
+        self._pending.clear()
+        self._resolve_jumps()
+        file, self._file = self._file, None
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            if file is not None:
+                reader.submit(file.close)
+            reader.shutdown(wait=False)

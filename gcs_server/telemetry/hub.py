@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from gcs_server.clock import Clock
@@ -21,6 +21,7 @@ from gcs_server.telemetry.wire import (
     event_frame,
     hello,
     parse_subscribe,
+    replays_frame,
     samples_frame,
 )
 from gcs_server.vehicle.events import Event
@@ -50,6 +51,13 @@ class Encoded:
         self._clock = clock
         self._fleet = fleet
         self._bytes: dict[tuple[str, str], tuple[float, bytes]] = {}
+        self.replays: Callable[[], Sequence[object]] = tuple
+        """What is played now; whoever plays sets it."""
+
+    def replays_text(self) -> str | None:
+        """A frame that says what is played; None while nothing is."""
+        replays = self.replays()
+        return replays_frame(replays) if replays else None
 
     def vehicles(self) -> list[Vehicle]:
         """Those there are."""
@@ -101,6 +109,7 @@ class Client:
         self._wants: Subscribe | None = None
         self._topics: tuple[str, ...] = ()
         self._seen: dict[tuple[str, str], float] = {}
+        self._seen_replays: str | None = None
         self._events: deque[str] = deque()
         self._wake = asyncio.Event()
         self.overflown = False
@@ -125,6 +134,7 @@ class Client:
         self._wants = request
         self._topics = tuple(sorted(ALL_TOPICS if isinstance(request.topics, str) else set(request.topics)))
         self._seen.clear()
+        self._seen_replays = None
         self._wake.set()
 
     async def send_for_ever(self) -> None:
@@ -137,6 +147,10 @@ class Client:
             now_s = self._clock.monotonic_s()
             wants = self._wants
             if wants is not None and now_s >= next_s:
+                replays = self._encoded.replays_text()
+                if replays != self._seen_replays:
+                    self._seen_replays = replays
+                    await self._socket.send_text(replays or replays_frame([]))
                 news = self._news(wants)
                 if news:
                     await self._socket.send_text(samples_frame(news))
@@ -178,6 +192,10 @@ class Hub:
         self._encoded = Encoded(clock, fleet)
         self._clients: set[Client] = set()
         self._end: Callable[[], None] = fleet.subscribe(self.tell)
+
+    def watch_replays(self, replays: Callable[[], Sequence[object]]) -> None:
+        """From whom to ask what is played."""
+        self._encoded.replays = replays
 
     def tell(self, event: Event) -> None:
         """Passes an event on to all clients, encoded once."""

@@ -71,6 +71,11 @@ def event_frame(event: Event) -> str:
     return encode({"type": "event", "event": body}).decode()
 
 
+def replays_frame(replays: object) -> str:
+    """All replays as they are now."""
+    return encode({"type": "replays", "replays": replays}).decode()
+
+
 def error_frame(text: str) -> str:
     """What a client did wrong; the socket stays open."""
     return encode({"type": "error", "detail": text}).decode()

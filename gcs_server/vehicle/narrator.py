@@ -73,8 +73,8 @@ class Narrator:
         for severity, text in self._texts.expire(now_s):
             self._one_text(severity, text, None, now_s)
         while self._held and now_s - self._held[0][0] > PAIR_WITHIN_S:
-            _, severity, text = self._held.popleft()
-            self._line("status_text", severity, text)
+            held_s, severity, text = self._held.popleft()
+            self._line("status_text", severity, text, ago_s=now_s - held_s)
 
     def _one_text(self, severity: int, text: str, source: object, now_s: float) -> None:
         for then_s, other, said in self._seen_texts:
@@ -92,6 +92,8 @@ class Narrator:
         self.tick()
         return self._held.popleft()[2] if self._held else None
 
-    def _line(self, kind: str, severity: int, text: str, event: VehicleEvent | None = None) -> None:
+    def _line(
+        self, kind: str, severity: int, text: str, event: VehicleEvent | None = None, *, ago_s: float = 0.0
+    ) -> None:
         data = {"id": event.id, "sequence": event.sequence} if event is not None else {}
-        self._feed.add(kind, self._clock.unix_s(), text, severity=min(severity, 7), data=data)
+        self._feed.add(kind, self._clock.unix_s() - ago_s, text, severity=min(severity, 7), data=data)

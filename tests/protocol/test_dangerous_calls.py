@@ -11,6 +11,7 @@ from gcs_server.api import models, offboard_routes, vehicle_routes
 from gcs_server.api.station import Station
 from gcs_server.control.journal import Journal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, Refused, UnknownVehicle
+from gcs_server.replay.service import Replays
 from tests.protocol.conftest import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
@@ -26,6 +27,7 @@ def station_of(world):
         hub=None,
         journal=Journal(world.clock, None),
         started_s=0.0,
+        replays=Replays(world.router, world.fleet, Path("no recordings")),
         own_ids=(255, 190),
         maps=Path("no maps"),
     )

@@ -15,9 +15,10 @@ import pytest
 from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.serial import SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
-from gcs_server.links.tlog import TlogLink, read_tlog
+from gcs_server.links.tlog import TlogLink
 from gcs_server.links.udp import UdpLink
 from gcs_server.links.url import make_link
+from gcs_server.replay.records import read_tlog
 
 
 class Heard:

@@ -1,0 +1,96 @@
+"""Recorded flights: listed, fetched, and played as vehicles that take no commands."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator
+from pathlib import Path
+
+import anyio
+from fastapi import APIRouter, Response
+from starlette.responses import StreamingResponse
+
+from gcs_server.api import models, responses
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import ClientDep, StationDep, journaled
+
+PIECE_BYTES = 1 << 16
+
+router = APIRouter(tags=["recordings"], responses={s: RESPONSES[s] for s in (404, 409, 422)})
+
+
+@router.get("/recordings", response_model=responses.Recordings)
+async def list_recordings(station: StationDep) -> Response:
+    """Recorded flights, newest first; one that is damaged or still being written says so."""
+    return answer({"recordings": await station.replays.recordings()})
+
+
+@router.get("/recordings/{name}", response_class=StreamingResponse)
+async def download_recording(name: str, station: StationDep) -> StreamingResponse:
+    """The file as it is; of one that is being written, what is there now."""
+    path = station.replays.path(name)
+    size = path.stat().st_size
+    headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{_quoted(name)}"'}
+    return StreamingResponse(_pieces(path, size), media_type="application/octet-stream", headers=headers)
+
+
+@router.get("/recordings/{name}/index", response_model=responses.RecordingIndexModel)
+async def index_recording(name: str, station: StationDep) -> Response:
+    """Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once."""
+    return answer(await station.replays.index_of_recording(name))
+
+
+@router.get("/replays", response_model=responses.Replays)
+async def list_replays(station: StationDep) -> Response:
+    """What is played now; the telemetry socket says it, too."""
+    return answer({"replays": station.replays.all()})
+
+
+@router.post("/replays", response_model=responses.ReplayModel, status_code=201)
+async def open_replay(body: models.ReplayRequest, station: StationDep, client: ClientDep) -> Response:
+    """Plays a recording; one that is open already goes on as it is."""
+    with journaled(station, client, "replays/open", None, body.model_dump()):
+        opened = await station.replays.open(body.recording, speed=body.speed, playing=body.playing)
+        return answer(opened, 201)
+
+
+@router.get("/replays/{name}", response_model=responses.ReplayModel)
+async def show_replay(name: str, station: StationDep) -> Response:
+    """Where it is."""
+    return answer(station.replays.get(name))
+
+
+@router.post("/replays/{name}", response_model=responses.ReplayModel)
+async def change_replay(name: str, body: models.ReplayChange, station: StationDep) -> Response:
+    """Plays, pauses, sets the pace, goes to a moment; answers once the vehicles are as they were then."""
+    changed = await station.replays.change(
+        name, playing=body.playing, speed=body.speed, position_unix_s=body.position_unix_s
+    )
+    return answer(changed)
+
+
+@router.get("/replays/{name}/index", response_model=responses.RecordingIndexModel)
+async def index_replay(name: str, station: StationDep) -> Response:
+    """As of a recording, for one that was opened from elsewhere (`gcs replay FILE`)."""
+    return answer(await station.replays.index_of_replay(name))
+
+
+@router.delete("/replays/{name}", status_code=204)
+async def close_replay(name: str, station: StationDep, client: ClientDep) -> Response:
+    """Its vehicles go with it; the file stays."""
+    with journaled(station, client, "replays/close", None, {"name": name}):
+        await station.replays.close(name)
+    return Response(status_code=204)
+
+
+def _quoted(name: str) -> str:
+    return "".join(c if c.isascii() and c.isprintable() and c not in '"\\' else "_" for c in name)
+
+
+async def _pieces(path: Path, size: int) -> AsyncGenerator[bytes]:
+    """No more than `size` bytes, though the file may grow."""
+    left = size
+    async with await anyio.open_file(path, "rb") as file:
+        while left and (piece := await file.read(min(PIECE_BYTES, left))):
+            left -= len(piece)
+            yield piece

@@ -1,0 +1,156 @@
+"""The recordings there are: what each is, read from its two ends only, however long it is."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Set
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gcs_server.errors import UnknownRecording
+from gcs_server.replay.index import AUTOPILOT_INVALID, HEARTBEAT, explain
+from gcs_server.replay.records import (
+    BATCH_BYTES,
+    STX_V2,
+    Cursor,
+    Record,
+    message_id,
+    parse,
+    system_id,
+    unpack,
+)
+
+SUFFIXES = (".tlog", ".tlog.gz")
+_ours = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
+
+Stamp = tuple[int, int]
+"""(size, time of the last change [ns]): another file, or more of it, has another one."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingInfo:
+    """One file of the data folder's `recordings`."""
+
+    name: str
+    """The file's name; how the API calls it."""
+    bytes: int
+    started_unix_s: float | None
+    """When its first record was written; null where nothing in it can be read."""
+    duration_s: float | None
+    """From the first to the last record."""
+    vehicles: tuple[int, ...]
+    """System ids of the vehicles heard near its begin, of all once it has been opened."""
+    link: str | None
+    """The link it was recorded from, as its name says; null for files of another origin."""
+    running: bool
+    """It is being written now."""
+    problem: str | None
+    """What is wrong with it, for people; null where nothing is."""
+
+
+def stamp_of(path: Path) -> Stamp:
+    """What tells whether a file is still the same. Raises OSError."""
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+class Catalogue:
+    """The recordings of a folder; all that reads is for a worker thread."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[str, tuple[Stamp, RecordingInfo]] = {}
+
+    def path(self, name: str) -> Path:
+        """The file of that name.
+
+        Raises:
+            UnknownRecording: there is none in the folder itself.
+        """
+        path = self._folder / name
+        is_plain = Path(name).name == name and "\0" not in name and name.endswith(SUFFIXES)
+        if not is_plain or name.startswith(".") or path.is_symlink() or not path.is_file():
+            raise UnknownRecording(f"There is no recording {name!r}.")
+        return path
+
+    def all(self, running: Set[str]) -> list[RecordingInfo]:
+        """Newest first.
+
+        Args:
+            running: names of the files that are being written.
+        """
+        try:
+            names = [path.name for path in self._folder.iterdir() if path.name.endswith(SUFFIXES)]
+        except FileNotFoundError:
+            names = []
+        found: list[RecordingInfo] = []
+        for name in names:
+            try:
+                path = self.path(name)
+                stamp = stamp_of(path)
+            except (UnknownRecording, OSError):
+                continue  # no file, or deleted since
+            known = self._known.get(name)
+            if known is None or known[0] != stamp:
+                known = self._known[name] = stamp, look(path, stamp[0])
+            is_running = name in running
+            problem = "Nothing is in it yet." if is_running and not stamp[0] else known[1].problem
+            found.append(replace(known[1], running=is_running, problem=problem))
+        self._known = {name: self._known[name] for name in names if name in self._known}
+        return sorted(found, key=lambda i: (i.started_unix_s or 0.0, i.name), reverse=True)
+
+
+def look(path: Path, size: int) -> RecordingInfo:
+    """What the two ends of a file tell."""
+    named = _ours.fullmatch(path.name)
+    info = RecordingInfo(path.name, size, None, None, (), named["link"] if named else None, False, None)
+    try:
+        head, tail, tail_offset = _ends(path)
+    except OSError as error:
+        return replace(info, problem=explain(path, error))
+    if not head:
+        return replace(info, problem="The file is empty.")
+    first = parse(head, Cursor(), is_last=not tail_offset)
+    if not first.records or first.bytes_skipped > len(head) // 2:
+        return replace(info, problem="It holds no MAVLink records: it is no telemetry log (.tlog).")
+    last, damaged = first, first.bytes_skipped > 0
+    if tail_offset:
+        last = parse(tail, Cursor(tail_offset, first.records[-1].time_us, 0), is_last=True)
+        led_in = last.records[0].offset - tail_offset if last.records else len(tail)
+        damaged = damaged or not last.records or last.bytes_skipped > led_in
+    end_us = (last.records or first.records)[-1].time_us
+    begin_us = first.records[0].time_us
+    return replace(
+        info,
+        started_unix_s=begin_us / 1e6,
+        duration_s=(end_us - begin_us) / 1e6,
+        vehicles=tuple(sorted({system_id(r.key) for r in first.records if _is_autopilot(r)})),
+        problem="Parts of it are damaged; they are left out." if damaged else None,
+    )
+
+
+def _ends(path: Path) -> tuple[bytes, bytes, int]:
+    """(first bytes, last bytes, where those begin; 0 where the first are all)."""
+    if path.suffix == ".gz":
+        head = tail = b""
+        total = 0
+        for piece in unpack(path):
+            total += len(piece)
+            if len(head) < BATCH_BYTES:
+                head += piece
+            tail = (tail + piece)[-BATCH_BYTES:]
+        begin = total - len(tail)
+    else:
+        with path.open("rb") as file:
+            head = file.read(BATCH_BYTES)
+            begin = max(0, os.fstat(file.fileno()).st_size - BATCH_BYTES)
+            tail = os.pread(file.fileno(), BATCH_BYTES, begin)
+    return head, tail, begin
+
+
+def _is_autopilot(record: Record) -> bool:
+    if message_id(record.key) != HEARTBEAT:
+        return False
+    start = 10 if record.raw[0] == STX_V2 else 6
+    return len(record.raw) > start + 8 and record.raw[start + 5] != AUTOPILOT_INVALID

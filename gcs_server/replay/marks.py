@@ -1,0 +1,143 @@
+"""What a time bar marks: modes and armed spans, and what the vehicles said, told as in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gcs_server.mavlink.codec import FrameParser, full_payload
+from gcs_server.replay.index import EVENT, HEARTBEAT, STATUSTEXT, Index
+from gcs_server.replay.playback import ReplayClock
+from gcs_server.replay.records import open_log, read_at
+from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.modes import name_and_label
+from gcs_server.vehicle.narrator import Narrator
+from gcs_server.vehicle.reducers import REDUCERS, Facts
+
+MESSAGES_AT_MOST = 1000
+"""A vehicle's; of more, the least severe are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModeSpan:
+    """A time in one flight mode."""
+
+    begin_unix_s: float
+    end_unix_s: float
+    mode: str
+    """As in `status.mode`."""
+    mode_label: str
+    """For people."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmedSpan:
+    """A time with the motors armed."""
+
+    begin_unix_s: float
+    end_unix_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A status text or event."""
+
+    unix_s: float
+    severity: int
+    """MAV_SEVERITY: 0 emergency … 6 info, 7 debug."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleMarks:
+    """Of one vehicle in a recording."""
+
+    system_id: int
+    modes: tuple[ModeSpan, ...]
+    armed: tuple[ArmedSpan, ...]
+    messages: tuple[Said, ...]
+    """Oldest first."""
+    messages_left_out: int
+
+
+@dataclass(slots=True)
+class _Teller:
+    """One vehicle while the story is told."""
+
+    component_id: int
+    clock: ReplayClock
+    feed: EventFeed = field(default_factory=lambda: EventFeed(length=100_000))
+    facts: Facts = field(default_factory=Facts)
+    changes: list[tuple[float, Facts]] = field(default_factory=list[tuple[float, Facts]])
+
+    def __post_init__(self) -> None:
+        self.narrator = Narrator(self.feed, self.clock)
+
+    narrator: Narrator = field(init=False)
+
+
+def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
+    """Tells a recording's story once; for a worker thread.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    tellers: dict[int, _Teller] = {}
+    parser = FrameParser()
+    clock = ReplayClock(index.begin_us, 0)
+    with open_log(path) as file:
+        for time_us, offset in index.story():
+            clock.time_us = time_us
+            for frame in parser.feed(read_at(file, offset), clock.monotonic_s()):
+                teller = tellers.get(frame.system_id)
+                if teller is None and frame.msg_id == HEARTBEAT:
+                    teller = tellers[frame.system_id] = _Teller(frame.component_id, clock)
+                if teller is not None and frame.component_id == teller.component_id:
+                    _tell(teller, frame.msg_id, full_payload(frame), clock)
+    clock.time_us = index.end_us
+    for teller in tellers.values():
+        teller.narrator.tick()
+    return tuple(
+        _marks(system_id, teller, index.end_us / 1e6) for system_id, teller in sorted(tellers.items())
+    )
+
+
+def _tell(teller: _Teller, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
+    if msg_id == STATUSTEXT:
+        teller.narrator.text(payload, teller)
+    elif msg_id == EVENT:
+        teller.narrator.event(payload)
+    else:
+        teller.facts = REDUCERS[msg_id](teller.facts, payload, clock.monotonic_s())
+        teller.changes.append((clock.unix_s(), teller.facts))
+
+
+def _marks(system_id: int, teller: _Teller, end_unix_s: float) -> VehicleMarks:
+    said = [Said(e.unix_s, e.severity, e.text) for e in teller.feed.since() if e.text]
+    kept = sorted(said, key=lambda s: s.severity)[:MESSAGES_AT_MOST]
+    return VehicleMarks(
+        system_id,
+        tuple(
+            ModeSpan(begin_s, end_s, *name_and_label(facts.custom_mode, facts.autopilot))
+            for begin_s, end_s, facts in _spans(teller.changes, end_unix_s, lambda f: f.custom_mode)
+        ),
+        tuple(
+            ArmedSpan(begin_s, end_s)
+            for begin_s, end_s, facts in _spans(teller.changes, end_unix_s, lambda f: f.armed)
+            if facts.armed
+        ),
+        tuple(sorted(kept, key=lambda s: s.unix_s)),
+        len(said) - len(kept),
+    )
+
+
+def _spans(
+    changes: list[tuple[float, Facts]], end_unix_s: float, what: Callable[[Facts], object]
+) -> list[tuple[float, float, Facts]]:
+    begins: list[tuple[float, Facts]] = []
+    for at_s, facts in changes:
+        if not begins or what(begins[-1][1]) != what(facts):
+            begins.append((at_s, facts))
+    ends = [at_s for at_s, _ in begins[1:]] + [end_unix_s]
+    return [(at_s, end_s, facts) for (at_s, facts), end_s in zip(begins, ends, strict=True)]

@@ -1,0 +1,141 @@
+"""The pure parts of playing: which moment is due, what rebuilds a moment, and what may be left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from gcs_server.clock import Clock
+from gcs_server.replay.index import STORY, Index
+from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
+
+SLOWEST, FASTEST = 0.25, 50.0
+TAKE_S = 1e6
+"""Between the monotonic times of two takes (a take begins with each jump), so that none is met twice."""
+
+
+class ReplayClock(Clock):
+    """A recording's own time: it stands while the recording is paused, and runs as fast as it is played.
+
+    Args:
+        take: counts the jumps; a vehicle never sees its time run backwards, it is another one then.
+    """
+
+    def __init__(self, begin_us: int, take: int) -> None:
+        self._begin_us = begin_us
+        self._offset_s = take * TAKE_S
+        self.time_us = begin_us
+
+    def monotonic_s(self) -> float:
+        """Seconds since the recording's begin."""
+        return self._offset_s + (self.time_us - self._begin_us) / 1e6
+
+    def unix_s(self) -> float:
+        """What the recording machine's clock said."""
+        return self.time_us / 1e6
+
+    async def sleep(self, seconds: float) -> None:
+        """Nothing of a recording waits.
+
+        Raises:
+            RuntimeError: always.
+        """
+        raise RuntimeError("a recording's time is not waited for")
+
+
+class Timeline:
+    """Position, pace and whether it plays, as arithmetic on the time handed in."""
+
+    def __init__(self, begin_us: int, end_us: int, *, speed: float, playing: bool) -> None:
+        self.begin_us, self.end_us = begin_us, end_us
+        self._speed = speed
+        self._playing = playing
+        self._from_us = begin_us
+        self._since_s: float | None = None
+
+    @property
+    def speed(self) -> float:
+        """Times the pace at which it was recorded."""
+        return self._speed
+
+    def playing(self, now_s: float) -> bool:
+        """False at the end, too."""
+        return self._playing and self.position_us(now_s) < self.end_us
+
+    def position_us(self, now_s: float) -> int:
+        """Which moment is due."""
+        if not self._playing:
+            return self._from_us
+        if self._since_s is None:
+            self._since_s = now_s
+        played_us = int((now_s - self._since_s) * 1e6 * self._speed)
+        return min(self.end_us, self._from_us + played_us)
+
+    def play(self, now_s: float) -> None:
+        """Goes on."""
+        self._restart(now_s, self.position_us(now_s), True)
+
+    def pause(self, now_s: float) -> None:
+        """Stands."""
+        self._restart(now_s, self.position_us(now_s), False)
+
+    def set_speed(self, now_s: float, speed: float) -> None:
+        """From now on."""
+        self._restart(now_s, self.position_us(now_s), self._playing)
+        self._speed = speed
+
+    def jump(self, now_s: float, time_us: int) -> int:
+        """To the nearest moment there is, which it returns."""
+        self._restart(now_s, min(self.end_us, max(self.begin_us, time_us)), self._playing)
+        return self._from_us
+
+    def _restart(self, now_s: float, from_us: int, playing: bool) -> None:
+        self._from_us, self._since_s, self._playing = from_us, now_s, playing
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What makes a vehicle's state that of one moment, and how it goes on from there."""
+
+    records: list[Record]
+    """In their order: the newest of each message until then, and the story so far."""
+    following: list[Record]
+    """Read already, but later."""
+    after: Cursor
+    at_end: bool
+
+
+def condense(records: Iterable[Record]) -> list[Record]:
+    """The newest of each message and all that tell the story, in their order.
+
+    A vehicle's state is made of each message's newest frame and of the story, so it comes out the same.
+    """
+    all_of_them = list(records)
+    newest = {record.key: record.offset for record in all_of_them}
+    return [r for r in all_of_them if newest[r.key] == r.offset or r.key & 0xFFFFFF in STORY]
+
+
+def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
+    """What a log's readers know at `time_us`; reads a bounded piece of the file however long the log is.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    checkpoint = index.checkpoint(time_us)
+    places = dict(zip(checkpoint.newest[1::2], checkpoint.newest[::2], strict=True))
+    places |= {offset: at for at, offset in index.told(time_us)}
+    places |= {offset: at for at, offset in index.first_heartbeats if at <= time_us}
+    batch = Batch([], checkpoint.cursor, at_end=False, bytes_skipped=0)
+    read: list[Record] = []
+    following: list[Record] = []
+    while not batch.at_end and not following:
+        batch = read_batch(file, batch.after)
+        read += [r for r in batch.records if r.time_us <= time_us]
+        following = batch.records[len(batch.records) - sum(r.time_us > time_us for r in batch.records) :]
+    old = [
+        Record(places[offset], offset, 0, read_at(file, offset))
+        for offset in sorted(places)
+        if offset < checkpoint.cursor.offset
+    ]
+    return Moment([*old, *condense(read)], following, batch.after, batch.at_end)

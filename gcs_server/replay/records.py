@@ -1,0 +1,210 @@
+"""Records of a telemetry log: an 8-byte big-endian time (microseconds since 1970) and a raw MAVLink frame.
+
+A log may be damaged anywhere, so each record is judged: its frame must begin with a MAVLink mark and its
+time must fit its neighbours. What belongs to no record is skipped and counted. The times given out never run
+backwards and never jump by days, whatever the recording machine's clock did.
+"""
+
+from __future__ import annotations
+
+import gzip
+import os
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, cast
+
+STX_V1, STX_V2 = 0xFE, 0xFD
+TIME_BYTES = 8
+SMALLEST_FRAME = 8
+BATCH_BYTES = 1 << 18
+PLAUSIBLE_US = (10**14, 10**16)
+"""1973 to 2286: what a record's time must be, so that damage is noticed."""
+SAME_CLOCK_US = 86_400_000_000
+"""Neighbours farther apart than a day: one of them is damage, or the clock was set in between."""
+JITTER_US = 2_000_000
+"""Times step back a little where two threads write; more is a clock that was set."""
+MAX_UNPACKED_BYTES = 4_000_000_000
+
+_time = struct.Struct(">Q")
+
+
+class Record(NamedTuple):
+    """One frame and where it stands."""
+
+    time_us: int
+    offset: int
+    key: int
+    """Whose message of which kind: system, component and message id in one number."""
+    raw: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Cursor:
+    """From where to read on."""
+
+    offset: int = 0
+    time_us: int = 0
+    """Of the newest record before; 0 where there is none."""
+    shift_us: int = 0
+    """What is added to the times as written, since their clock was set."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What one piece of the file held."""
+
+    records: list[Record]
+    after: Cursor
+    at_end: bool
+    bytes_skipped: int
+
+
+def message_id(key: int) -> int:
+    """The message id of a record's key."""
+    return key & 0xFFFFFF
+
+
+def system_id(key: int) -> int:
+    """The system id of a record's key."""
+    return key >> 32
+
+
+def open_log(path: Path) -> BinaryIO:
+    """The log for reading anywhere in it; a `.gz` is unpacked into a temporary file that has no name.
+
+    Raises:
+        OSError: it cannot be read, or is not what its name says.
+    """
+    if path.suffix != ".gz":
+        return path.open("rb")
+    unpacked = cast(BinaryIO, tempfile.TemporaryFile())  # noqa: SIM115 the caller closes it
+    try:
+        for piece in unpack(path):
+            unpacked.write(piece)
+            if unpacked.tell() > MAX_UNPACKED_BYTES:
+                raise OSError(f"it unpacks to more than {MAX_UNPACKED_BYTES // 10**9} GB")
+        unpacked.flush()
+    except BaseException:
+        unpacked.close()
+        raise
+    return unpacked
+
+
+def unpack(path: Path) -> Iterator[bytes]:
+    """A gzip file's content, as far as it goes: the rest of one that was cut off is missing.
+
+    Raises:
+        OSError: not readable, or no gzip file.
+    """
+    with gzip.open(path, "rb") as file:
+        while True:
+            try:
+                piece = file.read(BATCH_BYTES)
+            except (EOFError, zlib.error):
+                return
+            if not piece:
+                return
+            yield piece
+
+
+def read_batch(file: BinaryIO, cursor: Cursor) -> Batch:
+    """The next records; reads at the cursor and leaves the file's own position alone.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    data = os.pread(file.fileno(), BATCH_BYTES, cursor.offset)
+    return parse(data, cursor, is_last=len(data) < BATCH_BYTES)
+
+
+def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
+    """(time in microseconds since 1970, raw frame) of each record; reads `.gz` too.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with open_log(path) as file:
+        batch = Batch([], Cursor(), at_end=False, bytes_skipped=0)
+        while not batch.at_end:
+            batch = read_batch(file, batch.after)
+            for record in batch.records:
+                yield record.time_us, record.raw
+
+
+def read_at(file: BinaryIO, offset: int) -> bytes:
+    """The raw frame of the record that begins at `offset`."""
+    data = os.pread(file.fileno(), TIME_BYTES + 10 + 255 + 2 + 13, offset)
+    return data[TIME_BYTES : TIME_BYTES + _frame_length(data, TIME_BYTES)]
+
+
+def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
+    """The whole records of `data`, which stands at the cursor's place in the log. Pure."""
+    records: list[Record] = []
+    position, skipped, size = 0, 0, len(data)
+    time_us, shift_us = cursor.time_us, cursor.shift_us
+    while size - position >= TIME_BYTES + SMALLEST_FRAME:
+        at = position + TIME_BYTES
+        length = _frame_length(data, at)
+        stamp_us = _time.unpack_from(data, position)[0]
+        fits = bool(length) and PLAUSIBLE_US[0] < stamp_us < PLAUSIBLE_US[1]
+        if fits and at + length > size:
+            if not is_last:
+                break
+            fits = False
+        if fits and time_us:
+            is_neighbour = abs(stamp_us + shift_us - time_us) < SAME_CLOCK_US
+        else:
+            is_neighbour = cursor.offset + position == 0  # a log begins with a record
+        if fits and not is_neighbour:
+            following = at + length
+            if position and not is_last and size - following < TIME_BYTES + SMALLEST_FRAME:
+                break  # the next piece will tell
+            fits = _follows(data, following, stamp_us)
+        if not fits:
+            step = _next_start(data, position + TIME_BYTES + 1, size) - TIME_BYTES - position
+            step = max(1, step)
+            skipped += step
+            position += step
+            continue
+        jump_us = stamp_us + shift_us - time_us
+        if time_us and (jump_us < -JITTER_US or jump_us > SAME_CLOCK_US):
+            shift_us -= jump_us
+            jump_us = 0
+        time_us = max(time_us, stamp_us + shift_us)
+        records.append(Record(time_us, cursor.offset + position, _key(data, at), data[at : at + length]))
+        position = at + length
+    if is_last:
+        skipped += size - position
+        position = size
+    after = Cursor(cursor.offset + position, time_us, shift_us)
+    return Batch(records, after, is_last, skipped)
+
+
+def _follows(data: bytes, position: int, stamp_us: int) -> bool:
+    """Whether a record of about the same time stands there."""
+    if len(data) - position < TIME_BYTES + SMALLEST_FRAME:
+        return False
+    near = abs(_time.unpack_from(data, position)[0] - stamp_us) < SAME_CLOCK_US
+    return near and _frame_length(data, position + TIME_BYTES) > 0
+
+
+def _next_start(data: bytes, position: int, size: int) -> int:
+    v2 = data.find(STX_V2, position)
+    v1 = data.find(STX_V1, position, v2 if v2 >= 0 else size)
+    return v1 if v1 >= 0 else v2 if v2 >= 0 else size
+
+
+def _frame_length(data: bytes, at: int) -> int:
+    if data[at] == STX_V2:
+        return 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
+    return 8 + data[at + 1] if data[at] == STX_V1 else 0
+
+
+def _key(data: bytes, at: int) -> int:
+    if data[at] == STX_V2:
+        return data[at + 5] << 32 | data[at + 6] << 24 | int.from_bytes(data[at + 7 : at + 10], "little")
+    return data[at + 3] << 32 | data[at + 4] << 24 | data[at + 5]

@@ -1,0 +1,253 @@
+"""Recordings opened and steered: what the API's routes and the page's time bar work on."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+from urllib.parse import quote
+
+from gcs_server.errors import RecordingUnusable, UnknownRecording
+from gcs_server.links.tlog import TlogLink
+from gcs_server.mavlink.router import Router
+from gcs_server.replay.catalogue import Catalogue, RecordingInfo, Stamp, stamp_of
+from gcs_server.replay.index import Index, IndexProcess, UnreadableRecording, explain
+from gcs_server.replay.marks import VehicleMarks, make_marks
+from gcs_server.vehicle.fleet import Fleet
+
+KEPT = 8
+"""Indexes in memory; a long flight's takes a few megabytes."""
+
+T = TypeVar("T")
+FileKey = tuple[Path, Stamp]
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A recording that is being played."""
+
+    name: str
+    """How the API calls it: its link's name."""
+    recording: str
+    """The file's name."""
+    vehicles: tuple[str, ...]
+    """Ids of the vehicles it shows now."""
+    state: str
+    """connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`)."""
+    detail: str
+    """For people; empty while all is well."""
+    playing: bool
+    speed: float
+    """Times the pace at which it was recorded; 0 is as fast as it goes."""
+    position_unix_s: float | None
+    """Which moment is shown, by the recording machine's clock; null while the recording is being read."""
+    begin_unix_s: float | None
+    end_unix_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingIndex:
+    """What a time bar shows of a recording."""
+
+    recording: str
+    begin_unix_s: float
+    end_unix_s: float
+    records: int
+    bytes_skipped: int
+    """What belongs to no record: damage."""
+    vehicles: tuple[VehicleMarks, ...]
+
+
+class Replays:
+    """All recordings of a server and those that are played.
+
+    Args:
+        folder: where the recordings lie.
+    """
+
+    def __init__(self, router: Router, fleet: Fleet, folder: Path) -> None:
+        self._router, self._fleet = router, fleet
+        self._catalogue = Catalogue(folder)
+        self._processes: set[IndexProcess] = set()
+        self._indexes: OrderedDict[FileKey, asyncio.Future[Index]] = OrderedDict()
+        self._marks: OrderedDict[FileKey, asyncio.Future[tuple[VehicleMarks, ...]]] = OrderedDict()
+
+    async def recordings(self) -> list[RecordingInfo]:
+        """Those in the folder, newest first."""
+        running = {
+            info.recording.file
+            for info in self._router.links()
+            if info.recording is not None and info.recording.file and info.recording.stopped is None
+        }
+        found = await asyncio.to_thread(self._catalogue.all, running)
+        indexes = {
+            (path.name, stamp[0]): future.result()
+            for (path, stamp), future in self._indexes.items()
+            if future.done() and not future.cancelled() and future.exception() is None
+        }
+        return [_with_index(info, indexes.get((info.name, info.bytes))) for info in found]
+
+    def path(self, name: str) -> Path:
+        """A recording's file. Raises UnknownRecording."""
+        return self._catalogue.path(name)
+
+    async def index_of_recording(self, name: str) -> RecordingIndex:
+        """Its bounds and marks; made once, beside the event loop.
+
+        Raises:
+            UnknownRecording: there is none of that name.
+            RecordingUnusable: nothing in it can be read.
+        """
+        path = self.path(name)
+        return await self._view(path, await self._index(path))
+
+    async def index_of_replay(self, name: str) -> RecordingIndex:
+        """As `index_of_recording`, of one that is played. Raises UnknownRecording, RecordingUnusable."""
+        link = self._link(name)
+        await link.opened()
+        if link.index is None:
+            raise RecordingUnusable(link.replay_state().detail or "The recording was closed.")
+        return await self._view(link.path, link.index)
+
+    async def open(self, name: str, *, speed: float, playing: bool) -> Replay:
+        """Plays a recording from its begin; one that is open already goes on as it is.
+
+        Raises:
+            UnknownRecording: there is none of that name.
+            RecordingUnusable: nothing in it can be read.
+        """
+        path = self.path(name)
+        index = await self._index(path)
+        link_name = f"replay-{path.name}"
+        if link_name not in {link.name for link in self._links()}:
+            url = f"tlog:{quote(str(path))}"
+            link = TlogLink(link_name, url, path, speed, index=index)
+            self._router.add(link)
+            await link.opened()
+            if not playing and link.replay_state().position_unix_s is not None:
+                link.pause()
+        return self.get(link_name)
+
+    def all(self) -> list[Replay]:
+        """Those that are open."""
+        return [self._replay(link) for link in self._links()]
+
+    def get(self, name: str) -> Replay:
+        """Raises UnknownRecording."""
+        return self._replay(self._link(name))
+
+    async def change(
+        self, name: str, *, playing: bool | None, speed: float | None, position_unix_s: float | None
+    ) -> Replay:
+        """Pace, moment, and whether it plays, in this order; answers once the vehicles are as they were.
+
+        Raises:
+            UnknownRecording: no such replay.
+            RecordingUnusable: it cannot be played.
+        """
+        link = self._link(name)
+        await link.opened()
+        try:
+            if speed is not None:
+                link.set_speed(speed)
+            if playing is False:
+                link.pause()
+            if position_unix_s is not None:
+                await link.seek(round(position_unix_s * 1e6))
+            if playing is True:
+                link.play()
+        except UnreadableRecording as error:
+            raise RecordingUnusable(str(error)) from None
+        return self._replay(link)
+
+    async def close(self, name: str) -> None:
+        """Its vehicles go with it. Raises UnknownRecording."""
+        await self._router.remove_link(self._link(name).name)
+
+    def stop(self) -> None:
+        """Ends what is being read."""
+        for process in tuple(self._processes):
+            process.stop()
+
+    def _links(self) -> list[TlogLink]:
+        links = (self._router.connection(info.name).link for info in self._router.links() if info.replay)
+        return [link for link in links if isinstance(link, TlogLink)]
+
+    def _link(self, name: str) -> TlogLink:
+        links = {link.name: link for link in self._links()}
+        if name not in links:
+            raise UnknownRecording(
+                f"No replay {name!r} is open.",
+                remedy=f"Open now: {', '.join(links)}." if links else "Open one with POST /replays.",
+            )
+        return links[name]
+
+    def _replay(self, link: TlogLink) -> Replay:
+        vehicles = tuple(v.id for v in self._fleet.all() if v.identity.replayed and link.name in v.links)
+        s = link.replay_state()
+        return Replay(
+            link.name,
+            link.path.name,
+            vehicles,
+            s.state,
+            s.detail,
+            s.playing,
+            s.speed,
+            s.position_unix_s,
+            s.begin_unix_s,
+            s.end_unix_s,
+        )
+
+    async def _view(self, path: Path, index: Index) -> RecordingIndex:
+        marks = await self._once(self._marks, path, lambda: make_marks(path, index))
+        return RecordingIndex(
+            path.name, index.begin_us / 1e6, index.end_us / 1e6, index.records, index.bytes_skipped, marks
+        )
+
+    async def _index(self, path: Path) -> Index:
+        def make() -> Index:
+            process = IndexProcess(path)
+            self._processes.add(process)
+            try:
+                return process.run()
+            finally:
+                self._processes.discard(process)
+
+        return await self._once(self._indexes, path, make)
+
+    async def _once(
+        self,
+        kept: OrderedDict[FileKey, asyncio.Future[T]],
+        path: Path,
+        make: Callable[[], T],
+    ) -> T:
+        """What was made of the very same file already, or is being made."""
+        try:
+            key = path, stamp_of(path)
+            future = kept.get(key)
+            if future is None or future.cancelled():
+                future = kept[key] = asyncio.get_running_loop().run_in_executor(None, make)
+            kept.move_to_end(key)
+            while len(kept) > KEPT:
+                kept.popitem(last=False)
+            return await asyncio.shield(future)
+        except UnreadableRecording as error:
+            raise RecordingUnusable(f"{path.name}: {error}") from None
+        except OSError as error:
+            raise RecordingUnusable(explain(path, error)) from None
+
+
+def _with_index(info: RecordingInfo, index: Index | None) -> RecordingInfo:
+    if index is None or info.running:
+        return info
+    damage = f"{index.bytes_skipped} bytes of it are damaged and left out." if index.bytes_skipped else None
+    return replace(
+        info,
+        started_unix_s=index.begin_us / 1e6,
+        duration_s=(index.end_us - index.begin_us) / 1e6,
+        vehicles=index.systems,
+        problem=damage,
+    )

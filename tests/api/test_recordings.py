@@ -1,0 +1,244 @@
+"""Recordings over HTTP: listed, fetched, played, sought in; what is no recording is said plainly."""
+
+import gzip
+import itertools
+import time
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+from tests.unit.gcs_server.replay.made_logs import BEGIN_US, flight, log_bytes
+
+BEGIN_S = BEGIN_US / 1e6
+NAME = "20260711-080000-udpin-127.0.0.1-14550.tlog"
+API = "/api/v1"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    recordings = data / "recordings"
+    recordings.mkdir()
+    (data / "secret.tlog").write_bytes(log_bytes(flight(seconds=2)))
+    (recordings / NAME).write_bytes(log_bytes(flight(seconds=30)))
+    return recordings
+
+
+@pytest.fixture(scope="module")
+def server(folder):
+    settings = Settings(port=0, links=(), sim=0, data=folder.parent, scene=False, record=False)
+    with TestClient(create_app(settings, static=folder), base_url="http://localhost") as client:
+        yield client
+
+
+@pytest.fixture
+def client(server):
+    yield server
+    for replay in server.get(f"{API}/replays").json()["replays"]:
+        server.delete(f"{API}/replays/{replay['name']}")
+
+
+def listed(client):
+    return {r["name"]: r for r in client.get(f"{API}/recordings").json()["recordings"]}
+
+
+def steer(client, name, **change):
+    answer = client.post(f"{API}/replays/{name}", json=change)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def vehicles(client):
+    return {v["id"]: v for v in client.get(f"{API}/vehicles").json()}
+
+
+def test_recordings_are_listed_newest_first_with_what_is_wrong_with_them(client, folder):
+    whole = log_bytes(flight(seconds=20, begin_us=BEGIN_US + 86_400_000_000))
+    (folder / "mine.tlog.gz").write_bytes(gzip.compress(whole))
+    (folder / "empty.tlog").write_bytes(b"")
+    (folder / "letter.tlog").write_bytes(b"Dear reader, this is not a telemetry log at all. " * 40)
+    (folder / "damaged.tlog").write_bytes(whole[:3000] + b"\x00" * 500 + whole[3000:])
+    (folder / "torn.tlog").write_bytes(whole[:-7])
+    (folder / "unpacked.tlog.gz").write_bytes(whole)
+    (folder / "notes.txt").write_bytes(b"no recording")
+    listing = client.get(f"{API}/recordings")
+    assert listing.status_code == 200, listing.text
+    names = [r["name"] for r in listing.json()["recordings"]]
+    assert names.index("mine.tlog.gz") < names.index(NAME) < names.index("empty.tlog")
+    found = listed(client)
+    ours = found[NAME]
+    assert ours["link"] == "udpin-127.0.0.1-14550"
+    assert (ours["started_unix_s"], ours["vehicles"], ours["problem"]) == (BEGIN_S, [1, 7], None)
+    assert ours["duration_s"] == pytest.approx(29.9, abs=0.1)
+    assert ours["bytes"] == (folder / NAME).stat().st_size
+    assert not ours["running"]
+    assert found["mine.tlog.gz"]["link"] is None
+    assert found["mine.tlog.gz"]["duration_s"] == pytest.approx(19.9, abs=0.1)
+    problems = {name: r["problem"] for name, r in found.items() if r["problem"]}
+    assert set(problems) == {"empty.tlog", "letter.tlog", "damaged.tlog", "torn.tlog", "unpacked.tlog.gz"}
+    assert "empty" in problems["empty.tlog"]
+    assert "no telemetry log" in problems["letter.tlog"]
+    assert "damaged" in problems["damaged.tlog"]
+    assert "notes.txt" not in found
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "..%2Fsecret.tlog",
+        "%2Fetc%2Fpasswd",
+        "....tlog",
+        ".hidden.tlog",
+        "nothing.tlog",
+        "notes.txt",
+        "a%00.tlog",
+    ],
+)
+def test_only_files_of_the_folder_are_recordings(client, folder, name):
+    (folder / "notes.txt").write_bytes(b"private")
+    (folder / ".hidden.tlog").write_bytes(log_bytes(flight(seconds=2)))
+    for path in (f"{API}/recordings/{name}", f"{API}/recordings/{name}/index"):
+        answer = client.get(path)
+        assert answer.status_code == 404
+        assert b"private" not in answer.content
+    plain = name.replace("%2F", "/").replace("%00", "\0")
+    answer = client.post(f"{API}/replays", json={"recording": plain})
+    assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
+
+
+def test_a_link_to_another_file_is_no_recording(client, folder):
+    (folder / "link.tlog").symlink_to(folder.parent / "secret.tlog")
+    assert client.get(f"{API}/recordings/link.tlog").status_code == 404
+    assert "link.tlog" not in listed(client)
+
+
+def test_a_recording_is_fetched_as_it_is(client, folder):
+    answer = client.get(f"{API}/recordings/{NAME}")
+    assert answer.content == (folder / NAME).read_bytes()
+    assert answer.headers["content-disposition"] == f'attachment; filename="{NAME}"'
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"", "empty"), (b"\xfd\x09 nothing of the kind" * 30, "no telemetry log")],
+)
+def test_what_cannot_be_played_says_why(client, folder, content, words):
+    (folder / "bad.tlog").write_bytes(content)
+    for answer in (
+        client.get(f"{API}/recordings/bad.tlog/index"),
+        client.post(f"{API}/replays", json={"recording": "bad.tlog"}),
+    ):
+        assert (answer.status_code, answer.json()["code"]) == (409, "recording_unusable")
+        assert "bad.tlog" in answer.json()["detail"]
+        assert words in answer.json()["detail"]
+    assert client.get(f"{API}/replays").json() == {"replays": []}
+
+
+def test_the_index_says_modes_armed_spans_and_messages(client):
+    index = client.get(f"{API}/recordings/{NAME}/index").json()
+    assert index["begin_unix_s"] == BEGIN_S
+    assert index["end_unix_s"] == pytest.approx(BEGIN_S + 29.9, abs=0.1)
+    assert index["bytes_skipped"] == 0
+    first, second = index["vehicles"]
+    assert (first["system_id"], second["system_id"]) == (1, 7)
+    for vehicle in (first, second):
+        modes = vehicle["modes"]
+        assert {m["mode"] for m in modes} <= {"hold", "offboard", "rtl"}
+        assert modes[-1]["end_unix_s"] == index["end_unix_s"]
+        assert all(a["end_unix_s"] == b["begin_unix_s"] for a, b in itertools.pairwise(modes))
+        assert any(m["text"].startswith(f"note {vehicle['system_id']} at") for m in vehicle["messages"])
+        assert all(3 <= m["severity"] <= 6 for m in vehicle["messages"])
+
+
+def test_a_replay_is_opened_steered_and_closed(client):
+    opened = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()
+    name = opened["name"]
+    assert (opened["recording"], opened["playing"], opened["speed"]) == (NAME, False, 1.0)
+    there = steer(client, name, position_unix_s=BEGIN_S + 12.05)
+    assert there["position_unix_s"] == pytest.approx(BEGIN_S + 12.05, abs=1e-3)
+    assert there["vehicles"] == ["1", "7"]
+    vehicle = vehicles(client)["1"]
+    assert vehicle["identity"]["replayed"]
+    assert vehicle["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(12.0)
+    assert vehicle["topics"]["global_position"]["received_unix_s"] == pytest.approx(
+        BEGIN_S + 12.001, abs=1e-3
+    )
+    assert not vehicle["status"]["link_lost"]
+    told = client.get(f"{API}/vehicles/1/messages").json()["messages"]
+    assert told
+    assert all(BEGIN_S <= m["unix_s"] <= BEGIN_S + 12.1 for m in told if m["kind"] != "link")
+
+    steer(client, name, position_unix_s=BEGIN_S + 3.05)  # backwards
+    assert vehicles(client)["7"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(3.0)
+    past = client.get(f"{API}/vehicles/1/history").json()["samples"]
+    assert all(s["received_unix_s"] <= BEGIN_S + 3.06 for s in past)
+    refused = client.post(f"{API}/vehicles/1/hold")
+    assert refused.status_code == 409
+    assert "recording" in refused.json()["detail"]
+
+    assert steer(client, name, position_unix_s=0)["position_unix_s"] == pytest.approx(BEGIN_S)
+    again = client.post(f"{API}/replays", json={"recording": NAME}).json()
+    assert again["position_unix_s"] == pytest.approx(BEGIN_S)
+    assert client.get(f"{API}/replays/{name}/index").json()["records"] > 500
+    assert client.delete(f"{API}/replays/{name}").status_code == 204
+    assert client.get(f"{API}/replays").json() == {"replays": []}
+    assert vehicles(client) == {}
+    assert client.get(f"{API}/replays/{name}").status_code == 404
+
+
+def test_it_plays_to_its_end_and_from_the_begin_again(client):
+    name = client.post(f"{API}/replays", json={"recording": NAME, "speed": 50}).json()["name"]
+    deadline = time.monotonic() + 10
+    while (now := client.get(f"{API}/replays/{name}").json())["state"] != "ended":
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert not now["playing"]
+    assert now["position_unix_s"] == now["end_unix_s"]
+    played = vehicles(client)
+    assert played["1"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(29.9)
+    assert not played["1"]["status"]["link_lost"]
+    sought = steer(client, name, position_unix_s=BEGIN_S + 30)
+    assert vehicles(client)["1"]["topics"]["attitude"] == played["1"]["topics"]["attitude"]
+    assert sought["position_unix_s"] == now["end_unix_s"]
+    playing = steer(client, name, playing=True, speed=0.25)
+    assert playing["playing"]
+    assert playing["position_unix_s"] < BEGIN_S + 29
+
+
+def test_the_socket_says_where_it_is_and_when_it_is_gone(client):
+    name = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()["name"]
+    with client.websocket_connect(f"ws://localhost{API}/telemetry") as socket:
+        socket.send_json({"type": "subscribe", "rate_hz": 50})
+
+        def next_replays():
+            while (frame := socket.receive_json())["type"] != "replays":
+                pass
+            return frame["replays"]
+
+        assert [r["name"] for r in next_replays()] == [name]
+        steer(client, name, position_unix_s=BEGIN_S + 5)
+        while next_replays()[0]["position_unix_s"] != pytest.approx(BEGIN_S + 5, abs=1e-3):
+            pass
+        client.delete(f"{API}/replays/{name}")
+        while next_replays():
+            pass
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({"speed": 0}, "speed"),
+        ({"speed": 51}, "speed"),
+        ({"speed": "NaN"}, "speed"),
+        ({"position_unix_s": -1}, "position_unix_s"),
+        ({"playing": "maybe"}, "playing"),
+        ({"pace": 1}, "pace"),
+    ],
+)
+def test_nonsense_is_refused_by_name(client, body, field):
+    name = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()["name"]
+    answer = client.post(f"{API}/replays/{name}", json=body)
+    assert (answer.status_code, answer.json()["field"]) == (422, field)
+    assert client.get(f"{API}/replays/{name}").json()["speed"] == 1.0

@@ -1,0 +1,95 @@
+"""Telemetry logs made for tests: two vehicles, changes of mode, texts, from nothing but a seed."""
+
+import random
+import struct
+
+from vehicle_sim.mavlink import generated_dialect as sim
+
+BEGIN_US = 1_752_220_800_000_000
+HOLD, OFFBOARD, RTL = 4 << 16 | 3 << 24, 6 << 16, 4 << 16 | 5 << 24
+
+
+def record(time_us, raw):
+    return struct.pack(">Q", time_us) + raw
+
+
+class Speaker:
+    """One system that packs messages with its own sequence numbers."""
+
+    def __init__(self, system_id, component_id=1):
+        self.wire = sim.MAVLink(None, system_id, component_id)
+
+    def say(self, message):
+        raw = bytes(message.pack(self.wire))
+        self.wire.seq = (self.wire.seq + 1) % 256
+        return raw
+
+
+def heartbeat(mode, *, armed=False, autopilot=12, kind=2):
+    base = 1 | (128 if armed else 0)
+    return sim.MAVLink_heartbeat_message(kind, autopilot, base, mode, 4 if armed else 3, 3)
+
+
+def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
+    """(time, raw) of a made-up flight, in the order of a log."""
+    chance = random.Random(seed)
+    out = []
+    station = Speaker(255, 190)
+    for system_id in systems:
+        speaker, gimbal = Speaker(system_id), Speaker(system_id, 154)
+        mode, armed = HOLD, False
+        for step in range(seconds * 10):
+            at_us = begin_us + step * 100_000 + system_id * 1000
+            boot_ms = 5000 + step * 100
+            said = []
+            if step % 10 == 3:
+                said.append(speaker.say(heartbeat(mode, armed=armed)))
+                said.append(gimbal.say(heartbeat(0, autopilot=8, kind=26)))
+            if step == 25:
+                said.append(
+                    speaker.say(
+                        sim.MAVLink_home_position_message(
+                            473977420, 85455940, 489_000 + system_id, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0
+                        )
+                    )
+                )
+            if chance.random() < 0.02:
+                mode, armed = chance.choice((HOLD, OFFBOARD, RTL)), chance.random() < 0.7
+                said.append(speaker.say(sim.MAVLink_current_mode_message(0, mode, mode)))
+            if chance.random() < 0.03:
+                text = f"note {system_id} at {step}".encode()
+                said.append(speaker.say(sim.MAVLink_statustext_message(chance.randrange(3, 7), text, 0, 0)))
+            said.append(
+                speaker.say(
+                    sim.MAVLink_attitude_quaternion_message(
+                        boot_ms, 1.0, 0.0, 0.0, chance.random(), 0.0, 0.0, 0.1
+                    )
+                )
+            )
+            said.append(
+                speaker.say(
+                    sim.MAVLink_global_position_int_message(
+                        boot_ms,
+                        473977420 + step,
+                        85455940,
+                        489_000 + 100 * step,
+                        100 * step,
+                        0,
+                        0,
+                        0,
+                        step * 10,
+                    )
+                )
+            )
+            if step % 20 == 0:
+                said.append(speaker.say(sim.MAVLink_extended_sys_state_message(0, 2 if armed else 1)))
+            out += [(at_us, raw) for raw in said]
+        out += [
+            (begin_us + second * 1_000_000, station.say(heartbeat(0, autopilot=8, kind=6)))
+            for second in range(seconds)
+        ]
+    return sorted(out, key=lambda r: r[0])
+
+
+def log_bytes(records):
+    return b"".join(record(time_us, raw) for time_us, raw in records)

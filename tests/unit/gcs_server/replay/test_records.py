@@ -1,0 +1,116 @@
+"""Records are found whatever was done to the file, and their times can be relied on."""
+
+import gzip
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.replay.records import (
+    Batch,
+    Cursor,
+    message_id,
+    open_log,
+    parse,
+    read_batch,
+    read_tlog,
+    system_id,
+)
+from tests.unit.gcs_server.replay.made_logs import BEGIN_US, flight, log_bytes, record
+
+FLIGHT = flight(seconds=6)
+DATA = log_bytes(FLIGHT)
+
+
+def whole(data):
+    return parse(data, Cursor(), is_last=True)
+
+
+def test_every_record_is_there_with_whose_it_is():
+    found = whole(DATA)
+    assert [(r.time_us, r.raw) for r in found.records] == FLIGHT
+    assert found.bytes_skipped == 0
+    assert {system_id(r.key) for r in found.records} == {1, 7, 255}
+    assert {message_id(r.key) for r in found.records} >= {0, 31, 33}
+    assert all(DATA[r.offset + 8 :].startswith(r.raw) for r in found.records)
+
+
+@given(st.lists(st.integers(1, len(DATA) - 1), max_size=5))
+def test_it_does_not_matter_in_which_pieces_it_is_read(cuts):
+    cursor, found = Cursor(), []
+    for end in [*sorted(cuts), len(DATA)]:
+        batch = parse(DATA[cursor.offset : end], cursor, is_last=end == len(DATA))
+        found += batch.records
+        cursor = batch.after
+    assert [(r.time_us, r.raw) for r in found] == FLIGHT
+    assert cursor.offset == len(DATA)
+
+
+@given(st.integers(0, len(DATA)), st.binary(min_size=1, max_size=60))
+def test_damage_costs_no_more_than_the_records_it_touches(at, garbage):
+    found = whole(DATA[:at] + garbage + DATA[at:])
+    lost = set(FLIGHT) - {(r.time_us, r.raw) for r in found.records}
+    assert (
+        len(lost) <= 8
+    )  # the torn one, and what garbage that looks like a header swallows (at most 290 bytes)
+    times = [r.time_us for r in found.records]
+    assert times == sorted(times)
+    assert FLIGHT[0][0] <= times[0]
+    assert times[-1] <= FLIGHT[-1][0] + 86_400_000_000
+
+
+@given(st.binary(max_size=4000))
+def test_noise_never_raises(noise):
+    found = whole(noise)
+    assert found.after.offset == len(noise)
+    assert found.bytes_skipped + sum(len(r.raw) + 8 for r in found.records) == len(noise)
+
+
+@pytest.mark.parametrize("jump_us", [-3_600_000_000, 400 * 86_400_000_000])
+def test_a_clock_that_is_set_in_flight_does_not_bend_the_time(jump_us):
+    half = len(FLIGHT) // 2
+    changed = FLIGHT[:half] + [(time_us + jump_us, raw) for time_us, raw in FLIGHT[half:]]
+    found = whole(log_bytes(changed))
+    assert [r.raw for r in found.records] == [raw for _, raw in FLIGHT]
+    times = [r.time_us for r in found.records]
+    assert times == sorted(times)
+    assert abs(times[-1] - FLIGHT[-1][0]) < 1_000_000
+
+
+def test_a_pause_of_hours_is_kept_and_jitter_is_smoothed():
+    raw = FLIGHT[0][1]
+    times = [BEGIN_US, BEGIN_US + 50, BEGIN_US + 20, BEGIN_US + 7_200_000_000]
+    found = whole(b"".join(record(t, raw) for t in times))
+    assert [r.time_us - BEGIN_US for r in found.records] == [0, 50, 50, 7_200_000_000]
+
+
+def test_packed_files_and_torn_ones(tmp_path):
+    plain, packed, torn, cut = (tmp_path / n for n in ("a.tlog", "b.tlog.gz", "c.tlog", "d.tlog.gz"))
+    plain.write_bytes(DATA)
+    packed.write_bytes(gzip.compress(DATA))
+    torn.write_bytes(DATA[:-5])
+    cut.write_bytes(gzip.compress(DATA)[:-200])
+    assert list(read_tlog(plain)) == list(read_tlog(packed)) == FLIGHT
+    assert list(read_tlog(torn)) == FLIGHT[:-1]
+    part = list(read_tlog(cut))
+    assert part == FLIGHT[: len(part)]
+    liar = tmp_path / "liar.tlog.gz"
+    liar.write_bytes(b"not packed at all")
+    with pytest.raises(OSError, match="gzip"):
+        open_log(liar)
+
+
+def test_a_long_file_is_read_in_bounded_pieces(tmp_path):
+    path = tmp_path / "long.tlog"
+    many = flight(seconds=400)
+    path.write_bytes(log_bytes(many))
+    assert path.stat().st_size > 2 << 18
+    with open_log(path) as file:
+        batch, pieces, count = Batch([], Cursor(), at_end=False, bytes_skipped=0), 0, 0
+        while not batch.at_end:
+            batch = read_batch(file, batch.after)
+            pieces, count = pieces + 1, count + len(batch.records)
+        assert file.seek(0, io.SEEK_CUR) == 0
+    assert (count, batch.bytes_skipped) == (len(many), 0)
+    assert pieces >= 3

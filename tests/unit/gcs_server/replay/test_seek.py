@@ -1,0 +1,142 @@
+"""After a jump a vehicle is exactly what it would be had the log been played up to there."""
+
+import asyncio
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gcs_server.links.base import Link, Peer
+from gcs_server.replay.index import make_index
+from gcs_server.replay.playback import ReplayClock, condense, moment
+from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
+from gcs_server.vehicle.samples import TOPICS
+from tests.protocol.conftest import World
+from tests.unit.gcs_server.replay.made_logs import flight, log_bytes
+
+
+class Tape(Link):
+    """Feeds records as the replay link does."""
+
+    replay = True
+
+    def __init__(self, begin_us):
+        super().__init__("tape", "tape")
+        self.clock = ReplayClock(begin_us, 0)
+
+    def _open(self):
+        self._peers["log"] = Peer("log")
+        self._opened()
+
+    def _close(self):
+        pass
+
+    def _write(self, data, peer):
+        return False
+
+    def feed(self, record):
+        self.clock.time_us = record.time_us
+        self._received(record.raw, self._peers["log"], self.clock.monotonic_s())
+
+
+def fleet_after(records, until_us, begin_us, *, ticks):
+    """What the server knows after these records."""
+
+    async def story():
+        world = World()
+        tape = Tape(begin_us)
+        world.router.add(tape)
+        tick_us = begin_us
+        for record in records:
+            while ticks and record.time_us - tick_us > 250_000:
+                tick_us += 250_000
+                world.fleet.tick()
+            tape.feed(record)
+        tape.clock.time_us = until_us
+        world.fleet.tick()
+        told = {vehicle.id: picture(vehicle) for vehicle in world.fleet.all()}
+        await world.close()
+        return told
+
+    return asyncio.run(story())
+
+
+def picture(vehicle):
+    topics = {name: vehicle.topic(name) for name in TOPICS}
+    events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
+    return vehicle.identity, vehicle.facts, topics, sorted(e for e in events if e[1] != "link")
+
+
+def everything(file):
+    batch, records = Batch([], Cursor(), at_end=False, bytes_skipped=0), []
+    while not batch.at_end:
+        batch = read_batch(file, batch.after)
+        records += batch.records
+    return records
+
+
+def compare(path, share):
+    with open_log(path) as file:
+        index = make_index(file)
+        until_us = index.begin_us + int((index.end_us - index.begin_us) * share)
+        records = everything(file)
+        before = [r for r in records if r.time_us <= until_us]
+        there = moment(file, index, until_us)
+        jumped = fleet_after(there.records, until_us, index.begin_us, ticks=False)
+        played = fleet_after(before, until_us, index.begin_us, ticks=True)
+        assert jumped == played
+        # and it goes on with the very next record
+        rest = list(there.following)
+        batch = Batch([], there.after, at_end=there.at_end, bytes_skipped=0)
+        while not batch.at_end:
+            batch = read_batch(file, batch.after)
+            rest += batch.records
+        assert rest == records[len(before) :]
+        return jumped, len(before), len(there.records)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 1000), share=st.floats(0, 1))
+def test_in_made_up_flights(tmp_path, seed, share):
+    path = tmp_path / "made.tlog"
+    path.write_bytes(log_bytes(flight(seed, seconds=30)))
+    compare(path, share)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.31, 0.77, 1.0])
+def test_in_a_long_one_from_a_checkpoint(tmp_path, share):
+    path = tmp_path / "long.tlog"
+    path.write_bytes(log_bytes(flight(3, seconds=500)))
+    vehicles, before, fed = compare(path, share)
+    assert share == 0.0 or set(vehicles) == {"1", "7"}
+    assert fed <= 1000, f"{fed} of {before} frames were needed"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz", "failsafe-battery.tlog", "offboard-api.tlog.gz"],
+)
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_in_flights_of_a_real_px4(shared, name, share):
+    vehicles, before, fed = compare(shared / "px4" / "tlogs" / name, share)
+    assert len(vehicles) == 1
+    assert before > 10 * fed
+    ((identity, facts, topics, events),) = vehicles.values()
+    assert identity.replayed
+    assert facts.custom_mode
+    assert topics["gimbal"] is not None
+    assert events
+
+
+def test_condensed_playing_leaves_out_nothing_that_lasts(tmp_path):
+    path = tmp_path / "made.tlog"
+    path.write_bytes(log_bytes(flight(9, seconds=20)))
+    with open_log(path) as file:
+        records = everything(file)
+    thinned = []
+    for i in range(0, len(records), 400):
+        thinned += condense(records[i : i + 400])
+    assert len(thinned) < len(records) / 3
+    end_us = records[-1].time_us
+    whole = fleet_after(records, end_us, records[0].time_us, ticks=False)
+    assert fleet_after(thinned, end_us, records[0].time_us, ticks=False) == whole
