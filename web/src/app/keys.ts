@@ -5,7 +5,7 @@ import { choice } from '../features/instruments/choice.svelte';
 import { panel } from '../features/messages/panel.svelte';
 import { stage } from '../features/stage/stage.svelte';
 import { page } from './page.svelte';
-import { actions } from './session.svelte';
+import { actions, spotMenu } from './session.svelte';
 import { theme } from './theme.svelte';
 
 export interface KeyLine {
@@ -28,6 +28,9 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'N', what: 'All messages, or the newest few', inScene: true },
   { keys: 'V', what: 'Choose the values shown', inScene: true },
   { keys: 'M', what: 'Swap map and 3D', inScene: true },
+  { keys: 'F', what: 'Map follows the vehicle, or stays', inScene: true },
+  { keys: 'Z', what: 'Map close to the vehicle', inScene: true },
+  { keys: 'U', what: 'Map north up', inScene: true },
   { keys: '1 … 9', what: 'Choose a vehicle; 0 is the tenth', inScene: true },
   { keys: 'Shift D', what: 'Light or dark', inScene: false },
   { keys: '?', what: 'This sheet', inScene: true },
@@ -47,6 +50,9 @@ function plain(key: string): boolean {
     case 'r': actions.request('rtl', facts); return true;
     case 'o': actions.request('offboard_start', facts, 'offboard'); return true;
     case 'm': stage.swap(); return true;
+    case 'f': stage.map?.follow(); return true;
+    case 'z': stage.map?.near(); return true;
+    case 'u': stage.map?.northUp(); return true;
     case 'n': panel.open = !panel.open; return true;
     case 'v': choice.editing = !choice.editing; return true;
     default: return false;
@@ -67,6 +73,7 @@ function escape(): boolean {
   if (actions.asked !== null) actions.cancel();
   else if (sheet.open) sheet.open = false;
   else if (choice.editing) choice.editing = false;
+  else if (spotMenu.spot !== null) spotMenu.close();
   else actions.dismiss('bar');
   return true;
 }

@@ -3,6 +3,8 @@
 import { ActionController } from '../features/actions/controller.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
 import { OffboardControl } from '../features/offboard/control.svelte';
+import { SpotMenu } from '../features/stage/spot.svelte';
+import { stage } from '../features/stage/stage.svelte';
 import { links } from '../features/topbar/links.svelte';
 import { page } from './page.svelte';
 
@@ -14,10 +16,13 @@ export const actions = new ActionController(page.api, nowS, (facts) => offboard.
 
 export const gimbal = new GimbalControl(page.api, actions);
 
+export const spotMenu = new SpotMenu(page.api, actions, gimbal, nowS, (id) => page.factsOf(id));
+
 export function start(): void {
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
   page.onEvent.push((event) => actions.heard(event));
   page.onPaint.push(() => actions.paint(page.selectedId));
+  page.onEvent.push((event) => spotMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
   links.poll(page.api);
   page.start();
 }

@@ -10,7 +10,6 @@ import { severityWord, shown } from './messages/messages';
 import { SetpointKeeper } from './offboard/keeper';
 import { nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
 import { error_m, nudgeBase, readOffboard } from './offboard/view';
-import { eastNorth, fromPixel, groundDistance_m, niceLength_m, toPixel, zoomAt } from './stage/geo';
 import { batteryIndicator, gpsIndicator } from './topbar/indicators';
 import { linkDetails, recordingIndicator, type LinkLine } from './topbar/links';
 import { statusWords, type StatusFacts } from './topbar/status-words';
@@ -238,27 +237,5 @@ describe('instruments, messages, indicators', () => {
     expect(two).toContainEqual(['CRC errors', '1']);
     expect(two.some(([, value]) => value.includes('port taken'))).toBe(true);
     expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
-  });
-});
-
-describe('map', () => {
-  const here = { lat_deg: 47.4, lon_deg: 8.5 };
-  it('measures in metres, over the date line too', () => {
-    expect(eastNorth(here, { lat_deg: 47.401, lon_deg: 8.5 }).north_m).toBeCloseTo(111.2, 0);
-    expect(groundDistance_m({ lat_deg: 0, lon_deg: 179.9995 }, { lat_deg: 0, lon_deg: -179.9995 })).toBeCloseTo(111.2, 0);
-  });
-  it('keeps the point under the pointer while zooming', () => {
-    const view = { centre: { east_m: 5, north_m: -3 }, scale: 4, width: 800, height: 600 };
-    const at = { x: 700, y: 50 };
-    const zoomed = zoomAt(view, at, 2.5);
-    const back = toPixel(zoomed, fromPixel(view, at));
-    expect(back.x).toBeCloseTo(at.x);
-    expect(back.y).toBeCloseTo(at.y);
-    expect(zoomAt(view, at, 1e9).scale).toBe(60);
-  });
-  it('has round scale bars', () => {
-    expect(niceLength_m(4, 110)).toBe(20);
-    expect(niceLength_m(0.1, 110)).toBe(1000);
-    expect(niceLength_m(60, 110)).toBe(1);
   });
 });

@@ -1,4 +1,4 @@
-/** Flat-earth geometry for the page's own small map: metres east and north of a reference. */
+/** The map's geometry: places, metres about a reference, and the pixels of a Web Mercator view seen from above. */
 
 export interface Place {
   lat_deg: number;
@@ -10,15 +10,33 @@ export interface EastNorth {
   north_m: number;
 }
 
-const EARTH_RADIUS_M = 6_371_000;
+export interface Pixel {
+  x: number;
+  y: number;
+}
+
+/** The radius the autopilot's own local frame is laid out with, so that distances here agree with its own [m]. */
+export const EARTH_RADIUS_M = 6_371_000;
 const RAD = Math.PI / 180;
+
+/** A longitude or a difference of two into −180…180 [deg]. */
+export function wrapLongitude(lon_deg: number): number {
+  return ((((lon_deg + 180) % 360) + 360) % 360) - 180;
+}
 
 /** Metres from `reference` to `place`; good to 0.1 % within tens of kilometres. */
 export function eastNorth(reference: Place, place: Place): EastNorth {
-  const longitude = ((((place.lon_deg - reference.lon_deg + 180) % 360) + 360) % 360) - 180;
   return {
-    east_m: longitude * RAD * EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD),
+    east_m: wrapLongitude(place.lon_deg - reference.lon_deg) * RAD * EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD),
     north_m: (place.lat_deg - reference.lat_deg) * RAD * EARTH_RADIUS_M,
+  };
+}
+
+/** The place so many metres from `reference`. */
+export function placeAt(reference: Place, at: EastNorth): Place {
+  return {
+    lat_deg: reference.lat_deg + at.north_m / EARTH_RADIUS_M / RAD,
+    lon_deg: wrapLongitude(reference.lon_deg + at.east_m / (EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD)) / RAD),
   };
 }
 
@@ -27,53 +45,85 @@ export function groundDistance_m(a: Place, b: Place): number {
   return Math.hypot(east_m, north_m);
 }
 
-export interface MapView {
-  centre: EastNorth;
-  /** Pixels per metre. */
-  scale: number;
-  width: number;
-  height: number;
+/** From `a` to `b`, clockwise from north [rad]. */
+export function bearing_rad(a: Place, b: Place): number {
+  const { east_m, north_m } = eastNorth(a, b);
+  return Math.atan2(east_m, north_m);
 }
 
-export interface Pixel {
+/** Web Mercator: the world from 0 to 1, y southwards. */
+export interface Mercator {
   x: number;
   y: number;
 }
 
-export function toPixel(view: MapView, at: EastNorth): Pixel {
+export function mercator(place: Place): Mercator {
   return {
-    x: view.width / 2 + (at.east_m - view.centre.east_m) * view.scale,
-    y: view.height / 2 - (at.north_m - view.centre.north_m) * view.scale,
+    x: (180 + place.lon_deg) / 360,
+    y: (180 - Math.log(Math.tan(Math.PI / 4 + (place.lat_deg * RAD) / 2)) / RAD) / 360,
   };
 }
 
-export function fromPixel(view: MapView, at: Pixel): EastNorth {
-  return {
-    east_m: view.centre.east_m + (at.x - view.width / 2) / view.scale,
-    north_m: view.centre.north_m - (at.y - view.height / 2) / view.scale,
-  };
+export function fromMercator(at: Mercator): Place {
+  return { lon_deg: wrapLongitude(at.x * 360 - 180), lat_deg: Math.atan(Math.sinh((180 - at.y * 360) * RAD)) / RAD };
+}
+
+/** What the map shows now. */
+export interface MapView {
+  centre: Mercator;
+  /** The whole world's width [px]. */
+  world_px: number;
+  /** Which way is up on the screen, clockwise from north [rad]. */
+  up_rad: number;
+  width: number;
+  height: number;
+}
+
+export function toPixel(view: MapView, place: Place): Pixel {
+  const at = mercator(place);
+  const turn = at.x - view.centre.x;
+  const dx = (turn - Math.round(turn)) * view.world_px;
+  const dy = (at.y - view.centre.y) * view.world_px;
+  const [cos, sin] = [Math.cos(view.up_rad), Math.sin(view.up_rad)];
+  return { x: view.width / 2 + dx * cos + dy * sin, y: view.height / 2 - dx * sin + dy * cos };
+}
+
+export function fromPixel(view: MapView, at: Pixel): Place {
+  const [px, py] = [at.x - view.width / 2, at.y - view.height / 2];
+  const [cos, sin] = [Math.cos(view.up_rad), Math.sin(view.up_rad)];
+  return fromMercator({
+    x: view.centre.x + (px * cos - py * sin) / view.world_px,
+    y: view.centre.y + (px * sin + py * cos) / view.world_px,
+  });
+}
+
+/** Pixels of one metre at the middle of the view. */
+export function pixelsPerMetre(view: MapView): number {
+  const lat_rad = fromMercator(view.centre).lat_deg * RAD;
+  return view.world_px / (2 * Math.PI * EARTH_RADIUS_M * Math.cos(lat_rad));
 }
 
 /** A round length [m] whose bar is about `pixels` long: 1, 2 or 5 times a power of ten. */
-export function niceLength_m(scale: number, pixels: number): number {
-  const raw = pixels / scale;
+export function niceLength_m(px_per_m: number, pixels: number): number {
+  const raw = pixels / px_per_m;
   const power = 10 ** Math.floor(Math.log10(raw));
   const factor = [5, 2, 1].find((f) => f * power <= raw) ?? 1;
   return factor * power;
 }
 
-export const SCALE_MIN = 0.02;
-export const SCALE_MAX = 60;
+/** "50 m", "2 km": a round length in words. */
+export function lengthText(length_m: number): string {
+  return Math.abs(length_m) >= 1000 ? `${+(length_m / 1000).toFixed(3)} km` : `${+length_m.toFixed(3)} m`;
+}
 
-/** The view zoomed by `factor` with the point under `at` kept in place. */
-export function zoomAt(view: MapView, at: Pixel, factor: number): MapView {
-  const scale = Math.min(SCALE_MAX, Math.max(SCALE_MIN, view.scale * factor));
-  const under = fromPixel(view, at);
-  return {
-    ...view, scale,
-    centre: {
-      east_m: under.east_m - (at.x - view.width / 2) / scale,
-      north_m: under.north_m + (at.y - view.height / 2) / scale,
-    },
-  };
+/** The nearest of several within `reach` [px]; null where none is. */
+export function hit<T extends Place>(view: MapView, at: Pixel, those: readonly T[], reach: number): T | null {
+  let best: T | null = null;
+  let gap = reach;
+  for (const one of those) {
+    const { x, y } = toPixel(view, one);
+    const distance = Math.hypot(x - at.x, y - at.y);
+    if (distance <= gap) [best, gap] = [one, distance];
+  }
+  return best;
 }

@@ -1,83 +1,99 @@
-/** Draws the map: grid with its scale, homes, trails, vehicles, targets. Knows a canvas, nothing of the page. */
+/** Draws what moves over the map: homes, trails, vehicles, targets. Knows a canvas, nothing of the page. */
 
-import type { MapVehicle } from './map-model';
-import { fromPixel, niceLength_m, toPixel, type MapView, type Pixel } from './geo';
+import type { MapTarget, MapVehicle } from './map-model';
+import type { EdgeLabel } from './grid';
+import { toPixel, type MapView, type Pixel, type Place } from './geo';
 
+/** The page's colours as the canvas and the map's style need them. */
 export interface Palette {
   map: string;
   line: string;
   line2: string;
   text: string;
   text2: string;
+  text3: string;
   panel: string;
   target: string;
+  accent: string;
+  dark: boolean;
   stroke: number;
   of: (name: string) => string;
 }
 
 type Ctx = CanvasRenderingContext2D;
 
-export function drawMap(ctx: Ctx, view: MapView, vehicles: readonly MapVehicle[], palette: Palette, inset: boolean): void {
-  ctx.fillStyle = palette.map;
-  ctx.fillRect(0, 0, view.width, view.height);
-  const cell = niceLength_m(view.scale, inset ? 90 : 150);
-  drawGrid(ctx, view, palette, cell);
+/** Trail points nearer to each other than this are one [px]. */
+const TRAIL_STEP_PX = 1.5;
+
+export interface Picture {
+  vehicles: readonly MapVehicle[];
+  labels: readonly EdgeLabel[];
+  /** Where the open menu points. */
+  spot: Place | null;
+  inset: boolean;
+}
+
+export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Palette): void {
+  const { vehicles, inset } = picture;
+  ctx.clearRect(0, 0, view.width, view.height);
+  if (!inset) for (const label of picture.labels) drawEdge(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
-  for (const v of vehicles) if (v.home !== null) drawHome(ctx, toPixel(view, v.home), palette);
+  for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
   for (const v of vehicles) {
-    if (v.look_rad !== null && !v.lost) drawLook(ctx, toPixel(view, v.at), v.look_rad, palette.of(v.colour), inset ? 44 : 90);
-    if (v.target !== null) drawTarget(ctx, view, v, v.target, palette, inset);
-    drawVehicle(ctx, toPixel(view, v.at), v, palette, inset ? 0.7 : 1);
-    if (!inset) drawTag(ctx, toPixel(view, v.at), v.label, palette.of(v.colour), palette);
+    const at = toPixel(view, v);
+    if (v.look_rad !== null && !v.lost && !v.stale) drawLook(ctx, at, v.look_rad - view.up_rad, palette.of(v.colour), inset ? 44 : 90);
+    for (const target of v.targets) drawTarget(ctx, view, at, target, palette, inset);
   }
+  for (const v of vehicles) {
+    const at = toPixel(view, v);
+    drawVehicle(ctx, at, v, view.up_rad, palette, inset ? 0.7 : v.selected ? 1 : 0.85);
+    if (!inset) drawTag(ctx, at, v.label, colourOf(v, palette), palette);
+  }
+  if (picture.spot !== null) drawSpot(ctx, toPixel(view, picture.spot), palette);
 }
 
-/** The scale bar's length [m] for the page to print beside it. */
-export function scaleLength_m(view: MapView): number {
-  return niceLength_m(view.scale, 110);
+/** Vehicles that started side by side share one mark. */
+function homes(vehicles: readonly MapVehicle[]): Place[] {
+  const found = new Map<string, Place>();
+  for (const { home } of vehicles) if (home !== null) found.set(`${home.lat_deg.toFixed(6)},${home.lon_deg.toFixed(6)}`, home);
+  return [...found.values()];
 }
 
-function drawGrid(ctx: Ctx, view: MapView, palette: Palette, cell_m: number): void {
-  const topLeft = fromPixel(view, { x: 0, y: 0 });
-  const bottomRight = fromPixel(view, { x: view.width, y: view.height });
-  const lines = (minor_m: number, colour: string): void => {
-    ctx.strokeStyle = colour;
-    ctx.lineWidth = 1;
-    ctx.beginPath();
-    for (let e = Math.ceil(topLeft.east_m / minor_m) * minor_m; e <= bottomRight.east_m; e += minor_m) {
-      const x = Math.round(toPixel(view, { east_m: e, north_m: 0 }).x) + 0.5;
-      ctx.moveTo(x, 0);
-      ctx.lineTo(x, view.height);
-    }
-    for (let n = Math.ceil(bottomRight.north_m / minor_m) * minor_m; n <= topLeft.north_m; n += minor_m) {
-      const y = Math.round(toPixel(view, { east_m: 0, north_m: n }).y) + 0.5;
-      ctx.moveTo(0, y);
-      ctx.lineTo(view.width, y);
-    }
-    ctx.stroke();
-  };
-  lines(cell_m / 2, palette.line);
-  lines(cell_m * 2, palette.line2);
+function colourOf(v: MapVehicle, palette: Palette): string {
+  return v.stale ? palette.text3 : palette.of(v.colour);
+}
+
+function drawEdge(ctx: Ctx, label: EdgeLabel, palette: Palette): void {
+  ctx.font = '11px Inter, system-ui, sans-serif';
+  ctx.fillStyle = palette.text3;
+  ctx.textBaseline = label.y === 0 ? 'top' : 'bottom';
+  ctx.fillText(label.text, label.x + 5, label.y + (label.y === 0 ? 5 : -3));
 }
 
 function drawTrail(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
   if (v.trail.length === 0) return;
-  ctx.strokeStyle = palette.of(v.colour);
+  ctx.strokeStyle = colourOf(v, palette);
   ctx.globalAlpha = v.lost ? 0.4 : 0.85;
   ctx.lineWidth = palette.stroke * (v.selected ? 1.25 : 0.9);
   ctx.lineJoin = ctx.lineCap = 'round';
   ctx.beginPath();
-  for (const point of [...v.trail, v.at]) {
-    const { x, y } = toPixel(view, point);
-    ctx.lineTo(x, y);
+  let last: Pixel | null = null;
+  for (const point of v.trail) {
+    const at = toPixel(view, point);
+    if (last !== null && Math.abs(at.x - last.x) + Math.abs(at.y - last.y) < TRAIL_STEP_PX) continue;
+    ctx.lineTo(at.x, at.y);
+    last = at;
   }
+  const end = toPixel(view, v);
+  ctx.lineTo(end.x, end.y);
   ctx.stroke();
   ctx.globalAlpha = 1;
 }
 
-function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
+function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette, size: number): void {
   ctx.save();
   ctx.translate(x, y);
+  ctx.scale(size, size);
   disc(ctx, 13, palette.panel, palette.text2, 1.5);
   ctx.strokeStyle = palette.text;
   ctx.lineWidth = 1.6;
@@ -103,12 +119,12 @@ function drawLook(ctx: Ctx, { x, y }: Pixel, look_rad: number, colour: string, r
   ctx.restore();
 }
 
-function drawTarget(ctx: Ctx, view: MapView, v: MapVehicle, target: NonNullable<MapVehicle['target']>, palette: Palette, inset: boolean): void {
-  const at = toPixel(view, target.at);
-  const from = toPixel(view, v.at);
+function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, palette: Palette, inset: boolean): void {
+  const at = toPixel(view, target);
+  const looks = target.kind === 'look';
   ctx.strokeStyle = palette.target;
-  ctx.lineWidth = palette.stroke;
-  ctx.setLineDash([3, 7]);
+  ctx.lineWidth = looks ? 1.2 : palette.stroke;
+  ctx.setLineDash(looks ? [2, 5] : [3, 7]);
   ctx.lineCap = 'round';
   ctx.beginPath();
   ctx.moveTo(from.x, from.y);
@@ -117,19 +133,24 @@ function drawTarget(ctx: Ctx, view: MapView, v: MapVehicle, target: NonNullable<
   ctx.setLineDash([]);
   ctx.save();
   ctx.translate(at.x, at.y);
-  disc(ctx, 12, null, palette.target, palette.stroke + 0.4);
-  ctx.stroke(new Path2D('M0-6v12M-6 0h12'));
+  if (inset) ctx.scale(0.7, 0.7);
+  if (looks) {
+    disc(ctx, 3, palette.target, null, 0);
+    disc(ctx, 10, null, palette.target, 1.6);
+  } else {
+    disc(ctx, 12, null, palette.target, palette.stroke + 0.4);
+    ctx.stroke(new Path2D('M0-6v12M-6 0h12'));
+  }
   ctx.restore();
-  const apart = Math.hypot(at.x - from.x, at.y - from.y) > 60;
-  if (!inset && apart) drawTag(ctx, at, target.label, palette.target, palette);
+  if (!inset && Math.hypot(at.x - from.x, at.y - from.y) > 60) drawTag(ctx, at, target.label, palette.target, palette);
 }
 
-function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, palette: Palette, size: number): void {
-  const colour = palette.of(v.colour);
+function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, palette: Palette, size: number): void {
+  const colour = colourOf(v, palette);
   ctx.save();
   ctx.translate(x, y);
   ctx.scale(size, size);
-  if (v.yaw_rad !== null) ctx.rotate(v.yaw_rad);
+  if (v.yaw_rad !== null) ctx.rotate(v.yaw_rad - up_rad);
   if (!v.lost) {
     ctx.globalAlpha = v.selected ? 0.2 : 0.12;
     disc(ctx, 21, colour, null, 0);
@@ -151,6 +172,18 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, palette: Palette,
     ctx.fillStyle = colour;
     ctx.fill(nose);
   }
+  ctx.restore();
+}
+
+/** Where the open menu points: asked for, so violet, and open, so hollow. */
+function drawSpot(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
+  ctx.save();
+  ctx.translate(x, y);
+  ctx.strokeStyle = palette.target;
+  ctx.lineWidth = palette.stroke;
+  ctx.lineCap = 'round';
+  ctx.stroke(new Path2D('M0-15v8M0 15v-8M-15 0h8M15 0h-8'));
+  disc(ctx, 2, palette.target, null, 0);
   ctx.restore();
 }
 

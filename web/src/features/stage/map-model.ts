@@ -1,43 +1,69 @@
-/** What the map shows, in metres east and north of one reference, taken from the telemetry once per frame. */
+/** What the map shows of the vehicles, taken from the telemetry once per frame. */
 
 import { identityColour } from '../../app/names';
 import { vehicleFacts, type VehicleFacts } from '../../app/facts';
+import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import { fixed } from '../../ui/format';
-import { eastNorth, type EastNorth, type Place } from './geo';
+import { groundDistance_m, placeAt, type Place } from './geo';
 
-export interface MapVehicle {
+export interface MapVehicle extends Place {
   id: string;
   selected: boolean;
   lost: boolean;
+  /** Its place is old: drawn grey, as nothing stale looks live. */
+  stale: boolean;
+  /** Custom property of its identity colour. */
   colour: string;
-  at: EastNorth;
   yaw_rad: number | null;
   label: string;
-  trail: EastNorth[];
-  home: EastNorth | null;
-  target: { at: EastNorth; label: string } | null;
+  /** Oldest first; shared with the store, not to be changed. */
+  trail: readonly Place[];
+  home: Place | null;
+  targets: MapTarget[];
   /** Where the camera looks from north [rad]. */
   look_rad: number | null;
 }
 
-/** The place everything is drawn from: the selected vehicle's home, else where it is. */
+/** What is asked of the vehicle: a setpoint, the place it was sent to, the place its camera keeps. */
+export interface MapTarget extends Place {
+  kind: 'go' | 'look';
+  label: string;
+}
+
+/** A place a vehicle was asked to fly to or look at by this page. */
+export interface Wanted extends Place {
+  alt_home_m: number | null;
+}
+
+export interface WantedOf {
+  go: Wanted | null;
+  look: Wanted | null;
+}
+
+/** The place everything is measured from: the selected vehicle's home, else where it is. */
 export function referencePlace(facts: VehicleFacts): Place | null {
   return facts.home?.value ?? facts.global?.value ?? null;
 }
 
-/** A place in the vehicle's own local frame; through where it is in both frames now. */
-function fromLocal(facts: VehicleFacts, at: EastNorth, north_m: number, east_m: number): EastNorth | null {
-  const here = facts.local?.value.position_ned_m;
-  return here === undefined ? null : { north_m: at.north_m + north_m - here[0], east_m: at.east_m + east_m - here[1] };
+/** Whether the reference is a home, and not just where the vehicle is. */
+export function homeKnown(facts: VehicleFacts): boolean {
+  return facts.home !== null;
 }
 
-function target(facts: VehicleFacts, at: EastNorth): MapVehicle['target'] {
+/** The streamed setpoint as a place, through where the vehicle is in both frames now. */
+function setpoint(facts: VehicleFacts, here: Place): MapTarget | null {
   const stream = facts.offboard;
-  if (stream?.streaming !== true || stream.position_ned_m === null) return null;
+  const at = facts.local?.value.position_ned_m;
+  if (stream?.streaming !== true || stream.position_ned_m === null || at === undefined) return null;
   const [north, east, down] = stream.position_ned_m;
-  const place = north === null || east === null ? null : fromLocal(facts, at, north, east);
-  return place === null ? null : { at: place, label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
+  if (north === null || east === null) return null;
+  const place = placeAt(here, { north_m: north - at[0], east_m: east - at[1] });
+  return { ...place, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
+}
+
+function named(kind: MapTarget['kind'], what: string, wanted: Wanted | null): MapTarget | null {
+  return wanted === null ? null : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
 }
 
 function look(facts: VehicleFacts): number | null {
@@ -48,8 +74,15 @@ function look(facts: VehicleFacts): number | null {
   return gimbal.value.yaw_frd_rad === null || yaw === null ? null : gimbal.value.yaw_frd_rad + yaw;
 }
 
+function label(facts: VehicleFacts): string {
+  const place = facts.global;
+  if (place === null) return facts.id;
+  const age = facts.lost ? ' · lost' : place.stale ? ` · ${ageText(place.age_s)} old` : '';
+  return `${facts.id} · ${fixed(place.value.alt_home_m, 1)} m${age}`;
+}
+
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
-export function mapVehicles(store: TelemetryStore, reference: Place, selectedId: string | null): MapVehicle[] {
+export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (id: string) => WantedOf): MapVehicle[] {
   const now = store.nowUnixS();
   const found: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
@@ -57,16 +90,31 @@ export function mapVehicles(store: TelemetryStore, reference: Place, selectedId:
     if (vehicle === undefined) return;
     const facts = vehicleFacts(vehicle, now);
     if (facts.global === null) return;
-    const at = eastNorth(reference, facts.global.value);
+    const { lat_deg, lon_deg } = facts.global.value;
+    const here = { lat_deg, lon_deg };
+    const wanted = wantedOf(id);
+    const streamed = setpoint(facts, here);
+    const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'looks at', wanted.look)];
     found.push({
-      id, at, selected: id === selectedId, lost: facts.lost, colour: identityColour(index),
-      yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null,
-      label: `${id} · ${fixed(facts.global.value.alt_home_m, 1)} m${facts.lost ? ' · lost' : ''}`,
-      trail: vehicle.trail.points.map((p) => eastNorth(reference, p)),
-      home: facts.home === null ? null : eastNorth(reference, facts.home.value),
-      target: target(facts, at),
-      look_rad: look(facts),
+      ...here, id, selected: id === selectedId, lost: facts.lost, stale: !facts.lost && facts.global.stale && !facts.replayed,
+      colour: identityColour(index), yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null, label: label(facts),
+      trail: vehicle.trail.points, home: facts.home?.value ?? null, look_rad: look(facts),
+      targets: targets.filter((t): t is MapTarget => t !== null),
     });
   });
   return found.sort((a, b) => Number(a.selected) - Number(b.selected));
+}
+
+/** How near counts as arrived [m]. */
+const ARRIVED_M = 2;
+/** How long a vehicle may take to show that it goes at all [s]. */
+const SETTLES_S = 5;
+
+/** Whether a place a vehicle was sent to is still where it goes: not once it is there or flies something else. */
+export function stillGoing(wanted: Wanted & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
+  const mode = facts.status?.value.mode ?? '';
+  if (now_s - wanted.since_s < SETTLES_S) return true;
+  if (facts.status?.value.armed !== true || mode !== 'hold' || facts.global === null) return false;
+  const climb = wanted.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - wanted.alt_home_m);
+  return groundDistance_m(wanted, facts.global.value) > ARRIVED_M || climb > ARRIVED_M;
 }

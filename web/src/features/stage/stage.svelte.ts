@@ -11,6 +11,13 @@ export interface SceneView {
   theme: 'light' | 'dark';
 }
 
+/** What the keyboard may ask of the map while it is shown. */
+export interface MapCommands {
+  follow: () => void;
+  near: () => void;
+  northUp: () => void;
+}
+
 const RETRY_MS = 5000;
 const SCENE_URL = '/scene/';
 
@@ -19,11 +26,22 @@ class StageState {
   camera = $state<Camera>('chase');
   /** Under this name the server keeps what this page's 3D view shows. */
   readonly token = `page-${Math.random().toString(36).slice(2, 12)}`;
+  /** Where the stage is on the screen [px]. */
+  size = $state.raw({ width: 0, height: 0 });
+  /** Where on the stage the place lies whose menu is open: the map moves under it [px]. */
+  spotAt = $state.raw({ x: 0, y: 0 });
+  map: MapCommands | null = null;
   private wantsMap = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.wantsMap ? 'scene' : 'map');
 
   swap(): void {
     if (this.scene.phase === 'there') this.wantsMap = !this.wantsMap;
+  }
+
+  /** Tells only what changed: the menu is laid out anew each time. */
+  pointAt(at: { x: number; y: number }): void {
+    const [x, y] = [Math.round(at.x), Math.round(at.y)];
+    if (x !== this.spotAt.x || y !== this.spotAt.y) this.spotAt = { x, y };
   }
 
   /** The frame's address, with what it shows first. */

@@ -1,0 +1,97 @@
+/** The map's own background: a metric grid about home whose spacing follows the zoom. */
+
+import type { Feature, FeatureCollection, MultiLineString, Position } from 'geojson';
+import { eastNorth, fromPixel, lengthText, pixelsPerMetre, placeAt, toPixel, type EastNorth, type MapView, type Place } from './geo';
+
+/** A cell is never drawn smaller than this [px]; ten times that is the largest. */
+const SMALLEST_CELL_PX = 34;
+/** Farther from home than this [m] a flat grid is no longer true, and none is drawn. */
+const FLAT_WITHIN_M = 500_000;
+const MOST_LINES = 400;
+
+/** Side of a small cell [m]: the power of ten, from 1 m, that is large enough to see. The strong lines are ten of them apart. */
+export function gridStep_m(px_per_m: number): number {
+  return Math.max(1, 10 ** Math.ceil(Math.log10(SMALLEST_CELL_PX / px_per_m) - 1e-9));
+}
+
+/** A rectangle in metres about the reference. */
+export interface Box {
+  west_m: number;
+  east_m: number;
+  south_m: number;
+  north_m: number;
+}
+
+/** What the view shows, with a margin of `margin` times its size on each side. */
+export function viewBox(view: MapView, reference: Place, margin: number): Box {
+  const far = { x: view.width * (1 + margin), y: view.height * (1 + margin) };
+  const near = { x: -view.width * margin, y: -view.height * margin };
+  const corners = [near, far, { x: near.x, y: far.y }, { x: far.x, y: near.y }].map((p) => eastNorth(reference, fromPixel(view, p)));
+  const east = corners.map((c) => c.east_m);
+  const north = corners.map((c) => c.north_m);
+  return { west_m: Math.min(...east), east_m: Math.max(...east), south_m: Math.min(...north), north_m: Math.max(...north) };
+}
+
+export function contains(outer: Box, inner: Box): boolean {
+  return outer.west_m <= inner.west_m && outer.east_m >= inner.east_m && outer.south_m <= inner.south_m && outer.north_m >= inner.north_m;
+}
+
+export const NO_LINES: FeatureCollection<MultiLineString> = { type: 'FeatureCollection', features: [] };
+
+function multiples(from_m: number, to_m: number, step_m: number): number[] {
+  const first = Math.ceil(from_m / step_m);
+  const count = Math.max(0, Math.floor(to_m / step_m) - first + 1);
+  return count > MOST_LINES ? [] : Array.from({ length: count }, (_, i) => first + i);
+}
+
+/** The grid's lines in a box: thin ones, and every tenth strong. */
+export function gridLines(reference: Place, box: Box, step_m: number): FeatureCollection<MultiLineString> {
+  const west_m = Math.max(box.west_m, -FLAT_WITHIN_M);
+  const east_m = Math.min(box.east_m, FLAT_WITHIN_M);
+  const south_m = Math.max(box.south_m, -FLAT_WITHIN_M);
+  const north_m = Math.min(box.north_m, FLAT_WITHIN_M);
+  if (west_m >= east_m || south_m >= north_m) return NO_LINES;
+  const at = (where: EastNorth): Position => {
+    const place = placeAt(reference, where);
+    return [place.lon_deg, place.lat_deg];
+  };
+  const thin: Position[][] = [];
+  const strong: Position[][] = [];
+  const add = (k: number, line: Position[]): unknown => (k % 10 === 0 ? strong : thin).push(line);
+  for (const k of multiples(west_m, east_m, step_m)) add(k, [at({ east_m: k * step_m, north_m: south_m }), at({ east_m: k * step_m, north_m })]);
+  for (const k of multiples(south_m, north_m, step_m)) add(k, [at({ east_m: west_m, north_m: k * step_m }), at({ east_m, north_m: k * step_m })]);
+  const feature = (lines: Position[][], major: boolean): Feature<MultiLineString> => ({
+    type: 'Feature', properties: { major }, geometry: { type: 'MultiLineString', coordinates: lines },
+  });
+  return { type: 'FeatureCollection', features: [feature(thin, false), feature(strong, true)] };
+}
+
+export interface EdgeLabel {
+  x: number;
+  y: number;
+  text: string;
+}
+
+/** Room for one label [px]. */
+const LABEL_PX = 84;
+
+/** Metres from home where lines leave the view at its top (east, west) and at its left (north, south); north up only. */
+export function edgeLabels(view: MapView, reference: Place): EdgeLabel[] {
+  if (Math.abs(Math.sin(view.up_rad)) > 0.005 || Math.cos(view.up_rad) < 0) return [];
+  const px_per_m = pixelsPerMetre(view);
+  const step_m = gridStep_m(px_per_m);
+  const every_m = step_m * px_per_m >= LABEL_PX ? step_m : step_m * 10;
+  const box = viewBox(view, reference, 0);
+  const far = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
+  if (far > FLAT_WITHIN_M) return [];
+  const name = (metres: number, plus: string, minus: string): string =>
+    metres === 0 ? 'home' : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
+  const labels: EdgeLabel[] = [];
+  for (const k of multiples(box.west_m, box.east_m, every_m)) {
+    labels.push({ x: toPixel(view, placeAt(reference, { east_m: k * every_m, north_m: 0 })).x, y: 0, text: name(k * every_m, 'E', 'W') });
+  }
+  for (const k of multiples(box.south_m, box.north_m, every_m)) {
+    labels.push({ x: 0, y: toPixel(view, placeAt(reference, { east_m: 0, north_m: k * every_m })).y, text: name(k * every_m, 'N', 'S') });
+  }
+  return labels;
+}

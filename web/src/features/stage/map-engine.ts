@@ -1,0 +1,165 @@
+/** MapLibre behind a small face: camera, grid and offline tiles. Loaded when the map is first shown; nothing else knows MapLibre. */
+
+import { addProtocol, Map as MapLibre, setWorkerCount, setWorkerUrl, type GeoJSONSource, type MapMouseEvent } from 'maplibre-gl';
+import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
+import { Protocol } from 'pmtiles';
+import { mercator, pixelsPerMetre, type MapView, type Pixel, type Place } from './geo';
+import { contains, gridLines, gridStep_m, NO_LINES, viewBox, type Box } from './grid';
+import type { Palette } from './map-draw';
+import { mapStyle, paints } from './map-style';
+import { tileLayers, type OfflineMap } from './offline-maps';
+
+const RAD = Math.PI / 180;
+const ZOOM = { min: 7, max: 22 } as const;
+/** The grid is laid out so many screens beyond the edge, and anew once the view leaves that. */
+const GRID_MARGIN = 1;
+
+// A file of this server's own: a worker made from a blob would need a wider policy. One is plenty for a grid.
+setWorkerUrl(new URL(workerUrl, location.href).href);
+setWorkerCount(1);
+const archives = new Protocol({ metadata: true });
+addProtocol('pmtiles', archives.tile);
+
+export interface EngineEvents {
+  /** The camera or the tiles changed and have just been drawn. */
+  drawn: () => void;
+  /** The person moved the map by hand. */
+  taken: () => void;
+  /** A click, a tap, a long press. */
+  pressed: (at: Pixel) => void;
+}
+
+export class MapEngine {
+  private readonly map: MapLibre;
+  private reference: Place | null = null;
+  private laid: { box: Box; step_m: number } | null = null;
+  private offline: OfflineMap[] = [];
+  private palette: Palette;
+  private styled = false;
+
+  /** Throws where the browser has no WebGL. */
+  constructor(container: HTMLElement, palette: Palette, events: EngineEvents) {
+    this.palette = palette;
+    this.map = new MapLibre({
+      container, style: mapStyle(palette), center: [0, 0], zoom: ZOOM.min, minZoom: ZOOM.min, maxZoom: ZOOM.max,
+      maxPitch: 0, pitchWithRotate: false, touchPitch: false, keyboard: false, doubleClickZoom: false, boxZoom: false,
+      attributionControl: false, renderWorldCopies: true, fadeDuration: 0, clickTolerance: 5, refreshExpiredTiles: false,
+    });
+    const canvas = this.map.getCanvas();
+    canvas.tabIndex = -1; // the stage's own crosshair takes the keyboard
+    canvas.setAttribute('aria-hidden', 'true');
+    canvas.removeAttribute('role');
+    this.map.on('load', () => {
+      this.styled = true;
+      this.layGrid(true);
+      this.showOffline();
+    });
+    this.map.on('render', events.drawn);
+    this.map.on('move', () => this.layGrid());
+    this.map.on('resize', () => this.layGrid());
+    for (const kind of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
+      this.map.on(kind, (event) => {
+        if (event.originalEvent !== undefined && (kind !== 'zoomstart' || !this.followsZoom)) events.taken();
+      });
+    }
+    const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });
+    this.map.on('click', pressed);
+    this.map.on('contextmenu', pressed); // a long press, on glass
+    this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
+  }
+
+  /** While true the wheel zooms about the middle, so that what is followed stays there. */
+  private followsZoom = false;
+
+  set followed(on: boolean) {
+    if (on === this.followsZoom) return;
+    this.followsZoom = on;
+    const about = on ? ({ around: 'center' } as const) : true;
+    for (const handler of [this.map.scrollZoom, this.map.touchZoomRotate]) {
+      handler.disable(); // an enabled one keeps what it was enabled with
+      handler.enable(about);
+    }
+  }
+
+  view(): MapView {
+    const { clientWidth: width, clientHeight: height } = this.map.getContainer();
+    const { lng, lat } = this.map.unproject([width / 2, height / 2]);
+    return { centre: mercator({ lat_deg: lat, lon_deg: lng }), world_px: 512 * 2 ** this.map.getZoom(), up_rad: this.map.getBearing() * RAD, width, height };
+  }
+
+  /** Puts a place `aside` pixels left of the middle, at once. */
+  look(at: Place, aside: number, zoom?: number): void {
+    const zoomed = zoom === undefined ? {} : { zoom };
+    this.map.jumpTo({ center: [at.lon_deg, at.lat_deg], padding: { left: 0, top: 0, bottom: 0, right: aside * 2 }, ...zoomed });
+  }
+
+  get zoom(): number {
+    return this.map.getZoom();
+  }
+
+  zoomBy(levels: number): void {
+    this.map.easeTo({ zoom: this.map.getZoom() + levels, duration: 120 });
+  }
+
+  panBy(x: number, y: number): void {
+    this.map.panBy([x, y], { duration: 0 });
+  }
+
+  northUp(): void {
+    this.map.easeTo({ bearing: 0, duration: 120 });
+  }
+
+  resize(): void {
+    this.map.resize();
+  }
+
+  paint(palette: Palette): void {
+    this.palette = palette;
+    if (!this.styled) return;
+    for (const { layer, property, value } of paints(palette)) this.map.setPaintProperty(layer, property, value);
+    this.showOffline();
+  }
+
+  /** Where the grid starts; null draws none. */
+  set home(reference: Place | null) {
+    const same = reference !== null && this.reference !== null && reference.lat_deg === this.reference.lat_deg && reference.lon_deg === this.reference.lon_deg;
+    if (same || reference === this.reference) return;
+    this.reference = reference;
+    this.layGrid(true);
+  }
+
+  set offlineMaps(maps: OfflineMap[]) {
+    this.offline = maps;
+    this.showOffline();
+  }
+
+  remove(): void {
+    this.map.remove();
+  }
+
+  private layGrid(anew = false): void {
+    const source = this.styled ? this.map.getSource<GeoJSONSource>('grid') : undefined;
+    if (source === undefined) return;
+    if (this.reference === null) {
+      if (anew) source.setData(NO_LINES);
+      return;
+    }
+    const view = this.view();
+    if (view.width === 0) return;
+    const step_m = gridStep_m(pixelsPerMetre(view));
+    if (!anew && this.laid?.step_m === step_m && contains(this.laid.box, viewBox(view, this.reference, 0))) return;
+    const box = viewBox(view, this.reference, GRID_MARGIN);
+    this.laid = { box, step_m };
+    source.setData(gridLines(this.reference, box, step_m));
+  }
+
+  private showOffline(): void {
+    if (!this.styled) return;
+    for (const layer of this.map.getStyle().layers) if (layer.id.startsWith('tiles-')) this.map.removeLayer(layer.id);
+    this.offline.forEach((one, index) => {
+      const name = `tiles-${index}`;
+      if (this.map.getSource(name) === undefined) this.map.addSource(name, one.source);
+      for (const layer of tileLayers(one, name, this.palette)) this.map.addLayer(layer, 'grid-thin');
+    });
+  }
+}

@@ -1,0 +1,41 @@
+/** The operator's own map files, served by this server: what they are, and how they are drawn in the page's colours. */
+
+import type { LayerSpecification, SourceSpecification } from 'maplibre-gl';
+import type { components } from '../../api/schema';
+import type { Palette } from './map-draw';
+
+export type MapFile = components['schemas']['MapFile'];
+
+export interface OfflineMap {
+  file: MapFile;
+  source: SourceSpecification;
+}
+
+/** A file as MapLibre reads it; PMTiles describe themselves, an MBTiles' tiles come one by one. */
+export function offlineMap(file: MapFile, origin: string): OfflineMap {
+  const url = `${origin}${file.url}`;
+  const type = file.tiles === 'vector' ? ('vector' as const) : ('raster' as const);
+  const size = type === 'raster' ? { tileSize: 256 } : {};
+  if (file.format === 'pmtiles') return { file, source: { type, url: `pmtiles://${url}`, ...size } as SourceSpecification };
+  const bounds = file.bounds_deg === null ? {} : { bounds: file.bounds_deg };
+  const range = { minzoom: file.min_zoom, maxzoom: file.max_zoom };
+  return { file, source: { type, tiles: [`${url}/{z}/{x}/{y}`], ...range, ...bounds, ...size } as SourceSpecification };
+}
+
+/** Pictures keep their colours, calmed so that the flight stands out; vector tiles are drawn as plain shapes, without names. */
+export function tileLayers(map: OfflineMap, source: string, palette: Palette): LayerSpecification[] {
+  if (map.file.tiles !== 'vector') {
+    const calm = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
+    return [{ id: source, type: 'raster', source, paint: calm }];
+  }
+  return map.file.layers.flatMap((layer, index): LayerSpecification[] => [
+    { id: `${source}-${index}-area`, type: 'fill', source, 'source-layer': layer, filter: ['==', ['geometry-type'], 'Polygon'], paint: { 'fill-color': palette.line, 'fill-opacity': 0.5 } },
+    { id: `${source}-${index}-line`, type: 'line', source, 'source-layer': layer, filter: ['!=', ['geometry-type'], 'Point'], paint: { 'line-color': palette.line2, 'line-width': 1.2 } },
+  ]);
+}
+
+/** Who made the maps shown, as their licences ask; markup in it is left out. */
+export function attributionText(files: readonly MapFile[]): string {
+  const said = files.map((f) => (f.attribution ?? '').replace(/<[^>]*>/g, '').replace(/\s+/g, ' ').trim());
+  return [...new Set(said.filter((text) => text !== ''))].join(' · ');
+}

@@ -1,0 +1,140 @@
+/** The menu at a place: open or not, its heights, what it asks for, and what became of that. */
+
+import type { VehicleFacts } from '../../app/facts';
+import type { ApiClient } from '../../api/client';
+import type { WireEvent } from '../../live/wire';
+import type { ActionController } from '../actions/controller.svelte';
+import type { GimbalControl } from '../gimbal/control.svelte';
+import type { Pixel } from './geo';
+import { stillGoing, type Wanted, type WantedOf } from './map-model';
+import { distance_m, flightTime_s, heightWithin, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type Spot } from './spot';
+
+type Going = Wanted & { since_s: number };
+
+/** PX4's own speeds when it flies by itself. */
+const SPEEDS = { level_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
+
+function tenths(value: number): number {
+  return Math.round(value * 10) / 10;
+}
+
+export class SpotMenu {
+  spot = $state.raw<Spot | null>(null);
+  /** Height to fly there at, above home [m]. */
+  go_home_m = $state(0);
+  /** Height of the point to look at, above home [m]. */
+  point_home_m = $state(0);
+  busy = $state(false);
+  private speeds = $state.raw<Record<string, Speeds>>({});
+  private readonly going = new Map<string, Going>();
+
+  constructor(
+    private readonly api: ApiClient,
+    private readonly actions: ActionController,
+    private readonly gimbal: GimbalControl,
+    private readonly nowS: () => number,
+    private readonly current: (id: string) => VehicleFacts | null,
+  ) {}
+
+  open(spot: Spot, facts: VehicleFacts | null): void {
+    if (facts === null) return;
+    const home = homeAmsl_m(facts);
+    if (this.spot === null) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
+    this.point_home_m = spot.ground_amsl_m === null || home === null ? 0 : tenths(spot.ground_amsl_m - home);
+    this.actions.dismiss('stage');
+    if (this.actions.asked?.place === 'stage') this.actions.cancel();
+    this.spot = spot;
+    if (!facts.replayed && !facts.lost) void this.askSpeeds(facts.id);
+  }
+
+  close(): void {
+    this.spot = null;
+    this.actions.dismiss('stage');
+  }
+
+  /** The server says that this page's 3D view was clicked. */
+  clickedIn3d(event: WireEvent, token: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
+    const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
+    const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
+    if (event.kind !== 'scene_click' || event['view'] !== token || lat_deg === null || lon_deg === null) return;
+    const in3d: Pixel = { x: (x ?? 0.5) * size.width, y: (y ?? 0.5) * size.height };
+    this.open({ lat_deg, lon_deg, ground_amsl_m: number('alt_amsl_m'), in3d }, facts);
+  }
+
+  speedsOf(id: string): Speeds {
+    return this.speeds[id] ?? NO_SPEEDS;
+  }
+
+  setHeight(which: 'go_home_m' | 'point_home_m', value_m: number): void {
+    this[which] = heightWithin(value_m) ?? this[which];
+  }
+
+  /** Asks for confirmation where every action does. */
+  go(facts: VehicleFacts): void {
+    const spot = this.spot;
+    const way = spot === null ? null : distance_m(facts, spot);
+    if (spot === null || way === null) return;
+    const { lat_deg, lon_deg } = spot;
+    const alt_home_m = this.go_home_m;
+    this.actions.request('goto', facts, 'stage', {
+      lat_deg, lon_deg, alt_home_m, distance_m: way, time_s: flightTime_s(facts, spot, alt_home_m, this.speedsOf(facts.id)),
+      settled: (taken) => {
+        if (!taken) return;
+        this.going.set(facts.id, { lat_deg, lon_deg, alt_home_m, since_s: this.nowS() });
+        if (this.spot === spot) this.close();
+      },
+    });
+  }
+
+  /** Points the camera there once. */
+  async look(facts: VehicleFacts): Promise<void> {
+    const angles = this.spot === null ? null : lookAngles(facts, this.spot, this.point_home_m);
+    if (angles === null) return;
+    const lock = this.gimbal.lock(facts);
+    const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
+    await this.send('Look here', facts, 'angles', body);
+  }
+
+  /** The camera keeps looking there, wherever the vehicle flies. */
+  async keepLooking(facts: VehicleFacts): Promise<void> {
+    const home = homeAmsl_m(facts);
+    if (this.spot === null || home === null) return;
+    const { lat_deg, lon_deg } = this.spot;
+    await this.send('Set ROI', facts, 'roi', { lat_deg, lon_deg, alt_amsl_m: home + this.point_home_m });
+  }
+
+  /** What a vehicle was asked to do by place, for the map to draw. */
+  wantedOf(id: string): WantedOf {
+    const facts = this.current(id);
+    const going = this.going.get(id);
+    if (going !== undefined && (facts === null || !stillGoing(going, facts, this.nowS()))) this.going.delete(id);
+    const roi = facts === null ? null : this.gimbal.roiOf(facts);
+    const home = facts === null ? null : homeAmsl_m(facts);
+    const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
+    return { go: this.going.get(id) ?? null, look };
+  }
+
+  private async send(what: string, facts: VehicleFacts, path: 'angles' | 'roi', body: object): Promise<void> {
+    this.busy = true;
+    const taken = await this.actions.attempt(what, facts, 'stage', () => this.api.post(`/vehicles/${encodeURIComponent(facts.id)}/gimbal/${path}`, body));
+    this.busy = false;
+    await this.gimbal.askHolder(facts);
+    if (taken) this.close();
+  }
+
+  private async askSpeeds(id: string): Promise<void> {
+    if (id in this.speeds) return;
+    this.speeds = { ...this.speeds, [id]: NO_SPEEDS };
+    const ask = async (name: string): Promise<number | null> => {
+      const answer = await this.api.get<{ value: unknown }>(`/vehicles/${encodeURIComponent(id)}/params/${name}`);
+      return answer.ok && typeof answer.value.value === 'number' ? answer.value.value : null;
+    };
+    const level_m_s = await ask(SPEEDS.level_m_s);
+    const up_m_s = await ask(SPEEDS.up_m_s);
+    const down_m_s = await ask(SPEEDS.down_m_s);
+    if (level_m_s === null && up_m_s === null) {
+      const { [id]: _gone, ...others } = this.speeds;
+      this.speeds = others; // asked again the next time
+    } else this.speeds = { ...this.speeds, [id]: { level_m_s, up_m_s, down_m_s } };
+  }
+}

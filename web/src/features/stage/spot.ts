@@ -1,0 +1,128 @@
+/** A place that was pointed at on the map or in 3D: what can be done there, why not, and with which numbers. */
+
+import type { VehicleFacts } from '../../app/facts';
+import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
+import { limits, type Angles } from '../gimbal/pad';
+import { bearing_rad, groundDistance_m, type Pixel, type Place } from './geo';
+
+export interface Spot extends Place {
+  /** Height of the ground there, where the view knows it. */
+  ground_amsl_m: number | null;
+  /** Null: on the map, at its place; else where in the stage it was pointed at in 3D. */
+  in3d: Pixel | null;
+}
+
+/** The API's own bounds [m above home]. */
+export const HEIGHT_RANGE_M = { min: -100, max: 1000 } as const;
+/** The API refuses a place farther away than this [m] unless told otherwise. */
+export const GO_WITHIN_M = 1000;
+
+const RECORDED = 'A recording takes no commands.';
+const UNHEARD = 'The vehicle is not heard.';
+const NO_PLACE = 'Its position is not known.';
+const NO_HOME = 'Its home is not known, so no height above it.';
+
+/** How fast it flies by itself, as its parameters say; null is unknown. */
+export interface Speeds {
+  level_m_s: number | null;
+  up_m_s: number | null;
+  down_m_s: number | null;
+}
+
+export const NO_SPEEDS: Speeds = { level_m_s: null, up_m_s: null, down_m_s: null };
+
+/** Home's height above sea level [m], by home itself or by the two heights the vehicle reports. */
+export function homeAmsl_m(facts: VehicleFacts): number | null {
+  if (facts.home !== null) return facts.home.value.alt_amsl_m;
+  return facts.global === null ? null : facts.global.value.alt_amsl_m - facts.global.value.alt_home_m;
+}
+
+export function distance_m(facts: VehicleFacts, spot: Place): number | null {
+  return facts.global === null ? null : groundDistance_m(facts.global.value, spot);
+}
+
+/** Time to fly there [s]: the longer of the way and the climb; null where a speed that matters is not known. */
+export function flightTime_s(facts: VehicleFacts, spot: Place, alt_home_m: number, speeds: Speeds): number | null {
+  const way = distance_m(facts, spot);
+  if (way === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
+  const climb = alt_home_m - facts.global.value.alt_home_m;
+  const rate = climb > 0 ? speeds.up_m_s : speeds.down_m_s;
+  if (Math.abs(climb) > 0.5 && (rate === null || rate <= 0)) return null;
+  return Math.max(way / speeds.level_m_s, rate === null ? 0 : Math.abs(climb) / rate);
+}
+
+/** Why "Go here" makes no sense now; null where it does. */
+export function whyNotGo(facts: VehicleFacts, spot: Place): string | null {
+  if (facts.replayed) return RECORDED;
+  if (facts.lost) return UNHEARD;
+  const way = distance_m(facts, spot);
+  if (way === null || facts.global?.stale === true) return NO_PLACE;
+  if (facts.home === null) return NO_HOME;
+  if (!facts.inAir) return 'It is on the ground: take off first.';
+  const { text, unit } = metres(way);
+  return way > GO_WITHIN_M ? `${text} ${unit} away: go in steps of ${GO_WITHIN_M} m at most.` : null;
+}
+
+/** Where the camera must look from where it is now, yaw from the nose and from north; null where that is not known. */
+export function lookAngles(facts: VehicleFacts, spot: Place, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
+  const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
+  if (facts.global === null || yaw_deg === null) return null;
+  const way = groundDistance_m(facts.global.value, spot);
+  const down = facts.global.value.alt_home_m - point_home_m;
+  const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, spot) * 180) / Math.PI);
+  return { pitch_deg: (-Math.atan2(down, way) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
+}
+
+function whyNoCamera(facts: VehicleFacts): string | null {
+  if (facts.replayed) return RECORDED;
+  if (facts.lost) return UNHEARD;
+  if (facts.gimbal === null) return 'It reports no gimbal.';
+  return facts.global === null || facts.global.stale ? NO_PLACE : null;
+}
+
+/** Why "Look here" makes no sense now. */
+export function whyNotLook(facts: VehicleFacts, spot: Place, point_home_m: number, inControl: boolean): string | null {
+  const why = whyNoCamera(facts);
+  if (why !== null) return why;
+  if (!inControl) return 'Take control of the gimbal first (its card).';
+  const angles = lookAngles(facts, spot, point_home_m);
+  if (angles === null) return 'Its heading is not known.';
+  const reach = limits(facts.gimbal?.value ?? null);
+  const beyond = (value: number, min: number, max: number): boolean => reach.told && (value < min - 0.05 || value > max + 0.05);
+  if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Beyond the gimbal’s reach: pitch ${fixed(angles.pitch_deg, 0)}°.`;
+  if (beyond(angles.yaw_deg, reach.yawMin_deg, reach.yawMax_deg)) return `Beyond the gimbal’s reach: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
+  return null;
+}
+
+/** Why "Set ROI" makes no sense now: it needs no control, but a height above sea level. */
+export function whyNotRoi(facts: VehicleFacts): string | null {
+  return whyNoCamera(facts) ?? (homeAmsl_m(facts) === null ? NO_HOME : null);
+}
+
+/** A height as it may be asked for; null where it is no number. */
+export function heightWithin(value_m: number): number | null {
+  return Number.isFinite(value_m) ? Math.min(HEIGHT_RANGE_M.max, Math.max(HEIGHT_RANGE_M.min, value_m)) : null;
+}
+
+const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
+
+/** "34 m north-east": where a place is from another. */
+export function wayText(from: Place, to: Place): string {
+  const { text, unit } = metres(groundDistance_m(from, to));
+  const point = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
+  return `${text} ${unit} ${point}`;
+}
+
+export interface Size {
+  width: number;
+  height: number;
+}
+
+/** Where the menu's upper left corner goes: beside the place, within what is free. */
+export function menuCorner(at: Pixel, menu: Size, free: { left: number; top: number; right: number; bottom: number }): Pixel {
+  const gap = 20;
+  const right = at.x + gap;
+  const x = right + menu.width <= free.right ? right : at.x - gap - menu.width;
+  const y = at.y - menu.height / 3;
+  return { x: Math.max(free.left, Math.min(x, free.right - menu.width)), y: Math.max(free.top, Math.min(y, free.bottom - menu.height)) };
+}

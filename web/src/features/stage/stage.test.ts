@@ -1,0 +1,165 @@
+import { describe, expect, it } from 'vitest';
+import type { VehicleFacts } from '../../app/facts';
+import { eastNorth, fromPixel, groundDistance_m, hit, lengthText, mercator, niceLength_m, pixelsPerMetre, placeAt, toPixel, type MapView } from './geo';
+import { contains, edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
+import { stillGoing } from './map-model';
+import { attributionText, offlineMap, type MapFile } from './offline-maps';
+import { flightTime_s, heightWithin, lookAngles, menuCorner, wayText, whyNotGo, whyNotLook, whyNotRoi } from './spot';
+
+const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
+const view = (px_per_m: number, over: Partial<MapView> = {}): MapView => {
+  const one = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
+  return { ...one, world_px: px_per_m / pixelsPerMetre(one), ...over };
+};
+
+describe('places', () => {
+  it('are measured in metres, over the date line too', () => {
+    expect(eastNorth(HERE, { lat_deg: 47.401, lon_deg: 8.5 }).north_m).toBeCloseTo(111.2, 0);
+    expect(groundDistance_m({ lat_deg: 0, lon_deg: 179.9995 }, { lat_deg: 0, lon_deg: -179.9995 })).toBeCloseTo(111.2, 0);
+    const there = placeAt(HERE, { east_m: 300, north_m: -40 });
+    expect(eastNorth(HERE, there).east_m).toBeCloseTo(300, 6);
+    expect(eastNorth(HERE, there).north_m).toBeCloseTo(-40, 6);
+  });
+  it('lie where the metres say on the screen, north up or turned', () => {
+    const east = placeAt(HERE, { east_m: 20, north_m: 0 });
+    const up = toPixel(view(8), east);
+    expect([up.x, up.y].map(Math.round)).toEqual([660, 400]);
+    const turned = toPixel(view(8, { up_rad: Math.PI / 2 }), east);
+    expect([turned.x, turned.y].map(Math.round)).toEqual([500, 240]);
+  });
+  it('come back from pixels as the same place', () => {
+    for (const up_rad of [0, 0.7, -2]) {
+      const at = { x: 130, y: 720 };
+      const back = toPixel(view(3, { up_rad }), fromPixel(view(3, { up_rad }), at));
+      expect(back.x).toBeCloseTo(at.x, 4);
+      expect(back.y).toBeCloseTo(at.y, 4);
+    }
+  });
+  it('are hit within reach, the nearest first', () => {
+    const those = [0, 4, 30].map((east_m) => ({ ...placeAt(HERE, { east_m, north_m: 0 }), east_m }));
+    expect(hit(view(5), { x: 515, y: 400 }, those, 24)?.east_m).toBe(4);
+    expect(hit(view(5), { x: 560, y: 400 }, those, 24)).toBeNull();
+  });
+  it('have round scale bars', () => {
+    expect([niceLength_m(4, 110), niceLength_m(0.1, 110), niceLength_m(60, 110)]).toEqual([20, 1000, 1]);
+    expect([lengthText(20), lengthText(2000), lengthText(0.5)]).toEqual(['20 m', '2 km', '0.5 m']);
+  });
+});
+
+describe('grid', () => {
+  it('has cells of a power of ten that can be seen', () => {
+    expect([60, 8, 1, 0.1, 0.002].map(gridStep_m)).toEqual([1, 10, 100, 1000, 100_000]);
+    for (let px_per_m = 30; px_per_m > 0.001; px_per_m /= 1.3) {
+      const cell = gridStep_m(px_per_m) * px_per_m;
+      expect(cell).toBeGreaterThanOrEqual(33.9);
+      expect(cell).toBeLessThan(341);
+    }
+  });
+  it('starts at home, every tenth line strong', () => {
+    const lines = gridLines(HERE, { west_m: -55, east_m: 105, south_m: -5, north_m: 5 }, 10);
+    const [thin, strong] = lines.features.map((f) => f.geometry.coordinates.length);
+    expect(thin).toBe(14); // 16 meridians from −50 to 100 without 0 and 100
+    expect(strong).toBe(3); // they, and the parallel through home
+    const home = lines.features[1]?.geometry.coordinates.find((line) => line[0]?.[0] === line[1]?.[0] && Math.abs((line[0]?.[0] ?? 0) - HERE.lon_deg) < 1e-12);
+    expect(home).toBeDefined();
+  });
+  it('is laid beyond the view, and not at all where a flat one would lie', () => {
+    const box = viewBox(view(4), HERE, 1);
+    expect(contains(box, viewBox(view(4), HERE, 0))).toBe(true);
+    expect(contains(viewBox(view(4), HERE, 0), box)).toBe(false);
+    expect(gridLines(HERE, { west_m: 6e5, east_m: 7e5, south_m: 0, north_m: 1e5 }, 1000).features).toEqual([]);
+  });
+  it('says metres from home at its edges, north up only', () => {
+    const labels = edgeLabels(view(1), HERE).map((l) => l.text);
+    expect(labels).toContain('home');
+    expect(labels).toContain('100 m E');
+    expect(labels).toContain('300 m S');
+    expect(edgeLabels(view(1, { up_rad: 0.4 }), HERE)).toEqual([]);
+  });
+});
+
+const reading = <T>(value: T, stale = false) => ({ value, age_s: stale ? 9 : 0, stale });
+const gimbal = { pitch_min_rad: -1.58, pitch_max_rad: 0.5, yaw_min_rad: -3.1, yaw_max_rad: 3.1 };
+function facts(over: Record<string, unknown> = {}): VehicleFacts {
+  return {
+    id: '1', name: '1 Quad', lost: false, replayed: false, inAir: true,
+    global: reading({ ...HERE, alt_amsl_m: 500, alt_home_m: 12 }), home: reading({ ...HERE, alt_amsl_m: 488 }),
+    attitude: reading({ yaw_ned_rad: Math.PI / 2 }), gimbal: reading(gimbal), status: reading({ armed: true, mode: 'hold' }), ...over,
+  } as unknown as VehicleFacts;
+}
+const EAST_30 = placeAt(HERE, { east_m: 30, north_m: 0 });
+
+describe('what can be done at a place', () => {
+  it('is all of it in the air with a gimbal of ours', () => {
+    expect(whyNotGo(facts(), EAST_30)).toBeNull();
+    expect(whyNotLook(facts(), EAST_30, 0, true)).toBeNull();
+    expect(whyNotRoi(facts())).toBeNull();
+  });
+  it('is refused in words where it does not apply', () => {
+    expect(whyNotGo(facts({ inAir: false }), EAST_30)).toMatch(/take off first/);
+    expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home is not known/);
+    expect(whyNotGo(facts(), placeAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
+    expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
+    expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
+    expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within reach
+    expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/reach: pitch 71°/);
+    for (const [over, word] of [[{ replayed: true }, /recording/], [{ lost: true }, /not heard/], [{ global: null }, /position/], [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/]] as const) {
+      for (const why of [whyNotGo(facts(over), EAST_30), whyNotLook(facts(over), EAST_30, 0, true), whyNotRoi(facts(over))]) expect(why).toMatch(word);
+    }
+  });
+  it('keeps ROI and look apart from flying: both work on the ground', () => {
+    expect(whyNotRoi(facts({ inAir: false }))).toBeNull();
+    expect(whyNotLook(facts({ inAir: false }), EAST_30, 0, true)).toBeNull();
+  });
+  it('points the camera down to a place ahead', () => {
+    const angles = lookAngles(facts(), EAST_30, 0);
+    expect(angles?.yaw_deg).toBeCloseTo(0, 3); // it faces east
+    expect(angles?.yaw_ned_deg).toBeCloseTo(90, 3);
+    expect(angles?.pitch_deg).toBeCloseTo((-Math.atan2(12, 30) * 180) / Math.PI, 3);
+    expect(lookAngles(facts({ attitude: null }), EAST_30, 0)).toBeNull();
+  });
+  it('says how far and how long, and no time that it does not know', () => {
+    const speeds = { level_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
+    expect(wayText(HERE, EAST_30)).toBe('30.0 m east');
+    expect(wayText(HERE, placeAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
+    expect(flightTime_s(facts(), EAST_30, 12, speeds)).toBeCloseTo(6, 1);
+    expect(flightTime_s(facts(), EAST_30, 42, speeds)).toBeCloseTo(10, 1);
+    expect(flightTime_s(facts(), EAST_30, 0, speeds)).toBeCloseTo(8, 1);
+    expect(flightTime_s(facts(), EAST_30, 12, { ...speeds, level_m_s: null })).toBeNull();
+    expect(flightTime_s(facts(), EAST_30, 42, { ...speeds, up_m_s: null })).toBeNull();
+    expect([heightWithin(NaN), heightWithin(5000), heightWithin(12.5)]).toEqual([null, 1000, 12.5]);
+  });
+  it('opens beside the place, inside what is free', () => {
+    const free = { left: 12, top: 12, right: 936, bottom: 600 };
+    const menu = { width: 300, height: 270 };
+    expect(menuCorner({ x: 400, y: 300 }, menu, free)).toEqual({ x: 420, y: 210 });
+    expect(menuCorner({ x: 900, y: 590 }, menu, free)).toEqual({ x: 580, y: 330 });
+    expect(menuCorner({ x: 0, y: 0 }, menu, free)).toEqual({ x: 20, y: 12 });
+  });
+});
+
+describe('a place it was sent to', () => {
+  const wanted = { ...EAST_30, alt_home_m: 12, since_s: 0 };
+  it('stays on the map until it is there or flies something else', () => {
+    expect(stillGoing(wanted, facts(), 60)).toBe(true);
+    expect(stillGoing({ ...wanted, ...HERE }, facts(), 60)).toBe(false);
+    expect(stillGoing({ ...wanted, ...HERE, alt_home_m: 30 }, facts(), 60)).toBe(true);
+    expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'rtl' }) }), 60)).toBe(false);
+    expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // has not shown it yet
+  });
+});
+
+describe('offline maps', () => {
+  const file: MapFile = {
+    name: 'a.pmtiles', url: '/api/v1/maps/a.pmtiles', format: 'pmtiles', tiles: 'raster', min_zoom: 3, max_zoom: 15, bounds_deg: [8, 47, 9, 48],
+    attribution: '<a href="x">© Someone</a>', layers: [], bytes: 1,
+  };
+  it('are read from this server only', () => {
+    expect(offlineMap(file, 'http://h').source).toMatchObject({ type: 'raster', url: 'pmtiles://http://h/api/v1/maps/a.pmtiles' });
+    const tiles = offlineMap({ ...file, format: 'mbtiles', tiles: 'vector', url: '/api/v1/maps/b' }, 'http://h').source;
+    expect(tiles).toMatchObject({ type: 'vector', tiles: ['http://h/api/v1/maps/b/{z}/{x}/{y}'], minzoom: 3, maxzoom: 15, bounds: [8, 47, 9, 48] });
+  });
+  it('name who made them, once and without markup', () => {
+    expect(attributionText([file, file, { ...file, attribution: null }])).toBe('© Someone');
+  });
+});
