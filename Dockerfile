@@ -1,4 +1,5 @@
 # Two stages: the first builds the wheel with the page in it, the second runs it as nobody in particular.
+# `docker run -p 8080:8080 IMAGE` prints a link with the token; -e GCS_TOKEN=… sets it.
 FROM python:3.12-slim-bookworm AS build
 RUN apt-get update && apt-get install -y --no-install-recommends make && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
@@ -14,6 +15,6 @@ ENV GCS_HOST=0.0.0.0 GCS_PORT=8080 GCS_DATA=/data GCS_LINKS=udpin://0.0.0.0:1455
 VOLUME /data
 EXPOSE 8080 14550/udp
 HEALTHCHECK --interval=10s --timeout=3s --start-period=15s \
-  CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8080/api/v1/health', timeout=2)"]
+  CMD ["python", "-c", "import http.client as h; c = h.HTTPConnection('127.0.0.1', 8080, timeout=2); c.request('GET', '/api/v1/health'); raise SystemExit(c.getresponse().status not in (200, 401))"]
 ENTRYPOINT ["gcs"]
 CMD ["serve"]

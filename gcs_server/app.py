@@ -14,7 +14,8 @@ from fastapi.staticfiles import StaticFiles
 from starlette.requests import Request
 from starlette.types import Scope
 
-from gcs_server.api.guard import OriginGuard
+from gcs_server.api.access import Access
+from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
 from gcs_server.api.schema import bare_app
 from gcs_server.api.station import Station, client_name
@@ -25,7 +26,7 @@ from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.replay.service import Replays
 from gcs_server.scene import OffboardTarget, Scene, SceneClick
-from gcs_server.settings import Settings
+from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.folder import DataFolder
 from gcs_server.streamer.offboard import Streamer
@@ -80,6 +81,7 @@ class Server:
             replays=replays,
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
+            maps=folder.maps,
             has_scene=self.scene is not None,
             simulator=self._simulator is not None,
         )
@@ -87,12 +89,8 @@ class Server:
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
-            maps=folder.maps,
         if self._simulator is not None:
             self.station.more_warnings.append(self._simulator.warnings)
-        if not settings.loopback_only:
-            text = f"The server listens on {settings.host}: everybody who can reach it can command vehicles."
-            self.station.more_warnings.append(lambda: [Notice("exposed", text)])
 
     async def start(self) -> None:
         """Everything that runs; a link that cannot be opened is a warning."""
@@ -172,9 +170,13 @@ def create_app(
         clock: the machine's own unless given.
         more_links: opened beside the settings' own (a replay).
         static: where the built page lies.
+
+    Raises:
+        GcsError: a token is needed, and its file cannot be made or read.
     """
     app = bare_app()
-    server = Server(settings, clock or SystemClock(), more_links=more_links)
+    clock = clock or SystemClock()
+    server = Server(settings, clock, more_links=more_links)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
@@ -197,7 +199,8 @@ def create_app(
             )
 
     app.state.note_invalid = note_invalid
-    app.add_middleware(OriginGuard, loopback_only=settings.loopback_only)
+    access = Access(loopback_only=settings.loopback_only, token=token_of(settings))
+    app.add_middleware(Guard, access=access, clock=clock)
     app.add_middleware(SecurityHeaders)  # the outermost: refusals carry them, too
     if server.scene is not None:
         app.include_router(server.scene.router())

@@ -15,9 +15,10 @@ from urllib.parse import quote
 
 import uvicorn
 
+from gcs_server.addresses import links
 from gcs_server.app import create_app
 from gcs_server.errors import GcsError
-from gcs_server.settings import Settings, load, split_arguments
+from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
 
@@ -36,7 +37,7 @@ examples:
   gcs sim --help                           the simulated PX4 by itself
 
 Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_SIM_ARGS,
-GCS_DATA, GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with
+GCS_DATA, GCS_TOKEN, GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with
 `schema_version = 1`. Flags go before environment, environment before file.
 """
 
@@ -93,6 +94,13 @@ def _serving_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, help="port of the page and the API (default 8080)")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="data folder: journal, recordings")
     parser.add_argument("--config", type=Path, metavar="FILE", help="TOML file with settings")
+    parser.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="holds the token that everybody needs; made where it is missing. Without it: GCS_TOKEN, else "
+        "with --host a file of the data folder, else (this machine only) none",
+    )
     parser.add_argument("--system-id", type=int, metavar="ID", help="our MAVLink system id (default 255)")
     parser.add_argument("--no-record", dest="record", action="store_false", default=None)
     parser.add_argument("--no-scene", dest="scene", action="store_false", default=None)
@@ -164,9 +172,9 @@ def listen(settings: Settings) -> socket.socket:
 
 
 class _Announcing(uvicorn.Server):
-    """Says the address once everything is up."""
+    """Says once everything is up how to come in."""
 
-    address = ""
+    addresses: Sequence[str] = ()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -175,7 +183,7 @@ class _Announcing(uvicorn.Server):
         gc.collect()
         gc.freeze()
         if self.started:
-            print(f"Ready: {self.address}", flush=True)
+            print("Ready: " + "\n       ".join(self.addresses), flush=True)
 
 
 def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
@@ -183,14 +191,9 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     DataFolder(settings.data).prepare()
     listener = listen(settings)
     port = listener.getsockname()[1]
+    token = token_of(settings)
     if not settings.loopback_only:
-        bar = "!" * 78
-        print(
-            f"{bar}\nListening on {settings.host}, not only on this machine: everybody who can reach\n"
-            f"port {port} can command the vehicles. There is no password yet.\n{bar}",
-            file=sys.stderr,
-            flush=True,
-        )
+        print(_exposed(settings, port), file=sys.stderr, flush=True)
     config = uvicorn.Config(
         create_app(settings, more_links=more_links),
         log_level="warning",
@@ -202,8 +205,21 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
         lifespan="on",
     )
     server = _Announcing(config)
-    name = "localhost" if settings.loopback_only or settings.host in ("0.0.0.0", "::") else settings.host
-    server.address = f"http://{name}:{port}"
+    server.addresses = links(settings.host, port, token)
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again once it has shut down
         server.run(sockets=[listener])
     return 0 if server.started else 1
+
+
+def _exposed(settings: Settings, port: int) -> str:
+    if settings.token is not None:
+        kept = "It is the one that was set (GCS_TOKEN or the settings' file)."
+    else:
+        file = settings.token_file or DataFolder(settings.data).token
+        kept = f"It is kept in {file}: delete that file and restart for a new one."
+    bar = "-" * 78
+    return (
+        f"{bar}\nListening on {settings.host}, port {port}, not only on this machine: whoever has the token\n"
+        f"in the link below can command the vehicles. {kept}\n"
+        f"It travels unencrypted (http): let it pass trusted networks, a VPN or an https proxy only.\n{bar}"
+    )

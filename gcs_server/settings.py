@@ -10,14 +10,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
 
 from gcs_server.errors import InvalidRequest
-from gcs_server.storage.folder import default_folder
+from gcs_server.storage.folder import DataFolder, default_folder
+from gcs_server.storage.token import FORM_IN_WORDS, is_well_formed, kept_token
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
 LISTS = frozenset({"links"})
+SECRET = frozenset({"token"})
 
 
 class Settings(BaseModel):
@@ -35,6 +37,13 @@ class Settings(BaseModel):
         default=(), description="Further arguments of the simulator, such as its ports (`gcs sim --help`)."
     )
     data: Path = Field(default_factory=default_folder, description="Data folder: journal, recordings.")
+    token: SecretStr | None = Field(
+        default=None,
+        description="The token that everybody needs; no flag, for other users see a process's arguments.",
+    )
+    token_file: Path | None = Field(
+        default=None, description="File that holds the token; made with a random one where it is missing."
+    )
     system_id: int = Field(default=255, ge=1, le=255, description="Our MAVLink system id.")
     record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")
     scene: bool = Field(default=True, description="Serve the 3D view.")
@@ -44,6 +53,13 @@ class Settings(BaseModel):
         le=30,
         description="Silence of the event loop [s] after which setpoint streams stop.",
     )
+
+    @field_validator("token")
+    @classmethod
+    def _usable(cls, token: SecretStr | None) -> SecretStr | None:
+        if token is not None and not is_well_formed(token.get_secret_value()):
+            raise ValueError(f"a token has {FORM_IN_WORDS}")
+        return token
 
     @property
     def loopback_only(self) -> bool:
@@ -139,4 +155,24 @@ def load(
             source = ENVIRONMENT_PREFIX + name.upper()
         else:
             source = f"{name} in {config}"
+        if name in SECRET:  # not into a log, nor into a traceback
+            raise InvalidRequest(name, f"{source}: {first['msg']}.") from None
         raise InvalidRequest(name, f"{source}: {first['msg']} (given: {first['input']!r}).") from error
+
+
+def token_of(settings: Settings) -> str | None:
+    """The token in force; None where nobody needs one: on loopback, unless one was set.
+
+    Raises:
+        StorageError: its file cannot be read or made, or holds no token.
+        InvalidRequest: set in two ways.
+    """
+    if settings.token is not None:
+        if settings.token_file is not None:
+            raise InvalidRequest(
+                "token_file", "Both token and token_file are set.", remedy="Leave one of them out."
+            )
+        return settings.token.get_secret_value()
+    if settings.token_file is not None:
+        return kept_token(settings.token_file)
+    return None if settings.loopback_only else kept_token(DataFolder(settings.data).token)

@@ -1,68 +1,125 @@
-"""Keeps other web sites' pages out: a browser says whose page asks, and only our own may.
+"""The door: carries out what `access.py` decides, before the application sees anything.
 
-A program (curl, the Python client) sends no Origin and passes. While the server listens on loopback, the
-Host must be a loopback name as well, so that a foreign name that resolves to 127.0.0.1 (DNS rebinding)
-gets nothing.
+Refused is refused for all alike (page, API, documents, 3D view): a WebSocket is closed before it is
+accepted, a program gets problem+json, a person in a browser who lacks the token a page that asks for it.
 """
 
 from __future__ import annotations
 
-from starlette.datastructures import Headers
+import asyncio
+import logging
+
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from gcs_server.api.access import (
+    Access,
+    Asked,
+    FormSent,
+    Refusal,
+    SignedIn,
+    form_fields,
+    unknown,
+    without_token,
+)
 from gcs_server.api.problems import problem
+from gcs_server.api.sign_in_page import sign_in_page
+from gcs_server.clock import Clock
 
-LOOPBACK = frozenset({"localhost", "127.0.0.1", "[::1]"})
-SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+log = logging.getLogger(__name__)
 
-
-def host_name(host: str) -> str:
-    """A Host header without its port, in lower case."""
-    host = host.lower()
-    if host.startswith("["):
-        return host.split("]")[0] + "]"
-    return host.split(":")[0]
-
-
-def same_origin(origin: str, host: str) -> bool:
-    """Whether a page of `origin` was served under `host`."""
-    scheme, mark, asking = origin.lower().partition("://")
-    default = {"http": ":80", "https": ":443"}.get(scheme, "")
-    return bool(mark) and asking.removesuffix(default) == host.lower().removesuffix(default)
+POLICY_VIOLATION = 1008
+LONGEST_FORM = 4096
+FORM_DEADLINE_S = 10.0
+QUIET_S = 10.0
+"""Between two lines about wrong tokens: whoever guesses must not fill the log."""
 
 
-class OriginGuard:
-    """ASGI middleware.
+class Guard:
+    """ASGI middleware."""
 
-    Args:
-        loopback_only: the server is bound to loopback: other Host names are refused.
-    """
-
-    def __init__(self, app: ASGIApp, loopback_only: bool) -> None:
+    def __init__(self, app: ASGIApp, access: Access, clock: Clock) -> None:
         self._app = app
-        self._loopback_only = loopback_only
+        self._access = access
+        self._clock = clock
+        self._wrong_since = 0
+        self._said_s = float("-inf")
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] in ("http", "websocket"):
-            refusal = self._refusal(scope)
-            if refusal is not None:
-                if scope["type"] == "websocket":
-                    await receive()
-                    await send({"type": "websocket.close", "code": 1008, "reason": "foreign origin"})
-                else:
-                    await problem(403, "Forbidden", "foreign_origin", refusal)(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        asked = Asked.of(scope)
+        verdict = self._access.decide(asked)
+        if verdict is None:
+            await self._app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await receive()
+            reason = ""
+            if isinstance(verdict, Refusal):
+                self._note(scope, verdict)
+                reason = verdict.code
+            await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
+        else:
+            await (await self._answer(asked, verdict, scope, receive))(scope, receive, send)
 
-    def _refusal(self, scope: Scope) -> str | None:
-        headers = Headers(scope=scope)
-        host = headers.get("host", "")
-        if self._loopback_only and host_name(host) not in LOOPBACK:
-            return (
-                f"This server answers on this machine only, not as {host_name(host)!r}. Use http://localhost."
-            )
-        origin = headers.get("origin")
-        acts = scope["type"] == "websocket" or scope["method"] not in SAFE
-        if acts and origin is not None and not same_origin(origin, host):
-            return f"A page of {origin} may not command vehicles here; only the server's own page may."
-        return None
+    async def _answer(
+        self, asked: Asked, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
+    ) -> Response:
+        if isinstance(verdict, Refusal):
+            self._note(scope, verdict)
+            return _refused(asked, verdict)
+        if isinstance(verdict, SignedIn):
+            location = verdict.location
+        else:
+            given, location = await _read_form(scope, receive)
+            if not self._access.is_token(given):
+                refusal = unknown("That is not this server's token.", guessed=True)
+                self._note(scope, refusal)
+                return sign_in_page(refusal, location)
+        answer = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
+        answer.headers["Set-Cookie"] = self._access.cookie(secure=asked.secure)
+        return answer
+
+    def _note(self, scope: Scope, refusal: Refusal) -> None:
+        """Wrong tokens are worth a line; they lock nobody out, for that would lock out the pilot, too."""
+        if not refusal.guessed:
+            return
+        self._wrong_since += 1
+        now_s = self._clock.monotonic_s()
+        if now_s - self._said_s < QUIET_S:
+            return
+        caller = scope["client"][0] if scope.get("client") else "somebody"
+        log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_since)
+        self._wrong_since, self._said_s = 0, now_s
+
+
+def _refused(asked: Asked, refusal: Refusal) -> Response:
+    headers = {"Cache-Control": "no-store"}
+    if refusal.status == 401:
+        if asked.only_reads and "text/html" in asked.headers.get("accept", ""):
+            page = sign_in_page(refusal, without_token(asked.path, asked.query))
+            if asked.is_navigation and asked.from_elsewhere:
+                # From another site's link a browser brings no cookie; asked again by our own page it does.
+                page.headers["Refresh"] = "0"
+            return page
+        failed = ' error="invalid_token"' if refusal.guessed else ""
+        headers["WWW-Authenticate"] = "Bearer" + failed
+    answer = problem(refusal.status, refusal.title, refusal.code, refusal.detail, remedy=refusal.remedy)
+    answer.headers.update(headers)
+    return answer
+
+
+async def _read_form(scope: Scope, receive: Receive) -> tuple[str, str]:
+    """Token and next address; of a form that is too long or too slow nothing."""
+    body = b""
+    try:
+        async with asyncio.timeout(FORM_DEADLINE_S):
+            async for chunk in Request(scope, receive).stream():
+                body += chunk
+                if len(body) > LONGEST_FORM:
+                    return "", "/"
+    except (TimeoutError, ClientDisconnect):
+        return "", "/"
+    return form_fields(body)

@@ -11,7 +11,16 @@
 
 from gcs_server.client.aio import Gcs, Gimbal, Offboard, Vehicle
 from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
-from gcs_server.client.errors import ApiError, Invalid, NoReply, Refused, Timeout, Unknown, Unreachable
+from gcs_server.client.errors import (
+    ApiError,
+    Invalid,
+    NoReply,
+    NotAllowed,
+    Refused,
+    Timeout,
+    Unknown,
+    Unreachable,
+)
 
 __all__ = [
     "ApiError",
@@ -19,6 +28,7 @@ __all__ = [
     "Gimbal",
     "Invalid",
     "NoReply",
+    "NotAllowed",
     "Offboard",
     "Refused",
     "SyncGcs",

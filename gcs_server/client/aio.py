@@ -13,7 +13,9 @@ from typing import Any, TypeVar
 
 import httpx
 from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
 
+from gcs_server.client.address import address_and_token
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
 from gcs_server.client.setpoints import Body, Expiry, lifetime, setpoint
 
@@ -30,15 +32,22 @@ class Gcs:
         url: where the server is.
         client: the name under which commands stand in the journal.
         timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
+        token: what a server that listens to other machines asks for; else the one of `url`, where that is the
+            link that the server printed, else `GCS_TOKEN`.
     """
 
     def __init__(
-        self, url: str = "http://localhost:8080", *, client: str = "python", timeout_s: float = 60.0
+        self,
+        url: str = "http://localhost:8080",
+        *,
+        client: str = "python",
+        timeout_s: float = 60.0,
+        token: str | None = None,
     ) -> None:
-        self.url = url.rstrip("/")
-        self._client_name = client
+        self.url, token = address_and_token(url, token)
+        self._headers = {"X-Client": client} | ({"Authorization": f"Bearer {token}"} if token else {})
         self._http = httpx.AsyncClient(
-            base_url=f"{self.url}/api/v1", headers={"X-Client": client}, timeout=timeout_s
+            base_url=f"{self.url}/api/v1", headers=self._headers, timeout=timeout_s
         )
 
     async def __aenter__(self) -> Gcs:
@@ -90,10 +99,21 @@ class Gcs:
     async def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0
     ) -> AsyncIterator[dict[str, Any]]:
-        """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only."""
+        """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only.
+
+        Raises:
+            ApiError: the server does not let us in.
+            Unreachable: it did not answer.
+        """
         address = f"{self.url.replace('http', 'ws', 1)}/api/v1/telemetry"
-        headers = {"X-Client": self._client_name}
-        async with connect(address, additional_headers=headers, compression=None) as socket:
+        try:
+            socket = await connect(address, additional_headers=self._headers, compression=None)
+        except InvalidStatus as refused:  # a handshake carries no reason: an ordinary call tells it
+            await self.request("GET", "/version")
+            raise Unreachable(f"{self.url} refused the telemetry: {refused}.") from refused
+        except OSError as error:
+            raise Unreachable(f"No answer from {self.url}: {error}.") from error
+        async with socket:
             wanted = {"type": "subscribe", "vehicles": vehicles, "topics": topics, "rate_hz": rate_hz}
             await socket.send(json.dumps(wanted))
             async for frame in socket:

@@ -19,9 +19,14 @@ class SyncGcs:
     """A connection to the server; arguments as `aio.Gcs`."""
 
     def __init__(
-        self, url: str = "http://localhost:8080", *, client: str = "python", timeout_s: float = 60.0
+        self,
+        url: str = "http://localhost:8080",
+        *,
+        client: str = "python",
+        timeout_s: float = 60.0,
+        token: str | None = None,
     ) -> None:
-        self._gcs = aio.Gcs(url, client=client, timeout_s=timeout_s)
+        self._gcs = aio.Gcs(url, client=client, timeout_s=timeout_s, token=token)
         self._starting: AbstractContextManager[BlockingPortal] = start_blocking_portal()
         self._portal: BlockingPortal | None = None
 

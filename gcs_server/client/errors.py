@@ -1,6 +1,7 @@
 """What the server or the vehicle said no to, as exceptions.
 
 ApiError                    any answer that is not a success
+├── NotAllowed              401, 403: the token is missing or wrong, or the server answers this machine only
 ├── Invalid                 422: a field is missing, not finite or out of range
 ├── Unknown                 404: no such vehicle, link or parameter
 ├── Refused                 409: our checks or the vehicle said no, with the vehicle's own reasons
@@ -29,6 +30,10 @@ class ApiError(Exception):
         super().__init__(" ".join(part for part in (self.detail, self.remedy) if part))
 
 
+class NotAllowed(ApiError):
+    """The server lets nobody in without its token (`Gcs(token=…)`, `GCS_TOKEN`)."""
+
+
 class Invalid(ApiError):
     """A value was not acceptable; `field` names it."""
 
@@ -53,7 +58,14 @@ class Timeout(Exception):
     """What was waited for did not happen in time."""
 
 
-_BY_STATUS: dict[int, type[ApiError]] = {404: Unknown, 409: Refused, 422: Invalid, 504: NoReply}
+_BY_STATUS: dict[int, type[ApiError]] = {
+    401: NotAllowed,
+    403: NotAllowed,
+    404: Unknown,
+    409: Refused,
+    422: Invalid,
+    504: NoReply,
+}
 
 
 def raise_for(response: httpx.Response) -> None:

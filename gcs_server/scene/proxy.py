@@ -20,12 +20,12 @@ import msgspec
 import websockets.asyncio.client
 from fastapi import APIRouter, Request, Response, WebSocket
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.datastructures import Headers
 from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from gcs_server.errors import Refused
+from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
 from gcs_server.scene.page import content_policy, page
@@ -48,22 +48,6 @@ class ViewRequest(BaseModel):
     mode: Literal["chase", "free", "gimbal", "top"] | None = None
     vehicle: str | None = Field(default=None, max_length=32, description="A vehicle's id.")
     theme: Literal["dark", "light"] | None = None
-
-
-def is_same_origin(headers: Headers) -> bool:
-    """True where the page that asks is one of ours (or it is no page: no browser leaves Origin out).
-
-    Compared with the Host it asked for, so that it holds behind any port mapping and name.
-    """
-    origin = headers.get("origin")
-    if origin is None:
-        return True
-    scheme, mark, asking = origin.lower().partition("://")
-    if not mark:  # "null": a sandboxed frame or a file
-        return False
-    default_port = {"http": ":80", "https": ":443"}.get(scheme, "")
-    host = headers.get("host", "").lower()
-    return asking.removesuffix(default_port) == host.removesuffix(default_port)
 
 
 class _CameraMessage(

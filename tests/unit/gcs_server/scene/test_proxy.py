@@ -17,9 +17,10 @@ from starlette.datastructures import Headers
 from viser import _messages
 from websockets.asyncio.client import unix_connect
 
+from gcs_server.origin import is_same_origin
 from gcs_server.scene.host import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
-from gcs_server.scene.proxy import camera_message, is_same_origin
+from gcs_server.scene.proxy import camera_message
 from gcs_server.scene.scene import MAX_VIEWS
 
 

@@ -1,0 +1,63 @@
+"""The addresses that a person can click, for a server that listens on some of this machine's."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from pathlib import Path
+from urllib.parse import quote
+
+EVERYWHERE = frozenset({"0.0.0.0", "::", "::0"})
+_SOMEWHERE_ELSE = (
+    (socket.AF_INET, "192.0.2.1"),
+    (socket.AF_INET6, "2001:db8::1"),
+)
+"""RFC 5737 and 3849: for documentation, nobody's. Nothing is sent there."""
+
+
+def links(
+    host: str, port: int, token: str | None, own: list[str] | None = None, *, contained: bool | None = None
+) -> list[str]:
+    """Links to the page, the likeliest first.
+
+    Args:
+        host: what the server is bound to.
+        token: goes into the link where one is needed.
+        own: this machine's addresses, found out unless given.
+        contained: whether this is a container, whose addresses mean nothing outside; found out unless given.
+    """
+    names = [host]
+    if host in EVERYWHERE:
+        names = ["localhost"]
+        if not (in_container() if contained is None else contained):
+            names += own_addresses() if own is None else own
+    elif _is_loopback(host):
+        names = ["localhost" if host == "127.0.0.1" else host]
+    end = f"/?token={quote(token, safe='')}" if token is not None else ""
+    return [f"http://{f'[{name}]' if ':' in name else name}:{port}{end}" for name in names]
+
+
+def in_container() -> bool:
+    """Whether this process runs in a container."""
+    return Path("/.dockerenv").exists() or Path("/run/.containerenv").exists()
+
+
+def own_addresses() -> list[str]:
+    """This machine's addresses towards others: the one of each default route."""
+    found: list[str] = []
+    for family, elsewhere in _SOMEWHERE_ELSE:
+        try:
+            # Connecting a datagram socket sends nothing: it only asks for the route.
+            with socket.socket(family, socket.SOCK_DGRAM) as probe:
+                probe.connect((elsewhere, 9))
+                found.append(str(probe.getsockname()[0]))
+        except OSError:
+            continue
+    return [address for address in dict.fromkeys(found) if not _is_loopback(address)]
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

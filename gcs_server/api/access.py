@@ -1,0 +1,249 @@
+"""Who may come in: decides on every request and WebSocket before anything else looks at it.
+
+Three questions, in this order. Were we asked under a name that is ours (on loopback: against DNS
+rebinding)? Is the page that asks one of ours (against every other web site)? Where a token is in force
+(always, when the server can be reached from other machines): does the caller have it?
+
+No I/O and no state: `guard.py` carries out what is decided here.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import parse_qsl, quote, urlencode
+
+from starlette.datastructures import Headers
+
+from gcs_server.origin import host_name, is_loopback, same_origin
+
+SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+SIGN_IN_PATH = "/sign-in"
+TOKEN_KEY = "token"
+_MOST_FIELDS = 64
+_BEFORE_A_HOST = "/\\ \t\r\n"
+_IN_PATHS = "/:@!$&'()*+,;=~"
+_REMEDY = (
+    "Open the link that the server printed when it started, or send its token as `Authorization: Bearer …` "
+    "(the Python client: token=… or GCS_TOKEN)."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Not let in, and why."""
+
+    status: int
+    code: str
+    title: str
+    detail: str
+    remedy: str | None = None
+    guessed: bool = False
+    """A token was given, and it is not ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignedIn:
+    """The link was opened: the browser gets its cookie and goes on to `location`."""
+
+    location: str
+
+
+@dataclass(frozen=True, slots=True)
+class FormSent:
+    """The page that asks for the token sends one: its body decides."""
+
+
+Verdict = Refusal | SignedIn | FormSent | None
+"""None: let in."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What of a request or WebSocket the decision needs."""
+
+    method: str
+    """`WEBSOCKET` for one."""
+    path: str
+    query: str
+    secure: bool
+    headers: Headers
+
+    @classmethod
+    def of(cls, scope: Mapping[str, Any]) -> Asked:
+        """From an ASGI scope of type http or websocket."""
+        return cls(
+            method=scope["method"] if scope["type"] == "http" else "WEBSOCKET",
+            path=scope["path"],
+            query=scope.get("query_string", b"").decode("latin-1"),
+            secure=scope.get("scheme") in ("https", "wss"),
+            headers=Headers(raw=list(scope["headers"])),
+        )
+
+    @property
+    def only_reads(self) -> bool:
+        """Whether it cannot change anything."""
+        return self.method in SAFE
+
+    @property
+    def is_navigation(self) -> bool:
+        """Whether a browser asks for a document of its own (a link, a bookmark, an address typed)."""
+        mode, dest = self.headers.get("sec-fetch-mode"), self.headers.get("sec-fetch-dest")
+        return self.only_reads and mode == "navigate" and dest == "document"
+
+    @property
+    def from_elsewhere(self) -> bool:
+        """Whether the browser says that another site's page made it ask."""
+        return self.headers.get("sec-fetch-site") in ("cross-site", "same-site")
+
+
+class Access:
+    """The rules of one server.
+
+    Args:
+        loopback_only: it is bound to loopback: only names that can mean nothing else are answered.
+        token: what a caller must have; None lets everybody in who passes the rest.
+    """
+
+    def __init__(self, *, loopback_only: bool, token: str | None) -> None:
+        self.loopback_only = loopback_only
+        self.token = token
+        key = (token or "").encode()
+        # Derived, so that a cookie that leaks is not the token of programs; named by it, because browsers
+        # do not tell the cookies of two servers on one machine apart by their ports.
+        self.cookie_name = "gcs-" + hmac.digest(key, b"cookie name", "sha256").hex()[:8]
+        self.cookie_value = hmac.digest(key, b"cookie", "sha256").hex()
+
+    def decide(self, asked: Asked) -> Verdict:
+        """Whether to let this in."""
+        refusal = self._wrong_name(asked) or self._foreign_page(asked)
+        if refusal is not None or self.token is None:
+            return refusal
+        if asked.path == SIGN_IN_PATH and asked.method == "POST":
+            return FormSent()
+        if asked.method in ("GET", "HEAD") and (link := given_by_link(asked.query)) is not None:
+            if self.is_token(link) or self._has_cookie(asked):
+                return SignedIn(without_token(asked.path, asked.query))
+            return unknown("The link's token is not this server's (any more).", guessed=True)
+        return self._stranger(asked)
+
+    def is_token(self, given: str) -> bool:
+        """Compared in constant time."""
+        return self.token is not None and hmac.compare_digest(_bytes(given), _bytes(self.token))
+
+    def cookie(self, *, secure: bool) -> str:
+        """The Set-Cookie header: this site's own requests only, out of every script's reach."""
+        return (
+            f"{self.cookie_name}={self.cookie_value}; Path=/; Max-Age={30 * 86400}; HttpOnly; SameSite=Strict"
+            + ("; Secure" if secure else "")
+        )
+
+    def _wrong_name(self, asked: Asked) -> Refusal | None:
+        hosts = asked.headers.getlist("host")
+        name = host_name(hosts[0]) if len(hosts) == 1 else None
+        if name is None:
+            return Refusal(400, "bad_host", "Not understood", "The request names no host, or not one.")
+        if self.loopback_only and not is_loopback(name):
+            return Refusal(
+                403,
+                "foreign_host",
+                "Forbidden",
+                f"This server answers on this machine only, not as {name!r}.",
+                "Use http://localhost, or start the server with --host to let other machines in.",
+            )
+        return None
+
+    def _foreign_page(self, asked: Asked) -> Refusal | None:
+        origins = asked.headers.getlist("origin")
+        if not origins:
+            if asked.from_elsewhere and not asked.is_navigation:
+                return _foreign("A page of another site")
+            return None
+        host = asked.headers["host"]
+        if len(origins) > 1 or not same_origin(origins[0], host, secure=asked.secure):
+            return _foreign(f"A page of {origins[0][:200]!r}")
+        return None
+
+    def _stranger(self, asked: Asked) -> Refusal | None:
+        scheme, _, given = asked.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer":
+            if self.is_token(given.strip()):
+                return None
+            return unknown("The token is not this server's.", guessed=True)
+        if not self._has_cookie(asked):
+            return unknown("This server wants a token from everybody.")
+        if not asked.only_reads and "origin" not in asked.headers:
+            # Every browser names the page that commands; who leaves it out has to bring the token itself.
+            return Refusal(
+                403,
+                "origin_missing",
+                "Forbidden",
+                "A cookie commands only together with the Origin of the page that uses it.",
+                "Programs send the token as `Authorization: Bearer …` instead.",
+            )
+        return None
+
+    def _has_cookie(self, asked: Asked) -> bool:
+        wanted = self.cookie_value.encode()
+        given = cookies_named(asked.headers.getlist("cookie"), self.cookie_name)
+        return any([hmac.compare_digest(_bytes(value), wanted) for value in given])
+
+
+def unknown(detail: str, *, guessed: bool = False) -> Refusal:
+    """No token, or a wrong one."""
+    return Refusal(
+        401, "token_wrong" if guessed else "token_missing", "Not signed in", detail, _REMEDY, guessed
+    )
+
+
+def _foreign(who: str) -> Refusal:
+    return Refusal(
+        403,
+        "foreign_origin",
+        "Forbidden",
+        f"{who} may neither command vehicles here nor read from here; only the server's own page may.",
+    )
+
+
+def cookies_named(headers: Iterable[str], name: str) -> list[str]:
+    """The values of all cookies of this name."""
+    pairs = (part.strip().partition("=") for header in headers for part in header.split(";"))
+    return [value for key, _, value in pairs if key == name]
+
+
+def given_by_link(query: str) -> str | None:
+    """The token in an address, if there is one."""
+    return next((value for key, value in _pairs(query) if key == TOKEN_KEY), None)
+
+
+def form_fields(body: bytes) -> tuple[str, str]:
+    """Token and place to go on to of the form that asks for a token; empty where they are missing."""
+    fields = dict(_pairs(body.decode("latin-1")))
+    return fields.get(TOKEN_KEY, "").strip(), own_path(fields.get("next", "/"))
+
+
+def without_token(path: str, query: str) -> str:
+    """The same address (its path decoded, as ASGI has it), fit to be seen; always on this server."""
+    rest = [(key, value) for key, value in _pairs(query) if key != TOKEN_KEY]
+    where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS)
+    return f"{where}?{urlencode(rest)}" if rest else where
+
+
+def own_path(address: str) -> str:
+    """A path on this server, whatever address is given: `//elsewhere/` would be another one's."""
+    path, _, query = address.partition("?")
+    where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS + "%")
+    return f"{where}?{quote(query, safe='=&%+/:@')}" if query else where
+
+
+def _pairs(text: str) -> list[tuple[str, str]]:
+    try:
+        return parse_qsl(text, keep_blank_values=True, max_num_fields=_MOST_FIELDS)
+    except ValueError:  # more fields than any page of ours has
+        return []
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode("utf-8", errors="replace")

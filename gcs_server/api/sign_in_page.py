@@ -1,0 +1,57 @@
+"""What a person sees who comes without the token: how to get in, and a field for it.
+
+One document that needs nothing else from a server that gives nothing else away: its style stands inside
+and is allowed by its hash; there is no script.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+from html import escape
+from pathlib import Path
+from string import Template
+
+from starlette.responses import HTMLResponse
+
+from gcs_server.api.access import Refusal
+
+FOLDER = Path(__file__).resolve().parent / "sign_in"
+
+
+@functools.cache
+def _parts() -> tuple[Template, str, str]:
+    """Document, style and the content policy that allows them."""
+    style = (FOLDER / "style.css").read_text("utf-8")
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    policy = (
+        f"default-src 'none'; style-src 'sha256-{digest}'; "
+        "form-action 'self'; frame-ancestors 'self'; base-uri 'none'"
+    )
+    return Template((FOLDER / "index.html").read_text("utf-8")), style, policy
+
+
+def sign_in_page(refusal: Refusal, location: str) -> HTMLResponse:
+    """The page.
+
+    Args:
+        refusal: what is said beside the field, where a token was given that is wrong.
+        location: where to go on to afterwards, an address on this server.
+    """
+    document, style, policy = _parts()
+    error = (
+        f'<p class="error" id="error" role="alert">{escape(refusal.detail)}</p>' if refusal.guessed else ""
+    )
+    text = document.substitute(
+        style=style,
+        next=escape(location, quote=True),
+        error=error,
+        invalid='aria-invalid="true" aria-describedby="error" ' if error else "",
+    )
+    headers = {
+        "Content-Security-Policy": policy,
+        "Cache-Control": "no-store",
+        "WWW-Authenticate": "Bearer",
+    }
+    return HTMLResponse(text, status_code=refusal.status, headers=headers)

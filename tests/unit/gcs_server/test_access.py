@@ -1,0 +1,234 @@
+"""Who may come in, decided on text alone: a table of callers, and garbage that never raises."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.api.access import (
+    SIGN_IN_PATH,
+    Access,
+    Asked,
+    FormSent,
+    Refusal,
+    SignedIn,
+    form_fields,
+    own_path,
+)
+from gcs_server.api.sign_in_page import FOLDER, sign_in_page
+
+TOKEN = "correct-horse-battery"
+ALONE = Access(loopback_only=True, token=None)
+OPEN = Access(loopback_only=False, token=TOKEN)
+LOCKED = Access(loopback_only=True, token=TOKEN)
+COOKIE = f"theme=dark; {OPEN.cookie_name}={OPEN.cookie_value}"
+BEARER = f"Bearer {TOKEN}"
+OUT = "gcs.field:8080"
+
+
+def asked(method="GET", path="/", query="", *, host="localhost:8080", secure=False, **headers):
+    pairs = [("host", host)] if host is not None else []
+    pairs += [(name.replace("_", "-"), value) for name, value in headers.items()]
+    raw = [(name.encode(), value.encode("latin-1")) for name, value in pairs]
+    scope = {"type": "http", "method": method, "path": path, "query_string": query.encode(), "headers": raw}
+    if method == "WEBSOCKET":
+        scope = {**scope, "type": "websocket"}
+    return Asked.of({**scope, "scheme": "https" if secure else "http"})
+
+
+def code(access, request):
+    verdict = access.decide(request)
+    return verdict.code if isinstance(verdict, Refusal) else verdict
+
+
+NAVIGATION = {"sec_fetch_mode": "navigate", "sec_fetch_dest": "document"}
+ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
+
+
+@pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize(
+    ("headers", "says"),
+    [
+        ({}, None),  # curl
+        ({"origin": "http://localhost:8080"}, None),
+        ({"host": "127.0.0.1:8080", "origin": "http://127.0.0.1:8080"}, None),
+        ({"host": "[::1]:9", "origin": "http://[::1]:9"}, None),
+        ({"host": "127.0.0.2"}, None),
+        ({"host": "LOCALHOST"}, None),
+        ({"sec_fetch_site": "same-origin"}, None),
+        ({"sec_fetch_site": "none"}, None),
+        ({"origin": "http://evil.example"}, "foreign_origin"),
+        ({"origin": "http://localhost:3000"}, "foreign_origin"),
+        ({"origin": "http://127.0.0.1:8080"}, "foreign_origin"),
+        ({"origin": "null"}, "foreign_origin"),
+        ({"origin": ""}, "foreign_origin"),
+        ({"origin": "localhost:8080"}, "foreign_origin"),
+        ({"origin": "file://localhost:8080"}, "foreign_origin"),
+        ({"origin": "http://localhost:8080.evil.example"}, "foreign_origin"),
+        ({"sec_fetch_site": "cross-site"}, "foreign_origin"),
+        ({"sec_fetch_site": "same-site"}, "foreign_origin"),
+        ({"sec_fetch_site": "cross-site", "sec_fetch_mode": "no-cors"}, "foreign_origin"),
+        ({"host": "rebound.example:8080"}, "foreign_host"),
+        ({"host": "rebound.example", "origin": "http://rebound.example"}, "foreign_host"),
+        ({"host": "localhost.evil.example"}, "foreign_host"),
+        ({"host": "192.168.1.5:8080"}, "foreign_host"),
+        ({"host": "127.0.0.1.nip.io"}, "foreign_host"),
+        ({"host": None}, "bad_host"),
+        ({"host": ""}, "bad_host"),
+        ({"host": "localhost:8080@evil.example"}, "bad_host"),
+        ({"host": "localhost, evil.example"}, "bad_host"),
+        ({"host": "[::1"}, "bad_host"),
+    ],
+)
+def test_on_loopback_nobody_is_asked_for_a_token_and_only_our_own_pages_pass(method, headers, says):
+    assert code(ALONE, asked(method, **headers)) == says
+
+
+@pytest.mark.parametrize(
+    ("method", "dest", "says"),
+    [("GET", "document", None), ("GET", "iframe", "foreign_origin"), ("POST", "document", "foreign_origin")],
+)
+def test_a_link_from_another_site_opens_the_page_and_nothing_else_does(method, dest, says):
+    headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": dest}
+    assert code(ALONE, asked(method, **headers)) == says
+
+
+@pytest.mark.parametrize("access", [OPEN, LOCKED], ids=["bound to all", "on loopback"])
+@pytest.mark.parametrize("method", ["GET", "POST", "WEBSOCKET"])
+@pytest.mark.parametrize("path", ["/", "/docs", "/api/v1/health", "/scene/", "/assets/a.js", "/nothing"])
+def test_with_a_token_in_force_everything_needs_it(access, method, path):
+    own = {"origin": "http://localhost:8080"}
+    assert code(access, asked(method, path)) == "token_missing"
+    assert code(access, asked(method, path, authorization="Bearer wrong")) == "token_wrong"
+    assert code(access, asked(method, path, authorization=BEARER)) is None
+    assert code(access, asked(method, path, cookie=COOKIE, **own)) is None
+    assert code(access, asked(method, path, cookie=f"{OPEN.cookie_name}={TOKEN}")) == "token_missing"
+    assert code(access, asked(method, path, cookie=COOKIE, origin="http://evil.example")) == "foreign_origin"
+    foreign_bearer = asked(method, path, authorization=BEARER, origin="http://evil.example")
+    assert code(access, foreign_bearer) == "foreign_origin"
+
+
+@pytest.mark.parametrize(
+    ("method", "headers", "says"),
+    [
+        ("GET", {"cookie": COOKIE}, None),
+        ("POST", {"cookie": COOKIE}, "origin_missing"),
+        ("WEBSOCKET", {"cookie": COOKIE}, "origin_missing"),
+        ("POST", {"cookie": COOKIE, "authorization": "Basic eDp5"}, "origin_missing"),
+        ("GET", {"cookie": COOKIE, "authorization": "Basic eDp5"}, None),  # a proxy's own password
+        ("GET", {"cookie": COOKIE, "authorization": "Bearer wrong"}, "token_wrong"),
+        ("GET", {"authorization": f"bearer  {TOKEN} "}, None),
+        ("GET", {"authorization": "Bearer"}, "token_wrong"),
+        ("GET", {"authorization": "Bearer \xe9"}, "token_wrong"),
+        ("GET", {"authorization": TOKEN}, "token_missing"),
+        ("GET", {"authorization": f"Bearer {TOKEN}x"}, "token_wrong"),
+        ("POST", {"cookie": COOKIE, "origin": f"http://{OUT}"}, None),
+        ("POST", {"cookie": COOKIE, "origin": f"https://{OUT}"}, None),  # a proxy in front speaks https
+        ("POST", {"cookie": COOKIE, "origin": f"http://{OUT}", "secure": True}, "foreign_origin"),
+        ("POST", {"host": "rebound.example", "origin": "http://rebound.example"}, "token_missing"),
+        ("GET", {"host": "whatever.name", "authorization": BEARER}, None),
+    ],
+)
+def test_from_other_machines_a_cookie_needs_its_page_and_a_bearer_nothing_else(method, headers, says):
+    assert code(OPEN, asked(method, **{"host": OUT, **headers})) == says
+
+
+def test_on_loopback_a_token_opens_no_foreign_name():
+    assert code(LOCKED, asked(host="rebound.example", authorization=BEARER)) == "foreign_host"
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "location"),
+    [
+        ("/", "token={}", "/"),
+        ("/docs", "a=1&token={}&b=%26", "/docs?a=1&b=%26"),
+        ("//evil.example/", "token={}", "/evil.example/"),
+        ("/\\evil.example", "token={}", "/evil.example"),
+        ("/a b\r\nSet-Cookie: x", "token={}", "/a%20b%0D%0ASet-Cookie:%20x"),
+    ],
+)
+def test_the_link_signs_in_and_leaves_no_token_in_the_address(path, query, location):
+    assert OPEN.decide(asked(path=path, query=query.format(TOKEN))) == SignedIn(location)
+    refusal = OPEN.decide(asked(path=path, query=query.format("wrong")))
+    assert isinstance(refusal, Refusal)
+    assert (refusal.status, refusal.guessed) == (401, True)
+    assert OPEN.decide(asked(path=path, query=query.format("old"), cookie=COOKIE)) == SignedIn(location)
+
+
+def test_only_opening_the_link_uses_it():
+    for method in ("POST", "PUT", "DELETE", "WEBSOCKET"):
+        assert code(OPEN, asked(method, query=f"token={TOKEN}")) == "token_missing"
+    assert code(OPEN, asked(query=f"token={TOKEN}", origin="http://evil.example")) == "foreign_origin"
+
+
+def test_the_form_is_read_only_from_our_own_page_and_only_where_there_is_a_token():
+    assert OPEN.decide(asked("POST", SIGN_IN_PATH, origin="http://localhost:8080")) == FormSent()
+    assert code(OPEN, asked("POST", SIGN_IN_PATH, origin="http://evil.example")) == "foreign_origin"
+    assert ALONE.decide(asked("POST", SIGN_IN_PATH)) is None
+    assert form_fields(f"token=+{TOKEN}%0A&next=%2Fdocs%3Fa%3D1".encode()) == (TOKEN, "/docs?a=1")
+    assert form_fields(b"next=//evil.example") == ("", "/evil.example")
+
+
+def test_the_cookie_is_for_this_site_alone_and_not_the_token():
+    cookie = OPEN.cookie(secure=False)
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert "Secure" not in cookie
+    assert TOKEN not in cookie
+    assert OPEN.cookie(secure=True).endswith("; Secure")
+    other = Access(loopback_only=False, token=TOKEN + "x")
+    assert other.cookie_name != OPEN.cookie_name, "two servers on one machine share a browser's cookies"
+    assert other.cookie_value != OPEN.cookie_value
+
+
+garbage = st.text(st.characters(max_codepoint=255), max_size=60)
+
+
+@given(
+    st.sampled_from(ALL),
+    garbage,
+    garbage,
+    st.lists(
+        st.tuples(
+            st.sampled_from(
+                ["host", "origin", "cookie", "authorization", "sec-fetch-site", "sec-fetch-mode", "accept"]
+            ),
+            garbage,
+        ),
+        max_size=6,
+    ),
+)
+def test_garbage_is_never_let_in_and_never_raises(method, path, query, headers):
+    for access in (ALONE, OPEN, LOCKED):
+        raw = [(name.encode(), value.encode("latin-1")) for name, value in headers]
+        scope = {"type": "websocket" if method == "WEBSOCKET" else "http", "method": method, "path": path}
+        verdict = access.decide(Asked.of({**scope, "query_string": query.encode("latin-1"), "headers": raw}))
+        if access is not ALONE:
+            assert isinstance(verdict, Refusal)
+    form_fields(query.encode("latin-1"))
+
+
+@given(garbage)
+def test_after_signing_in_one_is_always_on_this_server(address):
+    assert re.match(r"/(?![/\\])[\x21-\x7e]*\Z", own_path(address))
+
+
+def test_the_page_that_asks_wears_the_pages_colours():
+    tokens = (Path(__file__).parents[3] / "web/src/ui/tokens.css").read_text()
+    dark, light = tokens.split('[data-theme="light"]')
+    style = (FOLDER / "style.css").read_text()
+    colours = re.findall(r"--(\S+): light-dark\((#\w+), (#\w+)\);", style)
+    assert len(colours) >= 9
+    for name, in_light, in_dark in colours:
+        if name != "shade":
+            assert f"--{name}: {in_light};" in light
+            assert f"--{name}: {in_dark};" in dark
+
+
+def test_what_the_page_repeats_is_escaped():
+    refusal = Refusal(401, "token_wrong", "", "<script>", guessed=True)
+    text = bytes(sign_in_page(refusal, '/"><script>alert(1)</script>').body).decode()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
