@@ -24,7 +24,7 @@ const words = (over: Partial<StatusFacts>) =>
 describe('status words', () => {
   it('says who makes it fly', () => {
     expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
-      title: 'Offboard', who: 'server streams position, 50 Hz', tone: 'target',
+      title: 'Offboard', who: 'server streams position, 50 Hz for a', tone: 'target',
     });
     expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
     expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
@@ -207,7 +207,7 @@ describe('instruments, messages, indicators', () => {
     expect(named).toContain('N');
   });
   it('gives what matters a word, and leaves debug out', () => {
-    expect(severityWord(2)).toEqual({ word: 'Critical', tone: 'danger' });
+    expect(severityWord(2)).toMatchObject({ word: 'Critical', tone: 'danger' });
     expect(severityWord(6).word).toBe('');
     const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });
     expect(shown([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);

@@ -9,7 +9,8 @@ import { ActionController } from './actions/controller.svelte';
 import { BY_ID, CATALOGUE, found, moved, readChoice, USUAL, type Source } from './instruments/catalogue';
 import { fullTime, severityWord, shown, unread } from './messages/messages';
 import { readOffboard, streamWords } from './offboard/view';
-import { batteryIndicator } from './topbar/indicators';
+import { batteryIndicator, linkIndicator } from './topbar/indicators';
+import { lossPercent } from './topbar/links';
 
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
 
@@ -90,6 +91,16 @@ describe('the offboard stream', () => {
   });
 });
 
+describe('the link', () => {
+  it('counts what was lost lately, and says that it is weak', () => {
+    expect(lossPercent({ received: 100, lost: 50 }, { received: 190, lost: 60 })).toBe(10);
+    expect(lossPercent({ received: 100, lost: 0 }, { received: 100, lost: 0 })).toBeNull();
+    expect(linkIndicator(0.2, false, [], '5 kB/s', 10)).toMatchObject({ word: 'weak', severity: 'caution' });
+    expect(linkIndicator(0.2, false, [], '5 kB/s', null)).toMatchObject({ word: '', severity: 'none' });
+    expect(linkIndicator(9, true, [], '5 kB/s', 10)).toMatchObject({ word: 'lost', severity: 'danger' });
+  });
+});
+
 describe('the battery', () => {
   it('names its weakest cell', () => {
     const value = { remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: [4.02, 3.91, 4.01] };
@@ -105,7 +116,7 @@ const actionFacts: ActionFacts = {
 describe('what is asked', () => {
   it('says the height of the return once the vehicle has told it', () => {
     expect(question('rtl', actionFacts)?.effect).toContain('its return height');
-    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('up to 60 m above home');
+    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('at most 60 m above home');
     expect(question('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
   });
   it('is not confirmed while it is not valid', () => {

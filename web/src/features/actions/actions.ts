@@ -56,7 +56,7 @@ function returns(facts: ActionFacts): string {
   const alt_m = facts.returnAlt_home_m ?? null;
   if (alt_m === null) return `Climbs to its return height, flies ${m(facts.fromHome_m)} back`;
   if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m) return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${m(facts.fromHome_m)} back`;
-  return `Climbs to up to ${fixed(alt_m, 0)} m above home, flies ${m(facts.fromHome_m)} back`;
+  return `Climbs to at most ${fixed(alt_m, 0)} m above home, flies ${m(facts.fromHome_m)} back`;
 }
 
 /** The confirmation's words; null where the action needs none: Hold is always one press. */

@@ -17,6 +17,8 @@ export interface Indicator {
   details: [string, string][];
 }
 
+/** More frames lost than this and a pilot should know [%]. */
+const WEAK_PERCENT = 5;
 const FIX = ['no GPS', 'no fix', '2-D fix', '3-D fix', 'DGPS', 'RTK float', 'RTK fixed'];
 
 function empty(label: string): Indicator {
@@ -73,12 +75,13 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
 }
 
 /** The vehicle's link as far as its heartbeat tells; `links` adds what the server counts. */
-export function linkIndicator(heartbeatAge_s: number | null, lost: boolean, details: [string, string][], text: string | null): Indicator {
+export function linkIndicator(heartbeatAge_s: number | null, lost: boolean, details: [string, string][], text: string | null, lost_percent: number | null = null): Indicator {
   if (heartbeatAge_s === null) return { ...empty('Link'), details };
+  const weak = !lost && lost_percent !== null && lost_percent > WEAK_PERCENT;
   return {
     label: 'Link', stale: false, age_s: heartbeatAge_s,
     text: lost ? `silent ${Math.round(heartbeatAge_s)} s` : (text ?? 'heard'),
-    word: lost ? 'lost' : '', severity: lost ? 'danger' : 'none',
+    word: lost ? 'lost' : weak ? 'weak' : '', severity: lost ? 'danger' : weak ? 'caution' : 'none',
     details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],
   };
 }

@@ -1,9 +1,11 @@
 /** The station's links and warnings, asked for every few seconds: they change rarely and are no telemetry. */
 
 import type { ApiClient } from '../../api/client';
-import type { LinkLine, StationNotice } from './links';
+import { lossPercent, type LinkLine, type StationNotice } from './links';
 
 const EVERY_MS = 3000;
+/** Loss is counted over this many answers: half a minute. */
+const LOSS_OVER = 10;
 
 class Links {
   list = $state.raw<LinkLine[]>([]);
@@ -11,7 +13,10 @@ class Links {
   known = $state(false);
   /** What comes in now [bytes/s]; null before two answers. */
   rate_bytes_s = $state<number | null>(null);
+  /** Part of the frames lost lately [%]; null where none came. */
+  lost_percent = $state<number | null>(null);
   private before: { bytes: number; at_ms: number } | null = null;
+  private readonly counts: { received: number; lost: number }[] = [];
 
   poll(api: ApiClient): void {
     const ask = async (): Promise<void> => {
@@ -33,6 +38,19 @@ class Links {
     const gain = this.before === null ? -1 : now.bytes - this.before.bytes;
     this.rate_bytes_s = this.before === null || gain < 0 ? null : (gain / (now.at_ms - this.before.at_ms)) * 1000;
     this.before = this.known ? now : null;
+    this.countLoss();
+  }
+
+  private countLoss(): void {
+    const live = this.list.filter((l) => !l.forward);
+    const now = { received: live.reduce((sum, l) => sum + l.frames_received, 0), lost: live.reduce((sum, l) => sum + l.frames_lost, 0) };
+    const last = this.counts.at(-1);
+    // Another server, or a link that was closed: it counts from the start again.
+    if (!this.known || (last !== undefined && now.received < last.received)) this.counts.length = 0;
+    if (!this.known) return;
+    this.counts.push(now);
+    if (this.counts.length > LOSS_OVER) this.counts.shift();
+    this.lost_percent = lossPercent(this.counts[0] ?? now, now);
   }
 }
 

@@ -16,6 +16,13 @@ export function bytesText(bytes: number): string {
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
+/** Part of the frames lost between two counts [%]; null where none came between them. */
+export function lossPercent(from: { received: number; lost: number }, to: { received: number; lost: number }): number | null {
+  const lost = Math.max(0, to.lost - from.lost);
+  const all = to.received - from.received + lost;
+  return all <= 0 ? null : (lost / all) * 100;
+}
+
 /** Part of the frames that the gaps in their sequence numbers say are missing [%]. */
 function lostPercent(link: LinkLine): string {
   const all = link.frames_received + link.frames_lost;
@@ -38,12 +45,15 @@ function counted(link: LinkLine, several: boolean): [string, string][] {
   return lines;
 }
 
-/** @param rate_bytes_s what comes in now over all links; null before two answers. */
-export function linkDetails(links: readonly LinkLine[], rate_bytes_s: number | null): { details: [string, string][]; text: string | null } {
+/**
+ * @param rate_bytes_s what comes in now over all links; null before two answers.
+ * @param lost_percent of the frames of the last half minute; null where none came.
+ */
+export function linkDetails(links: readonly LinkLine[], rate_bytes_s: number | null, lost_percent: number | null = null): { details: [string, string][]; text: string | null } {
   const details = links.flatMap((link) => counted(link, links.length > 1));
   const open = links.filter((l) => l.state === 'open' && !l.forward).length;
   const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
-  const text = open === 0 ? null : join([open === 1 ? null : `${open} links`, rate ?? 'open']);
+  const text = open === 0 ? null : join([open === 1 ? null : `${open} links`, rate ?? 'open', lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % lost`]);
   return { details, text };
 }
 
