@@ -35,8 +35,10 @@ NOT_COMPARED: dict[str, frozenset[str]] = {
     "CURRENT_EVENT_SEQUENCE": frozenset({"sequence"}),
     "RESPONSE_EVENT_ERROR": frozenset({"sequence_oldest_available"}),
     "LOG_ENTRY": frozenset({"time_utc", "size"}),
+    "STORAGE_INFORMATION": frozenset({"total_capacity", "used_capacity", "available_capacity"}),
 }
-"""Clocks, counters, and what PX4 leaves uninitialised (gimbal roll limits, the targets of its TIMESYNC)."""
+"""Clocks, counters, the disk of the recording machine, and what PX4 leaves uninitialised (gimbal roll limits,
+the targets of its TIMESYNC)."""
 
 ABSOLUTE: dict[str, float] = {
     "GPS_RAW_INT.lat": 400, "GPS_RAW_INT.lon": 400, "GPS_RAW_INT.alt": 4000, "GPS_RAW_INT.vel": 60,
@@ -46,18 +48,20 @@ ABSOLUTE: dict[str, float] = {
     "GLOBAL_POSITION_INT.relative_alt": 800, "GLOBAL_POSITION_INT.vx": 15, "GLOBAL_POSITION_INT.vy": 15,
     "GLOBAL_POSITION_INT.vz": 15, "GLOBAL_POSITION_INT.hdg": 36000,
     "HOME_POSITION.latitude": 200, "HOME_POSITION.longitude": 200, "HOME_POSITION.altitude": 2000,
-    "HOME_POSITION.x": 2.0, "HOME_POSITION.y": 2.0, "HOME_POSITION.z": 1.5, "HOME_POSITION.q": 0.05,
+    "HOME_POSITION.x": 2.0, "HOME_POSITION.y": 2.0, "HOME_POSITION.z": 1.5, "HOME_POSITION.q": 0.15,
     "GPS_GLOBAL_ORIGIN.latitude": 200, "GPS_GLOBAL_ORIGIN.longitude": 200, "GPS_GLOBAL_ORIGIN.altitude": 3000,
     "HIGHRES_IMU.xacc": 0.6, "HIGHRES_IMU.yacc": 0.6, "HIGHRES_IMU.zacc": 0.6, "HIGHRES_IMU.xgyro": 0.05,
     "HIGHRES_IMU.ygyro": 0.05, "HIGHRES_IMU.zgyro": 0.05, "HIGHRES_IMU.xmag": 0.03, "HIGHRES_IMU.ymag": 0.03,
     "HIGHRES_IMU.zmag": 0.03, "HIGHRES_IMU.abs_pressure": 60, "HIGHRES_IMU.pressure_alt": 6,
     "HIGHRES_IMU.temperature": 2.0,
     "SCALED_IMU.xacc": 60, "SCALED_IMU.yacc": 60, "SCALED_IMU.zacc": 60, "SCALED_IMU.xgyro": 50,
-    "SCALED_IMU.ygyro": 50, "SCALED_IMU.zgyro": 50, "SCALED_IMU.xmag": 30, "SCALED_IMU.ymag": 30,
-    "SCALED_IMU.zmag": 30,
+    "SCALED_IMU.ygyro": 50, "SCALED_IMU.zgyro": 50, "SCALED_IMU.xmag": 80, "SCALED_IMU.ymag": 80,
+    "SCALED_IMU.zmag": 80,
     "ATTITUDE.roll": 0.03, "ATTITUDE.pitch": 0.03, "ATTITUDE.yaw": 0.08, "ATTITUDE.rollspeed": 0.03,
     "ATTITUDE.pitchspeed": 0.03, "ATTITUDE.yawspeed": 0.03, "VFR_HUD.groundspeed": 0.15, "VFR_HUD.alt": 2.0,
     "VFR_HUD.climb": 0.15, "VFR_HUD.heading": 360, "ATTITUDE_TARGET.q": 0.08,
+    "ATTITUDE_TARGET.body_roll_rate": 0.02, "ATTITUDE_TARGET.body_pitch_rate": 0.02,
+    "ATTITUDE_TARGET.body_yaw_rate": 0.02, "ATTITUDE_TARGET.thrust": 0.002,
     "ALTITUDE.altitude_monotonic": 4, "ALTITUDE.altitude_amsl": 2, "ALTITUDE.altitude_local": 1.5,
     "ALTITUDE.altitude_relative": 1.0, "ALTITUDE.altitude_terrain": 1.5, "ALTITUDE.bottom_clearance": 1.0,
     "ESTIMATOR_STATUS.vel_ratio": 0.5, "ESTIMATOR_STATUS.pos_horiz_ratio": 0.5,
@@ -83,6 +87,8 @@ ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8,
 
 Row = tuple[str, str, Any, Any]
 RATE_TOLERANCE = 0.1
+FULL_TURN = {"MOUNT_ORIENTATION.yaw_absolute": 360.0}
+"""Angles that wrap."""
 STREAMED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
 """Compared by their number and by the fields of the first."""
 
@@ -117,11 +123,26 @@ def compare(dialogue: Dialogue, answer: Answer) -> list[Difference]:
     out += _states(theirs, answer)
     mine = [h for h in answer.heard if h.name not in STATE_MESSAGES and not _in_report(h)]
     rest = [h for h in theirs if h.name not in STATE_MESSAGES and not _in_report(h)]
-    thinned = "received_total" in dialogue or "kept" in dialogue.get("summary", {})
+    mine, rest = (
+        [
+            h
+            for h in side
+            if h.name != "PARAM_VALUE" or h.values["param_id"] not in answer.set_before or _reads(dialogue)
+        ]
+        for side in (mine, rest)
+    )
+    summary = dialogue.get("summary", {})
+    thinned = "received_total" in dialogue or "kept" in summary or "messages_received" in summary
     for kind in dict.fromkeys(h.name for h in (*rest, *mine)):
         out += _align(kind, _joined(rest, kind), _joined(mine, kind), thinned)
     out += _end(dialogue, answer)
     return [Difference(name, *row) for row in out]
+
+
+def _reads(dialogue: Dialogue) -> bool:
+    return any(e["msg"].startswith("PARAM_REQUEST") for e in dialogue["send"]) and not any(
+        e["msg"] == "PARAM_SET" for e in dialogue["send"]
+    )
 
 
 def _in_report(heard: Heard) -> bool:
@@ -224,12 +245,22 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
         if name in skipped or name not in own or name == "int_value":
             continue
         a, b = _plain(value), _plain(own[name])
+        if name == "arguments" and real["id"] == HEALTH:
+            a, b = _masked(a), _masked(b)
         if name == "param_value" and "int_value" in real:
             a = real["int_value"] & 0xFFFFFFFF
             b = struct.unpack("<I", struct.pack("<f", own[name]))[0]
+        turn = FULL_TURN.get(f"{kind}.{name}")
+        if turn is not None:
+            b = a + math.remainder(b - a, turn)
         if not same(a, b, ABSOLUTE.get(f"{kind}.{name}")):
             out.append((kind, f"{_label(kind, real)}{name}", a, b))
     return out
+
+
+def _masked(arguments: list[int]) -> list[int]:
+    """Without the health component that PX4 calls present now and then (bit 10)."""
+    return [value & ~0x04 if n == 2 else value for n, value in enumerate(arguments)]
 
 
 def _label(kind: str, values: dict[str, Any]) -> str:

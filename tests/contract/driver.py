@@ -59,6 +59,8 @@ class Answer:
     """Newest sample of each state message before the dialogue."""
     after: list[Heard] = field(default_factory=list)
     """State messages of the second after it: the recordings sampled some of them at 1 Hz."""
+    set_before: frozenset[str] = frozenset()
+    """Parameters that earlier dialogues set: PX4 sends those along that it has not saved yet."""
     report: list[Heard] = field(default_factory=list)
     """The arming report in force at the end."""
     states: list[dict[str, Any]] = field(default_factory=list)
@@ -129,6 +131,14 @@ class Vehicle:
         fields = {f"param{n + 1}": value for n, value in enumerate(values)}
         fields |= {"target_system": self.system_id, "target_component": 1, "command": number}
         self.send("COMMAND_LONG", fields)
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """PARAM_SET in the form the parameter's type asks for."""
+        integer = self.sim.simulation.parameters[0].type_of(name) == "INT32"
+        raw = struct.pack("<i", int(value)) if integer else struct.pack("<f", value)
+        fields = {"target_system": self.system_id, "target_component": 1, "param_id": name,
+                  "param_value": struct.unpack("<f", raw)[0], "param_type": 6 if integer else 9}  # fmt: skip
+        self.send("PARAM_SET", fields)
 
     def run_to(self, end_s: float, tick_s: float = TICK_S) -> None:
         while self.now_s < end_s - 1e-6:
@@ -244,6 +254,7 @@ class Player:
 
     def __init__(self) -> None:
         self._vehicle: Vehicle | None = None
+        self._set_before: frozenset[str] = frozenset()
 
     def play(self, dialogue: Dialogue) -> Answer:
         """Bring about the starting state, send, listen."""
@@ -253,11 +264,17 @@ class Player:
         store = vehicle.sim.simulation.parameters[0]
         kept = {name: store.get(name) for name in changed if name in store}
         for name in kept:
-            store.set(name, changed[name])
+            vehicle.set_parameter(name, changed[name])
         if kept:
             vehicle.run(2.5)
+        said = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
+        kept |= {name: float(text) for name, text in said}
         try:
-            return self._exchange(vehicle, dialogue)
+            answer = self._exchange(vehicle, dialogue)
+            now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
+            answer.set_before = self._set_before - now_set
+            self._set_before |= now_set
+            return answer
         finally:
             for name, value in kept.items():
                 store.set(name, value)
@@ -333,6 +350,10 @@ class Player:
         for dt_s, link, name, fields, src in _script(dialogue, vehicle.system_id):
             if start_s + dt_s > vehicle.now_s + 0.006:
                 vehicle.run_to(start_s + dt_s)
+            if name == "REQUEST_EVENT" and any(e["msg"] == "EVENT" for e in dialogue["received"]):
+                back = fields["last_sequence"] - fields["first_sequence"]
+                newest = vehicle.autopilot.announcer.sequence
+                fields = fields | {"first_sequence": newest - back, "last_sequence": newest}
             vehicle.send(name, fields, link, src)
         answer = Answer(before=before)
         vehicle.run_to(start_s + window_s - 1.1)

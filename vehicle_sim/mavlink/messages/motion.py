@@ -116,7 +116,7 @@ class MotionMessages(Family):
         row, i = self._body.simulation.target, self._body.row
         time_ms = self._body.time_boot_ms()
         setpoints = self._body.simulation.setpoints
-        idle = int(setpoints.level[i]) != ControlLevel.TRAJECTORY
+        idle = int(setpoints.level[i]) == ControlLevel.DISARMED
         if idle:
             yaw = self._body.belief.yaw_ned_rad
             return _TARGET_LOCAL(time_ms, *(NAN,) * 6, 0.0, 0.0, 100.0, yaw, 0.0, 63, 1)
@@ -124,11 +124,13 @@ class MotionMessages(Family):
         v = row.velocity_ned_m_s[i].tolist()
         a = row.acceleration_ned_m_s2[i].tolist()
         yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
+        # What was not asked for, PX4's position controller fills in: the present heading, no turning.
+        yaw = self._body.belief.yaw_ned_rad if yaw != yaw else yaw
+        rate = 0.0 if rate != rate else rate
         mask = 0
         for bit, value in enumerate((*p, *v, *a)):
             if value != value:
                 mask |= 1 << bit
-        mask |= (1024 if yaw != yaw else 0) | (2048 if rate != rate else 0)
         return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, mask, 1)
 
     def position_target_global_int(self) -> bytes | None:

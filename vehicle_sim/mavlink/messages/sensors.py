@@ -7,6 +7,9 @@ import math
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import NAN, Family
 
+STANDARD_TEMPERATURE_DEG_C = 15.0
+"""HIGHRES_IMU carries the air temperature PX4 assumes, not the barometer's own."""
+
 
 class SensorMessages(Family):
     """Builders of the raw and scaled measurements."""
@@ -22,7 +25,7 @@ class SensorMessages(Family):
             xacc=ax, yacc=ay, zacc=az, xgyro=gx, ygyro=gy, zgyro=gz, xmag=mx, ymag=my, zmag=mz,
             abs_pressure=float(s.baro_pressure_hpa[i]) * 100.0,
             pressure_alt=float(s.baro_alt_amsl_m[i]),
-            temperature=float(s.baro_temperature_deg_c[i]),
+            temperature=STANDARD_TEMPERATURE_DEG_C,
             fields_updated=7167,
         )[1]  # fmt: skip
 

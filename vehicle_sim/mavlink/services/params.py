@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections import deque
 
+from vehicle_sim.autopilot.parameter_limits import ParameterLimits
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
@@ -16,6 +18,11 @@ UINT32, INT32, REAL32 = 5, 6, 9
 """MAV_PARAM_TYPE."""
 BURST_PER_STEP = 5
 """With 250 steps a second this sends 930 values in 0.8 s."""
+TELL_AFTER_S = 0.01
+SAVE_AFTER_S, SAVE_EVERY_S = 0.3, 2.0
+"""PX4 saves so long after a change, and no more often; until then a value counts as unsaved."""
+SAME = 1.19e-7
+"""A float that differs by no more counts as unchanged, and so does whatever is compared with NaN."""
 
 
 class ParamService:
@@ -25,7 +32,11 @@ class ParamService:
         self._context = context
         self._parameters = context.body.parameters
         self._lists: dict[str, deque[str]] = {}
-        self._changed: list[str] = []
+        self._unsaved: set[str] = set()
+        self._save_at_s = math.inf
+        self._saved_at_s = -math.inf
+        self._tell_at_s = math.inf
+        self._limits = ParameterLimits(self._parameters, context.autopilot.announcer)
         self._parameters.add_listener(self._note)
         self.handlers = {
             "PARAM_REQUEST_LIST": self.request_list,
@@ -49,40 +60,58 @@ class ParamService:
             self._send(link, name)
 
     def set(self, link: Link, message: Message) -> None:
-        """Store a value of the right type; the answer is the stored value, at once and again on all links."""
+        """Store a value of the right type; the answer is what is now stored."""
         name = message.param_id
-        if not self._context.is_for_me(message) or name not in self._parameters:
+        if not self._context.is_for_me(message):
+            return
+        if name == HASH_NAME:  # the station has these values already: no more of the list
+            self._lists.pop(link.name, None)
+            return
+        if name not in self._parameters:
             return
         integer = self._parameters.type_of(name) == "INT32"
         if message.param_type != (INT32 if integer else REAL32):
             return
         raw = struct.pack("<f", message.param_value)
         value: ParameterValue = struct.unpack("<i", raw)[0] if integer else message.param_value
+        self._mark(name)
+        told_at_s = self._tell_at_s
+        changed = abs(value - self._parameters.get(name)) > SAME
         self._parameters.set(name, value)
+        if not changed:
+            self._tell_at_s = told_at_s
         self._send(link, name)
-        if name not in self._changed:
-            self._changed.append(name)
+        self._limits.apply()
 
-    def _note(self, name: str, value: ParameterValue) -> None:
-        del value
+    def _note(self, name: str, _value: ParameterValue) -> None:
         why = self._context.body.simulation.reload_parameters(self._context.body.row)
         if why is not None:
             self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
-        if name not in self._changed:
-            self._changed.append(name)
+        self._mark(name)
+        self._tell_at_s = min(self._tell_at_s, self._context.body.time_s + TELL_AFTER_S)
+
+    def _mark(self, name: str) -> None:
+        self._unsaved.add(name)
+        now_s = self._context.body.time_s
+        if self._save_at_s == math.inf:
+            self._save_at_s = max(now_s + SAVE_AFTER_S, self._saved_at_s + SAVE_EVERY_S)
 
     @property
     def busy(self) -> bool:
-        """Whether anything is left to send."""
-        return bool(self._changed or any(self._lists.values()))
+        """Whether anything is left to send or to save."""
+        return bool(self._unsaved or any(self._lists.values()))
 
     def step(self) -> None:
-        """Send what is due: changed values to every link, and the next part of running lists."""
-        if self._changed and self._context.body.simulation.steps % 3 == 0:
-            names, self._changed = self._changed, []
-            for name in names:
+        """Send what is due: after a change all unsaved values to every link; parts of running lists."""
+        now_s = self._context.body.time_s
+        if now_s >= self._tell_at_s:
+            self._tell_at_s = math.inf
+            for name in sorted(self._unsaved, key=self._parameters.index_of):
                 for link in self._context.links:
                     self._send(link, name)
+        if now_s >= self._save_at_s:
+            self._unsaved.clear()
+            self._save_at_s, self._saved_at_s = math.inf, now_s
         for link in self._context.links:
             pending = self._lists.get(link.name)
             if not pending:

@@ -14,7 +14,12 @@ from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, FAILED,
 
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
 REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520, 519, 528
-REQUEST_CAMERA_INFORMATION = 521
+REQUEST_CAMERA_INFORMATION, REQUEST_STORAGE_INFORMATION = 521, 525
+LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
+STORAGE_READY, STORAGE_MIB = 2, 32_768.0
+"""The card the simulated vehicle carries; nothing is stored on it."""
+MAG_CAL_SUCCESS = 4
+OUTPUTS, UNUSED_OUTPUT_US = 16, 900.0
 CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
@@ -35,6 +40,10 @@ class RequestService:
             BY_NAME["AVAILABLE_MODES"].id: self._available_modes,
             BY_NAME["FLIGHT_INFORMATION"].id: self._flight_information,
             BY_NAME["LINK_NODE_STATUS"].id: self._link_node_status,
+            BY_NAME["TIMESYNC"].id: self._timesync,
+            BY_NAME["MAG_CAL_REPORT"].id: self._mag_cal_report,
+            BY_NAME["ACTUATOR_OUTPUT_STATUS"].id: self._actuator_output_status,
+            BY_NAME["STORAGE_INFORMATION"].id: self._storage_information,
         }
         self.commands: dict[int, Callable[[Command], int | None]] = {
             REQUEST_MESSAGE: self.request,
@@ -44,6 +53,7 @@ class RequestService:
             REQUEST_PROTOCOL_VERSION: lambda c: self._one("PROTOCOL_VERSION", c),
             REQUEST_FLIGHT_INFORMATION: lambda c: self._one("FLIGHT_INFORMATION", c),
             REQUEST_CAMERA_INFORMATION: lambda c: None,
+            REQUEST_STORAGE_INFORMATION: lambda c: self._one("STORAGE_INFORMATION", c),
         }
 
     def _link(self, command: Command) -> Link:
@@ -118,7 +128,8 @@ class RequestService:
         return True
 
     def _protocol_version(self, link: Link, command: Command) -> bool:
-        link.send("PROTOCOL_VERSION", version=200, min_version=100, max_version=200)
+        link.send("PROTOCOL_VERSION", version=200, min_version=100, max_version=200,
+                  library_version_hash=LIBRARY_HASH)  # fmt: skip
         return True
 
     def _available_modes(self, link: Link, command: Command) -> bool:
@@ -134,6 +145,34 @@ class RequestService:
 
     def _flight_information(self, link: Link, command: Command) -> bool:
         link.send("FLIGHT_INFORMATION", time_boot_ms=self._context.body.time_boot_ms())
+        return True
+
+    def _timesync(self, link: Link, command: Command) -> bool:
+        link.send("TIMESYNC", ts1=self._context.body.time_boot_us() * 1000)
+        return True
+
+    def _mag_cal_report(self, link: Link, command: Command) -> bool:
+        link.send(
+            "MAG_CAL_REPORT", cal_status=MAG_CAL_SUCCESS, diag_x=1.0, diag_y=1.0, diag_z=1.0,
+            orientation_confidence=1.0, scale_factor=1.0,
+        )  # fmt: skip
+        return True
+
+    def _actuator_output_status(self, link: Link, command: Command) -> bool:
+        body = self._context.body
+        motors = [float(round(value)) for value in body.simulation.motors_us[body.row].tolist()]
+        outputs = motors + [UNUSED_OUTPUT_US] * (OUTPUTS - len(motors))
+        link.send(
+            "ACTUATOR_OUTPUT_STATUS", time_usec=body.time_boot_us(), active=OUTPUTS,
+            actuator=outputs + [0.0] * (32 - OUTPUTS),
+        )  # fmt: skip
+        return True
+
+    def _storage_information(self, link: Link, command: Command) -> bool:
+        link.send(
+            "STORAGE_INFORMATION", time_boot_ms=self._context.body.time_boot_ms(), storage_id=1,
+            storage_count=1, status=STORAGE_READY, total_capacity=STORAGE_MIB, available_capacity=STORAGE_MIB,
+        )  # fmt: skip
         return True
 
     def _link_node_status(self, link: Link, command: Command) -> bool:
