@@ -691,10 +691,158 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/recordings": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Recordings
+         * @description Recorded flights, newest first; one that is damaged or still being written says so.
+         */
+        get: operations["list_recordings_api_v1_recordings_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/recordings/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Download Recording
+         * @description The file as it is; of one that is being written, what is there now.
+         */
+        get: operations["download_recording_api_v1_recordings__name__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/recordings/{name}/index": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Index Recording
+         * @description Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once.
+         */
+        get: operations["index_recording_api_v1_recordings__name__index_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/replays": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Replays
+         * @description What is played now; the telemetry socket says it, too.
+         */
+        get: operations["list_replays_api_v1_replays_get"];
+        put?: never;
+        /**
+         * Open Replay
+         * @description Plays a recording; one that is open already goes on as it is.
+         */
+        post: operations["open_replay_api_v1_replays_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/replays/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Replay
+         * @description Where it is.
+         */
+        get: operations["show_replay_api_v1_replays__name__get"];
+        put?: never;
+        /**
+         * Change Replay
+         * @description Plays, pauses, sets the pace, goes to a moment; answers once the vehicles are as they were then.
+         */
+        post: operations["change_replay_api_v1_replays__name__post"];
+        /**
+         * Close Replay
+         * @description Its vehicles go with it; the file stays.
+         */
+        delete: operations["close_replay_api_v1_replays__name__delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/replays/{name}/index": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Index Replay
+         * @description As of a recording, for one that was opened from elsewhere (`gcs replay FILE`).
+         */
+        get: operations["index_replay_api_v1_replays__name__index_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /**
+         * ArmedSpan
+         * @description A time with the motors armed.
+         */
+        ArmedSpan: {
+            /**
+             * Begin Unix S
+             * @description Begin [s since 1970 UTC].
+             */
+            begin_unix_s: number;
+            /**
+             * End Unix S
+             * @description End [s since 1970 UTC].
+             */
+            end_unix_s: number;
+        };
         /**
          * Attitude
          * @description ATTITUDE_QUATERNION, or ATTITUDE where that is newer.
@@ -1871,6 +2019,32 @@ export interface components {
             mode: string;
         };
         /**
+         * ModeSpan
+         * @description A time in one flight mode.
+         */
+        ModeSpan: {
+            /**
+             * Begin Unix S
+             * @description Begin [s since 1970 UTC].
+             */
+            begin_unix_s: number;
+            /**
+             * End Unix S
+             * @description End [s since 1970 UTC].
+             */
+            end_unix_s: number;
+            /**
+             * Mode
+             * @description As in `status.mode`.
+             */
+            mode: string;
+            /**
+             * Mode Label
+             * @description For people.
+             */
+            mode_label: string;
+        };
+        /**
          * Motors
          * @description SERVO_OUTPUT_RAW, main outputs.
          */
@@ -2187,6 +2361,52 @@ export interface components {
             deadline_s?: number | null;
         };
         /**
+         * RecordedFlight
+         * @description One file of the data folder's `recordings`.
+         */
+        RecordedFlight: {
+            /**
+             * Name
+             * @description The file's name; how the API calls it.
+             */
+            name: string;
+            /**
+             * Bytes
+             * @description Bytes.
+             */
+            bytes: number;
+            /**
+             * Started Unix S
+             * @description When its first record was written; null where nothing in it can be read.
+             */
+            started_unix_s: number | null;
+            /**
+             * Duration S
+             * @description From the first to the last record.
+             */
+            duration_s: number | null;
+            /**
+             * Vehicles
+             * @description System ids of the vehicles heard near its begin, of all once it has been opened.
+             */
+            vehicles: number[];
+            /**
+             * Link
+             * @description The link it was recorded from, as its name says; null for files of another origin.
+             */
+            link: string | null;
+            /**
+             * Running
+             * @description It is being written now.
+             */
+            running: boolean;
+            /**
+             * Problem
+             * @description What is wrong with it, for people; null where nothing is.
+             */
+            problem: string | null;
+        };
+        /**
          * Recording
          * @description What of a link is on disk.
          */
@@ -2213,6 +2433,172 @@ export interface components {
             stopped: string | null;
         };
         /**
+         * RecordingIndex
+         * @description What a time bar shows of a recording.
+         */
+        RecordingIndex: {
+            /**
+             * Recording
+             * @description Recording.
+             */
+            recording: string;
+            /**
+             * Begin Unix S
+             * @description Begin [s since 1970 UTC].
+             */
+            begin_unix_s: number;
+            /**
+             * End Unix S
+             * @description End [s since 1970 UTC].
+             */
+            end_unix_s: number;
+            /**
+             * Records
+             * @description Records.
+             */
+            records: number;
+            /**
+             * Bytes Skipped
+             * @description What belongs to no record: damage.
+             */
+            bytes_skipped: number;
+            /**
+             * Vehicles
+             * @description Vehicles.
+             */
+            vehicles: components["schemas"]["VehicleMarks"][];
+        };
+        /**
+         * Recordings
+         * @description Recorded flights, newest first.
+         */
+        Recordings: {
+            /**
+             * Recordings
+             * @description Of the data folder.
+             */
+            recordings: components["schemas"]["RecordedFlight"][];
+        };
+        /**
+         * Replay
+         * @description A recording that is being played.
+         */
+        Replay: {
+            /**
+             * Name
+             * @description How the API calls it: its link's name.
+             */
+            name: string;
+            /**
+             * Recording
+             * @description The file's name.
+             */
+            recording: string;
+            /**
+             * Vehicles
+             * @description Ids of the vehicles it shows now.
+             */
+            vehicles: string[];
+            /**
+             * State
+             * @description connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`).
+             */
+            state: string;
+            /**
+             * Detail
+             * @description For people; empty while all is well.
+             */
+            detail: string;
+            /**
+             * Playing
+             * @description Playing.
+             */
+            playing: boolean;
+            /**
+             * Speed
+             * @description Times the pace at which it was recorded; 0 is as fast as it goes.
+             */
+            speed: number;
+            /**
+             * Position Unix S
+             * @description Which moment is shown, by the recording machine's clock; null while the recording is being read.
+             */
+            position_unix_s: number | null;
+            /**
+             * Begin Unix S
+             * @description Begin [s since 1970 UTC].
+             */
+            begin_unix_s: number | null;
+            /**
+             * End Unix S
+             * @description End [s since 1970 UTC].
+             */
+            end_unix_s: number | null;
+        };
+        /**
+         * ReplayChange
+         * @description What to change of a replay; what is left out stays.
+         * @example {
+         *       "playing": true,
+         *       "position_unix_s": 1783762200,
+         *       "speed": 4
+         *     }
+         */
+        ReplayChange: {
+            /**
+             * Playing
+             * @description Whether it plays; at the end, from the begin.
+             */
+            playing?: boolean | null;
+            /**
+             * Speed
+             * @description Times the recorded pace.
+             */
+            speed?: number | null;
+            /**
+             * Position Unix S
+             * @description The moment to show [s since 1970, recording clock]; the nearest there is.
+             */
+            position_unix_s?: number | null;
+        };
+        /**
+         * ReplayRequest
+         * @description Which recording to play, and how.
+         * @example {
+         *       "recording": "20260711-093000-udpin-127.0.0.1-14550.tlog"
+         *     }
+         */
+        ReplayRequest: {
+            /**
+             * Recording
+             * @description A name of `GET /recordings`.
+             */
+            recording: string;
+            /**
+             * Speed
+             * @description Times the recorded pace.
+             * @default 1
+             */
+            speed: number;
+            /**
+             * Playing
+             * @description Whether it plays at once.
+             * @default true
+             */
+            playing: boolean;
+        };
+        /**
+         * Replays
+         * @description The recordings that are played.
+         */
+        Replays: {
+            /**
+             * Replays
+             * @description Empty where none is open.
+             */
+            replays: components["schemas"]["Replay"][];
+        };
+        /**
          * Roi
          * @description A place that the gimbal keeps looking at.
          */
@@ -2232,6 +2618,27 @@ export interface components {
              * @description Alt amsl (above mean sea level) [m].
              */
             alt_amsl_m: number;
+        };
+        /**
+         * Said
+         * @description A status text or event.
+         */
+        Said: {
+            /**
+             * Unix S
+             * @description Unix [s].
+             */
+            unix_s: number;
+            /**
+             * Severity
+             * @description MAV_SEVERITY: 0 emergency … 6 info, 7 debug.
+             */
+            severity: number;
+            /**
+             * Text
+             * @description Text.
+             */
+            text: string;
         };
         /**
          * StartRequest
@@ -2576,6 +2983,37 @@ export interface components {
             offboard: components["schemas"]["OffboardStatus"] | null;
         };
         /**
+         * VehicleMarks
+         * @description Of one vehicle in a recording.
+         */
+        VehicleMarks: {
+            /**
+             * System Id
+             * @description System id.
+             */
+            system_id: number;
+            /**
+             * Modes
+             * @description Modes.
+             */
+            modes: components["schemas"]["ModeSpan"][];
+            /**
+             * Armed
+             * @description Armed.
+             */
+            armed: components["schemas"]["ArmedSpan"][];
+            /**
+             * Messages
+             * @description Oldest first.
+             */
+            messages: components["schemas"]["Said"][];
+            /**
+             * Messages Left Out
+             * @description Messages left out.
+             */
+            messages_left_out: number;
+        };
+        /**
          * VelocityOrder
          * @description A new velocity, sent at once.
          * @example {
@@ -2856,7 +3294,7 @@ export interface operations {
                     "application/json": components["schemas"]["Link"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -2921,7 +3359,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3038,7 +3476,7 @@ export interface operations {
                     "application/json": components["schemas"]["Vehicle"][];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3105,7 +3543,7 @@ export interface operations {
                     "application/json": components["schemas"]["Vehicle"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3177,7 +3615,7 @@ export interface operations {
                     "application/json": components["schemas"]["History"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3247,7 +3685,7 @@ export interface operations {
                     "application/json": components["schemas"]["Messages"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3314,7 +3752,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3381,7 +3819,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3448,7 +3886,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3515,7 +3953,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3582,7 +4020,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3653,7 +4091,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3724,7 +4162,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3795,7 +4233,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3866,7 +4304,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3934,7 +4372,7 @@ export interface operations {
                     "application/json": components["schemas"]["Parameter"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4006,7 +4444,7 @@ export interface operations {
                     "application/json": components["schemas"]["Parameter"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4073,7 +4511,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4144,7 +4582,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4215,7 +4653,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4282,7 +4720,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4349,7 +4787,7 @@ export interface operations {
                     "application/json": components["schemas"]["GimbalView"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4416,7 +4854,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4483,7 +4921,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4554,7 +4992,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4625,7 +5063,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4696,7 +5134,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4763,7 +5201,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4857,7 +5295,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4934,7 +5372,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle or link. */
+            /** @description No such vehicle, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4972,6 +5410,445 @@ export interface operations {
             };
             /** @description The vehicle did not answer. */
             504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_recordings_api_v1_recordings_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Recordings"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    download_recording_api_v1_recordings__name__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    index_recording_api_v1_recordings__name__index_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["RecordingIndex"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_replays_api_v1_replays_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Replays"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    open_replay_api_v1_replays_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ReplayRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Replay"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_replay_api_v1_replays__name__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Replay"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    change_replay_api_v1_replays__name__post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ReplayChange"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Replay"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    close_replay_api_v1_replays__name__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    index_replay_api_v1_replays__name__index_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["RecordingIndex"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
