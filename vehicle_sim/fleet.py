@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.mavlink.link import Link
@@ -29,6 +32,8 @@ class VehicleSim:
         seed: of the sensor noise.
         home: where the first vehicle stands.
         boot_time_unix_s: UTC at boot.
+        sensor_noise: False for perfect sensors (the shape of a flight without its wander).
+        start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
     """
 
     def __init__(
@@ -42,10 +47,14 @@ class VehicleSim:
         seed: int = 0,
         home: Home | None = None,
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
+        sensor_noise: bool = True,
+        start_ned_m: NDArray[np.float64] | None = None,
     ) -> None:
         if stores is None:
             stores = [Parameters(parameters) for _ in range(count)]
-        self.simulation = Simulation(count, parameters=stores, seed=seed, home=home)
+        self.simulation = Simulation(
+            count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise, start_ned_m=start_ned_m
+        )
         self.autopilots = [Autopilot(Body(self.simulation, row, boot_time_unix_s)) for row in range(count)]
         self.nodes = [
             Node(autopilot, first_instance + row + 1) for row, autopilot in enumerate(self.autopilots)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from . import consumers, latency, simulator, stream
+from . import consumers, latency, reference_flights, simulator, stream
 
 SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "latency": ("Round trips and latency", latency.table),
     "stream": ("Offboard stream, lateness", stream.table),
     "simulator": ("Simulated PX4", simulator.table),
+    "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
 }
 

@@ -7,11 +7,12 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.autopilot.control_mode import ControlMode
 from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import Navigator
-from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.offboard import WITHOUT_ESTIMATE, Kind, Offboard
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
@@ -33,6 +34,8 @@ class Autopilot:
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()
         self.gimbal = Gimbal(body)
+        self._control_mode = ControlMode()
+        self.offboard.on_setpoint = self._take_at_once
         self._landing_limits: Limits | None = None
         body.parameters.add_listener(self._forget_limits)
 
@@ -80,7 +83,7 @@ class Autopilot:
         if self.commander.active is not NavState.OFFBOARD:
             return self.navigator.descends(self.commander.active)
         setpoint = self.offboard.setpoint
-        if setpoint.kind in (Kind.ATTITUDE, Kind.RATES) or self.offboard.invalid:
+        if setpoint.kind in WITHOUT_ESTIMATE or self.offboard.invalid:
             return True
         if math.isfinite(setpoint.position_ned_m[2]):
             return setpoint.position_ned_m[2] > self.body.belief.position_ned_m[2]
@@ -109,7 +112,9 @@ class Autopilot:
         if not commander.armed or commander.active is NavState.TERMINATION:
             self._row.idle()
             return
-        direct = commander.active is NavState.OFFBOARD and self.offboard.level is not ControlLevel.TRAJECTORY
+        key = (commander.armed, commander.active, commander.failsafe.action)
+        level = self._control_mode.update(self.body.time_s, self.offboard.level, key)
+        direct = commander.active is NavState.OFFBOARD and level is not ControlLevel.TRAJECTORY
         on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
         self._row.limits(
             ramping=takeoff.state is TakeoffState.RAMPUP,
@@ -121,18 +126,30 @@ class Autopilot:
             ),
         )  # fmt: skip
         if direct:
-            self._steer_offboard()
+            if self.offboard.level is not ControlLevel.TRAJECTORY:
+                self._steer_offboard()
         elif on_ground:
             # PX4 presses the vehicle down until it may climb and once it touches.
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif commander.active is NavState.OFFBOARD:
-            self._steer_offboard()
+            if self.offboard.level is ControlLevel.TRAJECTORY:
+                self._steer_offboard()
         else:
             self.navigator.run(commander.active, flying=takeoff.flying)
             return
         if commander.active is not NavState.OFFBOARD:
             # keep the trajectory at the vehicle while it cannot follow
             self.navigator.path.idle()
+
+    def _take_at_once(self) -> None:
+        """A set point below the trajectory arrived: flown now, or cutting in while the position is held."""
+        commander, setpoint = self.commander, self.offboard.setpoint
+        if commander.active is not NavState.OFFBOARD or not commander.armed:
+            return
+        if self._control_mode.level is not ControlLevel.TRAJECTORY:
+            self._steer_offboard()
+        elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES) and self.takeoff.flying:
+            self._row.cut_in(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
 
     def _steer_offboard(self) -> None:
         setpoint = self.offboard.setpoint
@@ -142,6 +159,10 @@ class Autopilot:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
         elif setpoint.kind is Kind.RATES:
             self._row.rates(setpoint.rates_frd_rad_s, setpoint.thrust)
+        elif setpoint.kind is Kind.THRUST_TORQUE:
+            self._row.thrust_torque(setpoint.thrust, setpoint.torque_frd)
+        elif setpoint.kind is Kind.ACTUATORS:
+            self._row.motors(setpoint.motors)
         else:
             position, velocity = _complete(setpoint.position_ned_m, setpoint.velocity_ned_m_s)
             self._row.trajectory(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import Path
@@ -17,6 +17,12 @@ from vehicle_sim.autopilot.tasks.return_home import ReturnHome, ReturnPhase
 from vehicle_sim.geodesy import is_place, to_local
 
 LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
+STOP_REACTION_S = 0.6
+"""PX4 takes braking to begin this late when it predicts where a vehicle will stop."""
+WITHOUT_TASK = frozenset(
+    {NavState.OFFBOARD, NavState.MANUAL, NavState.STABILIZED, NavState.ACRO, NavState.TERMINATION}
+)
+"""Modes whose set points do not come from a flight task: nothing of them is taken over."""
 
 
 class Navigator:
@@ -38,9 +44,11 @@ class Navigator:
         """Remember the altitude a take-off command gave (NaN: MIS_TAKEOFF_ALT)."""
         self._climb.alt_amsl_m = alt_amsl_m
 
-    def orbit(self, lat_deg: float, lon_deg: float, radius_m: float, speed_m_s: float) -> None:
+    def orbit(
+        self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
+    ) -> None:
         """DO_ORBIT around a place, by default around where the vehicle is."""
-        self._orbit.request(lat_deg, lon_deg, radius_m, speed_m_s)
+        self._orbit.request(lat_lon_alt, radius_m, speed_m_s, yaw_behaviour)
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
         """DO_REPOSITION; what is not finite stays as it is."""
@@ -68,13 +76,24 @@ class Navigator:
     def enter(self, mode: NavState, previous: NavState, *, in_air: bool) -> None:
         """Start a mode from where the vehicle is and how it moves."""
         if previous is not NavState.TAKEOFF or mode is not NavState.HOLD:
-            self.path.restart(in_air=in_air)
+            self.path.restart(in_air=in_air, goes_on=previous not in WITHOUT_TASK)
+            if mode is NavState.HOLD and in_air:
+                self.path.target_ned_m = self._stopping_place()
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:
             self._return.enter()
         elif mode is NavState.ORBIT:
             self._orbit.enter()
+
+    def _stopping_place(self) -> Vector:
+        """Where Hold stays: as far ahead as braking takes, at this height."""
+        (north, east, down), (vn, ve, _) = (
+            self._body.belief.position_ned_m, self._body.belief.velocity_ned_m_s,
+        )  # fmt: skip
+        parameter = self._body.parameter
+        ahead_s = 0.5 * math.hypot(vn, ve) / max(0.1, parameter("MPC_ACC_HOR")) + STOP_REACTION_S
+        return (north + vn * ahead_s, east + ve * ahead_s, down)
 
     @property
     def landing(self) -> bool:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from vehicle_sim.airframe import ROTOR_COUNT
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.control.setpoints import ControlLevel
@@ -35,7 +37,8 @@ class Kind(Enum):
     ACCELERATION = "acceleration"
     ATTITUDE = "attitude"
     RATES = "rates"
-    THRUST = "thrust"
+    THRUST_TORQUE = "thrust_torque"
+    ACTUATORS = "actuators"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +54,20 @@ class Setpoint:
     q_ned_frd: tuple[float, float, float, float] | None = None
     thrust: float = 0.0
     rates_frd_rad_s: Vector = (0.0, 0.0, 0.0)
+    torque_frd: Vector = (0.0, 0.0, 0.0)
+    """Normalised, -1..1."""
+    motors: tuple[float, ...] = ()
+    """0..1 each; NaN: that motor stands still."""
+
+
+LEVELS = {
+    Kind.ATTITUDE: ControlLevel.ATTITUDE,
+    Kind.RATES: ControlLevel.RATES,
+    Kind.THRUST_TORQUE: ControlLevel.THRUST_TORQUE,
+    Kind.ACTUATORS: ControlLevel.MOTORS,
+}
+WITHOUT_ESTIMATE = frozenset(LEVELS)
+"""Kinds that need neither position nor velocity."""
 
 
 def _finite(*values: float) -> bool:
@@ -77,6 +94,8 @@ class Offboard:
         self.setpoint = Setpoint()
         self.invalid = False
         """The newest set point controls nothing: the controllers sink level."""
+        self.on_setpoint: Callable[[], None] = _nobody
+        """Called with each attitude, rate, torque or motor set point: those are flown as they arrive."""
 
     def signal(self) -> bool:
         """Whether a valid set point came within COM_OF_LOSS_T."""
@@ -157,6 +176,36 @@ class Offboard:
                 Kind.RATES, rates_frd_rad_s=(finite[0], finite[1], finite[2]), thrust=thrust
             )
         self.invalid = False
+        self.on_setpoint()
+
+    def thrust_torque(self, thrust_frd: Vector, torque_frd: Vector) -> None:
+        """Inner interface: what ROS 2 sends as thrust and torque setpoints, each -1..1 in FRD.
+
+        Rotors lift only, so of the thrust only the part upwards (-z) has an effect; no number is zero.
+        """
+        lift = -thrust_frd[2] if math.isfinite(thrust_frd[2]) else 0.0
+        x, y, z = (max(-1.0, min(1.0, each)) if math.isfinite(each) else 0.0 for each in torque_frd)
+        self._direct(Setpoint(Kind.THRUST_TORQUE, thrust=max(0.0, min(1.0, lift)), torque_frd=(x, y, z)))
+
+    def actuators(self, motors: Sequence[float]) -> None:
+        """Inner interface: what ROS 2 sends as actuator motors, up to `ROTOR_COUNT`, each -1..1.
+
+        NaN disarms a motor; so does a negative value, since these motors do not reverse, and a missing one.
+
+        Raises:
+            ValueError: more motors than the airframe has.
+        """
+        if len(motors) > ROTOR_COUNT:
+            raise ValueError(f"{len(motors)} motor signals for {ROTOR_COUNT} motors; send one each")
+        signals = tuple(
+            min(1.0, each) if math.isfinite(each) and each >= 0.0 else math.nan for each in motors
+        )
+        self._direct(Setpoint(Kind.ACTUATORS, motors=signals))
+
+    def _direct(self, setpoint: Setpoint) -> None:
+        self._heard_at_s = self._body.time_s
+        self.setpoint, self.invalid = setpoint, False
+        self.on_setpoint()
 
     def _from_body_yaw(self, v: Vector) -> Vector:
         yaw = self._body.belief.yaw_ned_rad
@@ -199,11 +248,7 @@ class Offboard:
     @property
     def level(self) -> ControlLevel:
         """Where the newest set point enters the cascade."""
-        if self.setpoint.kind is Kind.ATTITUDE:
-            return ControlLevel.ATTITUDE
-        if self.setpoint.kind is Kind.RATES:
-            return ControlLevel.RATES
-        return ControlLevel.TRAJECTORY
+        return LEVELS.get(self.setpoint.kind, ControlLevel.TRAJECTORY)
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
         """Whether the set point leads off the ground."""
@@ -215,6 +260,10 @@ class Offboard:
         if _finite(setpoint.acceleration_ned_m_s2[2]):
             return setpoint.acceleration_ned_m_s2[2] < 0.0
         return False
+
+
+def _nobody() -> None:
+    """Nobody waits for set points."""
 
 
 def _sane(value: float) -> float:

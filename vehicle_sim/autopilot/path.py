@@ -13,6 +13,8 @@ from vehicle_sim.autopilot.trajectory import Axis, YawRamp, max_speed_for_distan
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
+TAKEN_OVER_M_S2 = 10.0
+"""More is no motion but a push against the ground."""
 
 
 class Path:
@@ -30,13 +32,23 @@ class Path:
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
 
-    def restart(self, *, in_air: bool) -> None:
-        """Begin where the vehicle is, as fast as it moves."""
+    def restart(self, *, in_air: bool, goes_on: bool = False) -> None:
+        """Begin where the vehicle is, as fast as it moves.
+
+        Args:
+            in_air: on the ground the trajectory begins at rest.
+            goes_on: take over what the flight task before asked for last, where it controlled it.
+        """
         belief = self._body.belief
-        for axis, at, speed in zip(
-            (self.x, self.y, self.z), belief.position_ned_m, belief.velocity_ned_m_s, strict=True
-        ):
-            axis.reset(at, speed if in_air else 0.0)
+        asked = self._row.asked() if goes_on and in_air else ((math.nan,) * 3,) * 3
+        for k, axis in enumerate((self.x, self.y, self.z)):
+            at, speed, acceleration = (row[k] for row in asked)
+            axis.reset(
+                at if math.isfinite(at) else belief.position_ned_m[k],
+                speed if math.isfinite(speed) else belief.velocity_ned_m_s[k] if in_air else 0.0,
+            )
+            if abs(acceleration) <= TAKEN_OVER_M_S2:
+                axis.acceleration_m_s2 = acceleration
         self.yaw.reset(belief.yaw_ned_rad)
         self.yaw_target_rad = belief.yaw_ned_rad
         self.target_ned_m = (None, None, None)
@@ -140,12 +152,8 @@ class Path:
 
     def turn(self) -> None:
         """One tick of the heading towards its target."""
-        self.yaw.advance(
-            self.yaw_target_rad,
-            TICK_S,
-            math.radians(self._body.parameter("MPC_YAWRAUTO_MAX")),
-            math.radians(self._body.parameter("MPC_YAWRAUTO_ACC")),
-        )
+        fastest_rad_s = math.radians(self._body.parameter("MPC_YAWRAUTO_MAX"))
+        self.yaw.advance(self.yaw_target_rad, TICK_S, fastest_rad_s)
 
     def write(self) -> None:
         """Turn, and hand the trajectory to the controllers."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.control.setpoints import ControlLevel
 
@@ -34,6 +36,15 @@ class SetpointRow:
         s.yaw_ned_rad[i] = yaw_ned_rad
         s.yaw_rate_ned_rad_s[i] = yaw_rate_ned_rad_s
 
+    def asked(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+        """Position, velocity and acceleration last written; NaN where not controlled."""
+        s, i = self._all, self._i
+        return (
+            tuple(s.position_ned_m[i].tolist()),
+            tuple(s.velocity_ned_m_s[i].tolist()),
+            tuple(s.acceleration_ned_m_s2[i].tolist()),
+        )
+
     def attitude(
         self, q_ned_frd: tuple[float, float, float, float], thrust: float, yaw_rate_ned_rad_s: float
     ) -> None:
@@ -50,6 +61,32 @@ class SetpointRow:
         s.level[i] = ControlLevel.RATES
         s.rates_frd_rad_s[i] = rates_frd_rad_s
         s.thrust[i] = thrust
+
+    def cut_in(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
+               thrust: float) -> None:  # fmt: skip
+        """An attitude, or without one body rates, for as long as the outer controllers are silent."""
+        s, i = self._all, self._i
+        s.thrust[i] = thrust
+        if q_ned_frd is not None:
+            s.q_ned_frd[i] = q_ned_frd
+            s.cut_in[i] = ControlLevel.ATTITUDE
+        else:
+            s.rates_frd_rad_s[i] = rates_frd_rad_s
+            s.cut_in[i] = ControlLevel.RATES
+
+    def thrust_torque(self, thrust: float, torque_frd: Vector) -> None:
+        """Collective thrust 0..1 and normalised torques, past the rate controller."""
+        s, i = self._all, self._i
+        s.level[i] = ControlLevel.THRUST_TORQUE
+        s.thrust[i] = thrust
+        s.torque_frd[i] = torque_frd
+
+    def motors(self, signals: tuple[float, ...]) -> None:
+        """Motor signals, past the mixer; NaN stands still."""
+        s, i = self._all, self._i
+        s.level[i] = ControlLevel.MOTORS
+        s.motors[i] = np.nan
+        s.motors[i, : len(signals)] = signals
 
     def idle(self) -> None:
         """No controller: motors turn at idle when armed."""

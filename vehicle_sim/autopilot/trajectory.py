@@ -62,9 +62,13 @@ def wrap_pi(angle_rad: float) -> float:
     return math.remainder(angle_rad, math.tau)
 
 
+YAW_RATE_TIME_CONSTANT_S = 0.2
+"""Of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
+
+
 @dataclass(slots=True)
 class YawRamp:
-    """A heading that turns no faster than MPC_YAWRAUTO_MAX and speeds up no faster than MPC_YAWRAUTO_ACC."""
+    """A heading that turns no faster than MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass."""
 
     yaw_ned_rad: float = 0.0
     rate_rad_s: float = 0.0
@@ -74,13 +78,9 @@ class YawRamp:
         self.yaw_ned_rad = yaw_ned_rad
         self.rate_rad_s = 0.0
 
-    def advance(self, target_rad: float, dt_s: float, rate_max_rad_s: float, accel_rad_s2: float) -> None:
+    def advance(self, target_rad: float, dt_s: float, rate_max_rad_s: float) -> None:
         """Turn `dt_s` on towards the target."""
         gap = wrap_pi(target_rad - self.yaw_ned_rad)
-        wanted = math.copysign(min(rate_max_rad_s, math.sqrt(2.0 * accel_rad_s2 * abs(gap))), gap)
-        change = accel_rad_s2 * dt_s
-        self.rate_rad_s = max(self.rate_rad_s - change, min(self.rate_rad_s + change, wanted))
-        step = self.rate_rad_s * dt_s
-        if abs(step) >= abs(gap) and step * gap >= 0.0:
-            step, self.rate_rad_s = gap, 0.0
+        step = max(-rate_max_rad_s * dt_s, min(rate_max_rad_s * dt_s, gap))
+        self.rate_rad_s += (step / dt_s - self.rate_rad_s) * dt_s / (dt_s + YAW_RATE_TIME_CONSTANT_S)
         self.yaw_ned_rad = wrap_pi(self.yaw_ned_rad + step)

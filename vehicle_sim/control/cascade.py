@@ -26,7 +26,7 @@ BoolArray = NDArray[np.bool_]
 OUTER_EVERY_STEPS = 2
 HOVER_EVERY_OUTER = 5
 # Plain numbers: NumPy compares with an enumeration member ten times slower.
-_DISARMED, _RATES, _ATTITUDE, _TRAJECTORY = (int(level) for level in ControlLevel)
+_DISARMED, _MOTORS, _THRUST_TORQUE, _RATES, _ATTITUDE, _TRAJECTORY = (int(level) for level in ControlLevel)
 
 _SHORTEST_QUATERNION = 1e-3
 _FASTEST_RAD_S = 100.0
@@ -54,6 +54,8 @@ class Cascade:
         self._thrust = np.zeros(count)
         self._powered = np.zeros(count, dtype=np.bool_)
         self._was_trajectory = np.zeros(count, dtype=np.bool_)
+        self._below_rates = np.zeros(count, dtype=np.bool_)
+        self._by_motors = np.zeros(count, dtype=np.bool_)
         self.motor_signal = np.zeros((count, ROTOR_COUNT))
         """(N, 4) 0..1, what the rotors follow."""
         self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
@@ -92,6 +94,8 @@ class Cascade:
         self._steps += 1
         if self._steps % OUTER_EVERY_STEPS == 0:
             self._outer(setpoints, estimate)
+        elif setpoints.cut_in.any():
+            self._cut_in_rates(setpoints)
         powered = self._powered
         if not powered.any():
             self.motor_signal[:] = 0.0
@@ -103,18 +107,43 @@ class Cascade:
                 setpoints.landed,
                 self._allocation.short_of,
             )
+            if self._below_rates.any():
+                np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=self._below_rates[:, None])
             motors = self._allocation.update(torque, self._thrust)
             np.multiply(motors, powered[:, None], out=self.motor_signal)
         np.multiply(self.motor_signal, MOTOR_SPAN_US, out=self.motors_us)
         self.motors_us += MOTOR_MIN_US
+        if self._by_motors.any():
+            self._drive_motors(setpoints)
         if not setpoints.armed.all():
             self.motors_us[~setpoints.armed] = MOTOR_DISARMED_US
             self.motor_signal[~setpoints.armed] = 0.0
+
+    def _drive_motors(self, setpoints: Setpoints) -> None:
+        """Motor signals past all controllers: what is no number or negative stands still."""
+        wanted = np.minimum(setpoints.motors, 1.0)
+        turning = wanted >= 0.0
+        rows = self._by_motors[:, None]
+        signal = np.where(turning, wanted, 0.0)
+        np.copyto(self.motor_signal, signal, where=rows)
+        pulses = np.where(turning, MOTOR_MIN_US + MOTOR_SPAN_US * signal, MOTOR_DISARMED_US)
+        np.copyto(self.motors_us, pulses, where=rows)
+
+    def _cut_in_rates(self, setpoints: Setpoints) -> None:
+        """Body rates that arrived between two outputs of the outer controllers are flown at once."""
+        rows = (setpoints.cut_in == _RATES) & self._was_trajectory
+        if rows.any():
+            rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
+            np.copyto(self.target.rates_frd_rad_s, rates, where=rows[:, None])
+            np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
+            setpoints.cut_in[rows] = _DISARMED
 
     def _outer(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         target = self.target
         level = np.where(setpoints.armed, setpoints.level, _DISARMED)
         self._powered = level > _DISARMED
+        self._by_motors = level == _MOTORS
+        self._below_rates = level == _THRUST_TORQUE
         if not self._powered.all():
             idle = ~self._powered
             self._rate.reset(idle)
@@ -137,6 +166,9 @@ class Cascade:
             np.copyto(self._thrust, self._position.thrust, where=trajectory)
         self._was_trajectory = trajectory
         self._take_lower_levels(level, setpoints)
+        if setpoints.cut_in.any():
+            self._take_attitudes(setpoints, (setpoints.cut_in == _ATTITUDE) & trajectory)
+            setpoints.cut_in[setpoints.cut_in == _ATTITUDE] = _DISARMED
         if (level >= _ATTITUDE).any():
             rates = self._attitude.update(estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s)
             np.copyto(target.rates_frd_rad_s, rates, where=(level >= _ATTITUDE)[:, None])
@@ -146,17 +178,25 @@ class Cascade:
 
     def _take_lower_levels(self, level: FloatArray, setpoints: Setpoints) -> None:
         """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing."""
-        by_attitude, by_rates = level == _ATTITUDE, level == _RATES
-        if not (by_attitude | by_rates).any():
+        by_attitude, direct = level == _ATTITUDE, (level > _DISARMED) & (level < _ATTITUDE)
+        if not (by_attitude | direct).any():
             return
-        length = row_norm(setpoints.q_ned_frd)
-        usable = by_attitude[:, None] & np.isfinite(length) & (length > _SHORTEST_QUATERNION)
-        q = setpoints.q_ned_frd / np.where(usable, length, 1.0)
-        np.copyto(self.target.q_ned_frd, q, where=usable)
+        self._take_attitudes(setpoints, by_attitude)
+        by_rates = level == _RATES
         rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
         np.copyto(self.target.rates_frd_rad_s, rates, where=by_rates[:, None])
         thrust = np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0)
-        np.copyto(self._thrust, thrust, where=by_attitude | by_rates)
+        np.copyto(self._thrust, thrust, where=direct)
+        if (self._below_rates | self._by_motors).any():
+            self._rate.reset(self._below_rates | self._by_motors)
+
+    def _take_attitudes(self, setpoints: Setpoints, rows: BoolArray) -> None:
+        """Attitude and thrust as asked for the vehicles in `rows`."""
+        length = row_norm(setpoints.q_ned_frd)
+        usable = rows[:, None] & np.isfinite(length) & (length > _SHORTEST_QUATERNION)
+        q = setpoints.q_ned_frd / np.where(usable, length, 1.0)
+        np.copyto(self.target.q_ned_frd, q, where=usable)
+        np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
 
     def _learn_hover(self, flying: BoolArray, estimate: EstimateState) -> None:
         if not flying.any():

@@ -16,6 +16,8 @@ BoolArray = NDArray[np.bool_]
 
 _FIRST_ACCELERATION_VARIANCE = 5.0
 _NOISE_LEARNING_S = 2.0
+_LEAST_NOISE_M2_S4 = 1.0
+"""What the vibration of turning rotors leaves in PX4's vertical acceleration (1.4 m/s² over two samples)."""
 _FAST_NOISE_FACTOR = 10.0
 """How much less a measurement counts at speeds where drag is mistaken for weight."""
 
@@ -102,5 +104,5 @@ class HoverThrust:
         np.copyto(hover, np.clip(hover + gain * innovation, lowest, highest), where=good)
         np.copyto(self._variance, np.clip((1.0 - gain * slope) * self._variance, 1e-10, 1.0), where=good)
         learn = self._dt_s / (_NOISE_LEARNING_S + self._dt_s)
-        seen = np.clip(innovation * innovation, 0.01, 40.0)
+        seen = np.clip(innovation * innovation, _LEAST_NOISE_M2_S4, 40.0)
         np.copyto(self._noise, self._noise + learn * (seen - self._noise), where=active)

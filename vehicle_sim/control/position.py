@@ -51,6 +51,7 @@ class PositionControl:
         self._derivative_gain = np.ones((count, 1))
         self._velocity = np.zeros((count, 3))
         self._velocity_rate = np.zeros((count, 3))
+        self._heading_before_rad = np.zeros(count)
         self.q_ned_frd = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1))
         """(N, 4) attitude setpoint."""
         self.thrust = np.zeros(count)
@@ -122,7 +123,9 @@ class PositionControl:
         self._anti_windup(demand, error, thrust, hover_thrust, limits)
         np.copyto(self.thrust, np.sqrt((thrust * thrust).sum(axis=1)))
         yaw = setpoints.yaw_ned_rad
-        yaw = np.where(np.isfinite(yaw), yaw, estimate.heading_rad)
+        # Without a yaw PX4 holds the heading it read one update ago, which brakes a commanded turn a little.
+        yaw = np.where(np.isfinite(yaw), yaw, self._heading_before_rad)
+        np.copyto(self._heading_before_rad, estimate.heading_rad)
         self.q_ned_frd[:] = _attitude(body_z, thrust, yaw)
         np.copyto(target.position_ned_m, setpoints.position_ned_m)
         np.copyto(target.yaw_ned_rad, setpoints.yaw_ned_rad)

@@ -22,11 +22,15 @@ class ControlLevel(IntEnum):
 
     DISARMED = 0
     """No controller runs: motors idle when armed, stand still when not."""
-    RATES = 1
+    MOTORS = 1
+    """`motors` as they are."""
+    THRUST_TORQUE = 2
+    """`torque_frd` and `thrust` to the mixer."""
+    RATES = 3
     """`rates_frd_rad_s` and `thrust`."""
-    ATTITUDE = 2
+    ATTITUDE = 4
     """`q_ned_frd`, `thrust`, optionally `yaw_rate_ned_rad_s`."""
-    TRAJECTORY = 3
+    TRAJECTORY = 5
     """Position, velocity, acceleration, yaw and yaw rate, each NaN where not controlled."""
 
 
@@ -58,9 +62,16 @@ class Setpoints:
     q_ned_frd: FloatArray
     """(N, 4)."""
     thrust: FloatArray
-    """(N,) 0..1, levels ATTITUDE and RATES."""
+    """(N,) 0..1, levels ATTITUDE, RATES and THRUST_TORQUE."""
     rates_frd_rad_s: FloatArray
     """(N, 3), level RATES."""
+    torque_frd: FloatArray
+    """(N, 3) normalised -1..1, level THRUST_TORQUE; no number counts as zero."""
+    motors: FloatArray
+    """(N, 4) 0..1, level MOTORS; NaN and below zero: that motor stands still (disarmed)."""
+    cut_in: IntArray
+    """(N,) RATES or ATTITUDE: such a set point arrived while the trajectory is flown, and holds until the
+    outer controllers write again; DISARMED: none. The cascade resets it."""
     ramp_thrust: BoolArray
     """(N,) the take-off ramp runs: MPC_THR_HOVER as it is, no feed-forward of acceleration in z."""
     thrust_limit: FloatArray
@@ -88,6 +99,9 @@ class Setpoints:
             q_ned_frd=np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1)),
             thrust=np.zeros(count),
             rates_frd_rad_s=np.zeros((count, 3)),
+            torque_frd=np.zeros((count, 3)),
+            motors=_nan(count, 4),
+            cut_in=np.zeros(count, dtype=np.int64),
             ramp_thrust=np.zeros(count, dtype=np.bool_),
             thrust_limit=np.ones(count),
             min_thrust=_nan(count),
@@ -105,3 +119,6 @@ class Setpoints:
         self.q_ned_frd[i] = (1.0, 0.0, 0.0, 0.0)
         self.thrust[i] = 0.0
         self.rates_frd_rad_s[i] = 0.0
+        self.torque_frd[i] = 0.0
+        self.motors[i] = np.nan
+        self.cut_in[i] = ControlLevel.DISARMED

@@ -104,7 +104,9 @@ class RigidBodies:
 
         position += dt_s * velocity
         rates += dt_s * response[:, 1:]
-        held = (position[:, 2] >= 0.0) & (acceleration[:, 2] >= 0.0) & (velocity[:, 2] >= 0.0)
+        # A sinking vehicle is stopped though its rotors slow it down; one that stands is held by its weight.
+        sinks, pressed = velocity[:, 2] > 0.0, (acceleration[:, 2] >= 0.0) & (velocity[:, 2] >= 0.0)
+        held = (position[:, 2] >= 0.0) & (sinks | pressed)
         if held.any():
             acceleration[held] = velocity[held] * (-1.0 / dt_s)
             rates[held] = 0.0

@@ -59,7 +59,7 @@ def test_position_is_valid_half_a_second_after_boot_and_where_home_is():
 
 
 def test_hover_balances_weight():
-    sim = hovering(seconds=15.0)
+    sim = hovering(seconds=40.0)
     # 1 kg on four rotors of 5 N.
     assert sim.target.thrust[0] == pytest.approx(frames.GRAVITY_M_S2 / 20.0, abs=0.002)
     assert sim.target.hover_thrust[0] == pytest.approx(0.4903, abs=0.003)

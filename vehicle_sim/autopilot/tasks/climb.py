@@ -55,6 +55,18 @@ class Climb:
         north, east, _ = self._body.belief.position_ned_m
         self._path.target_ned_m = (north, east, -(wanted - origin_alt))
 
+    def begin(self, alt_amsl_m: float) -> None:
+        """Straight up to an altitude, as a mission asks for before its first item."""
+        self._climb_since_s = math.nan
+        north, east, _ = self._body.belief.position_ned_m
+        self._path.target_ned_m = (north, east, self._body.origin[2] - alt_amsl_m)
+
+    @property
+    def goal_alt_amsl_m(self) -> float:
+        """The altitude of the climb that was begun."""
+        down = self._path.target_ned_m[2]
+        return math.nan if down is None else self._body.origin[2] - down
+
     def run(self) -> None:
         """One tick of the climb; the take-off ramp limits it at first."""
         _, _, down = self._path.target_ned_m
@@ -64,12 +76,17 @@ class Climb:
         if math.isnan(self._climb_since_s):
             self._climb_since_s = now_s
         left_m = max(0.0, z - down) if down is not None else 0.0
-        wanted = min(self._body.parameter("MPC_TKO_SPEED"), CLIMB_APPROACH * math.sqrt(left_m))
+        high = self._home.position_ned_m[2] - z > self._body.parameter("MPC_LAND_ALT1")
+        fastest = self._body.parameter("MPC_Z_V_AUTO_UP" if high else "MPC_TKO_SPEED")
+        wanted = min(fastest, CLIMB_APPROACH * math.sqrt(left_m))
         if now_s - self._climb_since_s < CLIMB_DELAY_S:
             wanted = 0.0
-        rate = CLIMB_ACCELERATION_M_S2 if -wanted < self._path.z.velocity_m_s else 2.0
-        step = rate * TICK_S
-        self._path.z.velocity_m_s += max(-step, min(step, -wanted - self._path.z.velocity_m_s))
-        self._path.z.acceleration_m_s2 = 0.0
+        if high:
+            self._path.z_towards(-wanted)
+        else:
+            rate = CLIMB_ACCELERATION_M_S2 if -wanted < self._path.z.velocity_m_s else 2.0
+            step = rate * TICK_S
+            self._path.z.velocity_m_s += max(-step, min(step, -wanted - self._path.z.velocity_m_s))
+            self._path.z.acceleration_m_s2 = 0.0
         self._path.z.position_m = z
         self._path.write()

@@ -6,6 +6,9 @@ from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.path import Path
 
+RANGE_FINDER_HEIGHT_M = 0.2
+"""What PX4's range finder reads on the ground: it slows down so much lower than MPC_LAND_ALT3."""
+
 
 class Descent:
     """The flight task of mode Land, and the last part of a return."""
@@ -35,4 +38,6 @@ class Descent:
             return fast
         if height > low and high > low:
             return slow + (fast - slow) * (height - low) / (high - low)
+        if height <= parameter("MPC_LAND_ALT3") - RANGE_FINDER_HEIGHT_M:
+            return min(slow, parameter("MPC_LAND_CRWL"))
         return slow

@@ -1,14 +1,44 @@
-"""Orbit: a circle around a place, nose to the middle."""
+"""Orbit: to the nearest point of a circle, then around it by velocity, the nose as ORBIT_YAW_BEHAVIOUR."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import IntEnum
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.geodesy import is_place, to_local
+
+ON_CIRCLE_M = 2.0
+"""So near the circle the vehicle begins to go around."""
+RADIUS_GAIN_PER_S = 1.0
+RADIUS_MIN_M = 1.0
+
+
+class YawBehaviour(IntEnum):
+    """ORBIT_YAW_BEHAVIOUR."""
+
+    TO_CENTRE = 0
+    INITIAL = 1
+    UNCONTROLLED = 2
+    TANGENT = 3
+    STICKS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """What to fly around."""
+
+    north_m: float
+    east_m: float
+    down_m: float
+    radius_m: float
+    speed_m_s: float
+    """Positive is clockwise seen from above."""
+    yaw: YawBehaviour
 
 
 class Orbit:
@@ -19,50 +49,102 @@ class Orbit:
         self._announcer = announcer
         self._path = path
         self._row = row
-        self._orbit: tuple[float, float, float, float] | None = None
-        """Centre north, east, radius, speed."""
+        self._circle: Circle | None = None
+        self._around = False
+        self._initial_yaw_rad = 0.0
 
     def enter(self) -> None:
         """Without a command before: 1 m around where the vehicle is."""
-        if self._orbit is None:
-            north, east, _ = self._body.belief.position_ned_m
-            self._orbit = (north, east, 1.0, 1.0)
+        self._around = False
+        self._initial_yaw_rad = self._body.belief.yaw_ned_rad
+        if self._circle is None:
+            north, east, down = self._body.belief.position_ned_m
+            self._circle = Circle(north, east, down, RADIUS_MIN_M, 1.0, self._parameter_yaw())
 
-    def request(self, lat_deg: float, lon_deg: float, radius_m: float, speed_m_s: float) -> None:
-        """DO_ORBIT around a place, by default around where the vehicle is."""
-        north, east, _ = self._path.position_ned_m
+    def request(
+        self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
+    ) -> None:
+        """DO_ORBIT around a place, by default around where the vehicle is and as high."""
+        north, east, down = self._path.position_ned_m
+        lat_deg, lon_deg, alt_amsl_m = lat_lon_alt
+        origin_lat, origin_lon, origin_alt = self._body.origin
         if is_place(lat_deg, lon_deg):
-            origin_lat, origin_lon, _ = self._body.origin
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             north, east = float(n), float(e)
-        radius = radius_m if math.isfinite(radius_m) else 1.0
+        if math.isfinite(alt_amsl_m) and math.isfinite(origin_alt):
+            down = origin_alt - alt_amsl_m
+        radius = radius_m if math.isfinite(radius_m) else RADIUS_MIN_M
         fastest = self._body.parameter("MPC_XY_VEL_MAX")
         speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
-        if not 1.0 <= abs(radius) <= 1000.0:
+        if not RADIUS_MIN_M <= abs(radius) <= self._body.parameter("MC_ORBIT_RAD_MAX"):
             self._announcer.both(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
             return
-        self._orbit = (north, east, abs(radius), math.copysign(speed, radius * speed))
+        yaw = self._parameter_yaw()
+        if math.isfinite(yaw_behaviour) and 0 <= int(yaw_behaviour) < len(YawBehaviour):
+            yaw = YawBehaviour(int(yaw_behaviour))
+        speed = math.copysign(speed, radius * speed)
+        self._circle = Circle(north, east, down, abs(radius), speed, yaw)
+        self._around = False
+
+    def _parameter_yaw(self) -> YawBehaviour:
+        choice = self._body.choice("MC_ORBIT_YAW_MOD")
+        return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
     def run(self, flying: bool) -> None:
         """One tick around the circle, or towards it."""
-        if self._orbit is None:
+        circle = self._circle
+        if circle is None:
             self._path.fly_to_target(flying)
             return
-        centre_n, centre_e, radius, speed = self._orbit
-        north, east, _ = self._body.belief.position_ned_m
-        dn, de = north - centre_n, east - centre_e
+        north, east, down = self._body.belief.position_ned_m
+        dn, de = north - circle.north_m, east - circle.east_m
         distance = math.hypot(dn, de)
         un, ue = (dn / distance, de / distance) if distance > 0.01 else (1.0, 0.0)
-        inward = max(-3.0, min(3.0, 0.8 * (radius - distance)))
-        along = speed * max(0.0, 1.0 - abs(radius - distance) / radius)
-        self._path.advance_vertical(flying)
-        vn, ve = un * inward - ue * along, ue * inward + un * along
-        centripetal = -along * along / radius
+        near_m = self._body.parameter("NAV_MC_ALT_RAD")
+        on_circle = abs(distance - circle.radius_m) < ON_CIRCLE_M and abs(down - circle.down_m) < near_m
+        if on_circle:
+            self._go_around(circle, (un, ue), distance, flying)
+            return
+        if self._around:
+            self._around = False
+            self._path.restart(in_air=True)
+        self._path.target_ned_m = (
+            circle.north_m + un * circle.radius_m, circle.east_m + ue * circle.radius_m, circle.down_m,
+        )  # fmt: skip
         self._path.yaw_target_rad = math.atan2(-de, -dn)
-        self._path.turn()
+        self._path.fly_to_target(flying)
+
+    def _go_around(
+        self, circle: Circle, outward: tuple[float, float], distance_m: float, flying: bool
+    ) -> None:
+        self._around = True
+        un, ue = outward
+        back = RADIUS_GAIN_PER_S * (circle.radius_m - distance_m)
+        speed = circle.speed_m_s
+        centripetal = -speed * speed / circle.radius_m
+        north, east, _ = self._body.belief.position_ned_m
+        self._path.target_ned_m = (north, east, circle.down_m)
+        self._path.x.reset(north)
+        self._path.y.reset(east)
+        self._path.advance_vertical(flying)
+        yaw_rad, yaw_rate_rad_s = self._yaw(circle, math.atan2(ue, un))
         self._row.trajectory(
             (math.nan, math.nan, self._path.z.position_m),
-            (vn, ve, self._path.z.velocity_m_s),
+            (un * back - ue * speed, ue * back + un * speed, self._path.z.velocity_m_s),
             (un * centripetal, ue * centripetal, math.nan),
-            self._path.yaw.yaw_ned_rad,
+            yaw_rad,
+            yaw_rate_rad_s,
         )
+
+    def _yaw(self, circle: Circle, outward_rad: float) -> tuple[float, float]:
+        around_rad_s = circle.speed_m_s / circle.radius_m
+        if circle.yaw is YawBehaviour.UNCONTROLLED or circle.yaw is YawBehaviour.STICKS:
+            return math.nan, math.nan
+        if circle.yaw is YawBehaviour.INITIAL:
+            self._path.yaw_target_rad, around_rad_s = self._initial_yaw_rad, 0.0
+        elif circle.yaw is YawBehaviour.TANGENT:
+            self._path.yaw_target_rad = outward_rad + math.copysign(0.5 * math.pi, circle.speed_m_s)
+        else:
+            self._path.yaw_target_rad = outward_rad + math.pi
+        self._path.turn()
+        return self._path.yaw.yaw_ned_rad, around_rad_s

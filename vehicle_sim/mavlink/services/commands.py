@@ -204,7 +204,7 @@ class CommandService:
         return result
 
     def _orbit(self, c: Command) -> int:
-        self._navigator.orbit(c.p5, c.p6, c.p1, c.p2)
+        self._navigator.orbit((c.p5, c.p6, c.p7), c.p1, c.p2, c.p3)
         return self._switch(NavState.ORBIT)
 
     def _figure_eight(self, c: Command) -> int | None:

@@ -1,0 +1,98 @@
+"""The reference flights of a real PX4, read into columns: what was sent, and what the vehicle did."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+FLIGHTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "flights"
+
+SETPOINT_FIELDS = (
+    "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How far a second real flight of the same stimulus was from the first; NaN: not measured."""
+
+    position_m: float
+    velocity_m_s: float
+    attitude_deg: float
+    rise_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One flight; times from the first message of the stimulus."""
+
+    name: str
+    description: str
+    parameters: dict[str, float]
+    stimulus: list[dict[str, Any]]
+    t_s: FloatArray
+    columns: dict[str, FloatArray]
+    spread: Spread
+
+    def at(self, column: str, t_s: float) -> float:
+        """A column's value at a time (nearest earlier row)."""
+        k = max(0, int(np.searchsorted(self.t_s, t_s, side="right")) - 1)
+        return float(self.columns[column][k])
+
+    def sends(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
+        """Every message of the stimulus at its own time, streams unrolled."""
+        for entry in self.stimulus:
+            name, start_s = entry["message"], float(entry["t_s"])
+            if "setpoints" in entry:
+                # The sender's clock ran 0.5 % faster than the vehicle's, which each row names too.
+                columns, first_ms = entry["setpoint_columns"], entry["setpoints"][0][-1]
+                for row in entry["setpoints"]:
+                    named = dict(zip(columns, row, strict=True))
+                    at_s = start_s + 0.001 * (named["time_boot_ms"] - first_ms)
+                    yield at_s, name, {key: named[key] for key in SETPOINT_FIELDS}
+            elif "streamed_hz" in entry:
+                for k in range(math.ceil(entry["duration_s"] * entry["streamed_hz"])):
+                    yield start_s + k / entry["streamed_hz"], name, entry["fields"]
+            elif "fields" in entry:
+                yield start_s, name, entry["fields"]
+
+    @property
+    def mission(self) -> list[dict[str, Any]]:
+        """The items uploaded before the start; empty where there was no mission."""
+        return next((entry["items"] for entry in self.stimulus if "items" in entry), [])
+
+
+def load(name: str, folder: Path = FLIGHTS) -> Recording:
+    """Read one recording."""
+    raw = json.loads(gzip.decompress((folder / f"{name}.json.gz").read_bytes()))
+    spread = json.loads((folder / "spread.json").read_text())[name]
+    table = np.array([[math.nan if v is None else v for v in row] for row in raw["rows"]], dtype=float)
+    columns = {column: table[:, k] for k, column in enumerate(raw["columns"])}
+
+    def known(key: str) -> float:
+        return float(spread.get(key, math.nan))
+
+    return Recording(
+        name,
+        raw["header"]["description"],
+        raw["header"]["parameters"],
+        raw["stimulus"],
+        columns["t_s"],
+        columns,
+        Spread(known("pos_rms_m"), known("vel_rms_m_s"), known("att_rms_deg"), known("rise_diff_s")),
+    )
+
+
+def names(folder: Path = FLIGHTS) -> list[str]:
+    """All recorded flights."""
+    return sorted(path.name.removesuffix(".json.gz") for path in folder.glob("*.json.gz"))

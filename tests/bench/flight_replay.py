@@ -1,0 +1,329 @@
+"""Flies recorded stimuli on the simulated PX4: on no clock, through MAVLink, all flights side by side.
+
+Each vehicle is first brought to where the real one stood when its recording began; then it is sent the same
+messages at the same times. Sensors are perfect here: the wander that GPS noise causes is no part of a shape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim import frames
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.simulation import Home
+
+from .flight_recordings import Recording
+
+FloatArray = NDArray[np.float64]
+Script = Generator[None, None, None]
+
+OFFBOARD, HOLD, ORBIT = 0x60000, 0x3040000, 0x1030000
+RECORD_EVERY_STEPS = 2
+GIVE_UP_S = 150.0
+HOVER_S = 25.05
+"""So long the hover thrust estimate takes to forget the climb, as it had in the recordings; and at this phase
+PX4 tells its controllers of a new kind of set point 0.45 s after it came, as it did there."""
+NAN = math.nan
+ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
+"""Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
+SPEED_BEFORE = {"reposition_50m_then_stop": 8.0}
+"""Cruise speed left over from the flight before [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What the simulated vehicle did; the names of the columns are the recordings'."""
+
+    t_s: FloatArray
+    columns: dict[str, FloatArray]
+
+
+class CannotStart(Exception):
+    """The state in which a recording began was not reached."""
+
+
+class _Pilot:
+    """The ground station of one vehicle."""
+
+    def __init__(self, sim: VehicleSim, row: int, recording: Recording) -> None:
+        self.sim = sim
+        self.row = row
+        self.recording = recording
+        self.began_s = NAN
+        self._sequence = 0
+        self._heartbeat_s = 0.0
+        self._parser = FrameParser()
+        self.script = self._fly()
+
+    # --- talking ---------------------------------------------------------------------------------------
+
+    def send(self, name: str, fields: dict[str, Any]) -> None:
+        values = {key: NAN if value is None else value for key, value in fields.items()}
+        values.pop("description", None)
+        if name != "HEARTBEAT":
+            values |= {"target_system": self.sim.nodes[self.row].system_id, "target_component": 1}
+        layout, payload = pack(name, **values)
+        self._sequence = (self._sequence + 1) & 0xFF
+        self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
+
+    def command(self, number: int, *parameters: float) -> None:
+        self.send(
+            "COMMAND_LONG", {"command": number} | {f"param{n + 1}": v for n, v in enumerate(parameters)}
+        )
+
+    def reposition(self, north_m: float, east_m: float, alt_m: float, yaw_rad: float) -> None:
+        lat_deg, lon_deg = self._place(north_m, east_m)
+        self.send(
+            "COMMAND_INT",
+            {"command": 192, "param1": -1.0, "param2": 1.0, "param4": yaw_rad, "x": round(lat_deg * 1e7),
+             "y": round(lon_deg * 1e7), "z": self.sim.simulation.home.alt_amsl_m + alt_m},
+        )  # fmt: skip
+
+    def _place(self, north_m: float, east_m: float) -> tuple[float, float]:
+        home = self.sim.simulation.home
+        lat = home.lat_deg + math.degrees(north_m / 6371000.0)
+        return lat, home.lon_deg + math.degrees(east_m / 6371000.0 / math.cos(math.radians(home.lat_deg)))
+
+    # --- looking ---------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        return self.sim.time_s
+
+    @property
+    def position(self) -> FloatArray:
+        return self.sim.simulation.estimate.position_ned_m[self.row]
+
+    @property
+    def mode(self) -> int:
+        return self.sim.autopilots[self.row].commander.custom_mode()
+
+    def _calm(self, goal: Sequence[float], radius_m: float = 0.3) -> bool:
+        speed = float(np.abs(self.sim.simulation.estimate.velocity_ned_m_s[self.row]).max())
+        return speed < 0.05 and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
+
+    # --- waiting ---------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Once a simulation step."""
+        if self.now_s >= self._heartbeat_s:
+            self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
+            self._heartbeat_s += 1.0
+        if self.script is not None and next(self.script, self) is self:
+            self.script = None
+
+    def _wait(self, seconds: float) -> Script:
+        end_s = self.now_s + seconds - 1e-6
+        while self.now_s < end_s:
+            yield
+
+    def _until(
+        self, condition: Callable[[], bool], what: str, each: Callable[[], None] | None = None
+    ) -> Script:
+        start_s = self.now_s
+        while not condition():
+            if self.now_s - start_s > GIVE_UP_S:
+                raise CannotStart(
+                    f"{self.recording.name}: {what}, at {self.position.round(2)} in {self.mode:#x}"
+                )
+            if each is not None:
+                each()
+            yield
+
+    # --- flying ----------------------------------------------------------------------------------------
+
+    def _fly(self) -> Script:
+        yield from self._prepare()
+        yield from self._upload(self.recording.mission)
+        self.began_s = start_s = self.now_s
+        for at_s, name, fields in self.recording.sends():
+            while self.now_s - start_s < at_s - 1e-6:
+                yield
+            self.send(name, fields)
+
+    def _prepare(self) -> Script:
+        recording, autopilot = self.recording, self.sim.autopilots[self.row]
+        yield from self._wait(3.0)
+        yield from self._until(
+            lambda: autopilot.commander.report.armable(autopilot.commander.intended), "arming"
+        )
+        if not recording.at("armed", -0.05):
+            yield from self._wait(8.0)
+            return
+        column = {name: recording.at(name, -0.05) for name in ("x", "y", "z", "sx", "sy", "sz", "syaw")}
+        height = -column["sz"]
+        self.command(400, 1)
+        yield from self._wait(0.1)
+        self.command(22, -1, 0, 0, NAN, NAN, NAN, self.sim.simulation.home.alt_amsl_m + max(2.5, height))
+        yield from self._until(lambda: self.mode == HOLD, "take-off")
+        mode = int(recording.at("custom_mode", -0.05))
+        if mode == OFFBOARD:
+            yield from self._hold_by_setpoints(height, column["syaw"])
+        elif mode == ORBIT:
+            yield from self._orbit(height)
+        else:
+            goal = (column["x"], column["y"], -height)
+            self.reposition(goal[0], goal[1], height, column["syaw"])
+            yield from self._wait(2.0)
+            yield from self._until(lambda: self._calm(goal), f"arriving at {goal}")
+            yield from self._wait(10.0)
+            if recording.name in SPEED_BEFORE:
+                self.command(178, 1, SPEED_BEFORE[recording.name], -1)
+                yield from self._wait(0.1)
+
+    def _hold_by_setpoints(self, height: float, yaw_rad: float) -> Script:
+        fields = {"coordinate_frame": 1, "type_mask": 2552, "x": 0.0, "y": 0.0, "z": -height, "yaw": yaw_rad}
+        due_s = self.now_s
+
+        def stream() -> None:
+            nonlocal due_s
+            if self.now_s >= due_s:
+                self.send("SET_POSITION_TARGET_LOCAL_NED", fields)
+                due_s += 1.0 / 30.0
+
+        begin_s = self.now_s + 0.5
+        yield from self._until(lambda: self.now_s > begin_s, "streaming", stream)
+        self.command(176, 1, 6)
+        end_s = self.now_s + 3.0
+        goal = (0.0, 0.0, -height)
+        yield from self._until(lambda: self.now_s > end_s and self._calm(goal), "holding", stream)
+        end_s = self.now_s + HOVER_S
+        yield from self._until(lambda: self.now_s > end_s, "holding", stream)
+
+    def _orbit(self, height: float) -> Script:
+        radius, speed, behaviour = ORBIT_BEFORE_HOLD
+        lat_deg, lon_deg = self._place(0.0, 0.0)
+        self.send(
+            "COMMAND_INT",
+            {"command": 34, "param1": radius, "param2": speed, "param3": behaviour, "param4": NAN,
+             "x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7),
+             "z": self.sim.simulation.home.alt_amsl_m + height},
+        )  # fmt: skip
+        yield from self._wait(30.0)
+        goal = math.atan2(self.recording.at("y", 0.0), self.recording.at("x", 0.0))
+
+        def there() -> bool:
+            return abs(math.remainder(math.atan2(self.position[1], self.position[0]) - goal, math.tau)) < 0.01
+
+        yield from self._until(there, "coming round")
+
+    def _upload(self, items: list[dict[str, Any]]) -> Script:
+        if not items:
+            return
+        self.sim.drain(self.row, "gcs")
+        self.send("MISSION_COUNT", {"count": len(items), "mission_type": 0})
+        done: list[bool] = []
+
+        def answer() -> None:
+            for message in self._parser.feed(self.sim.drain(self.row, "gcs")):
+                if message.name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+                    self.send("MISSION_ITEM_INT", items[message.seq])
+                elif message.name == "MISSION_ACK":
+                    done.append(True)
+
+        yield from self._until(lambda: bool(done), "mission upload", answer)
+
+
+def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) -> dict[str, Replay]:
+    """Fly all recordings side by side and return what each vehicle did.
+
+    Args:
+        recordings: what to fly.
+        noise: with the sensors' noise.
+        seed: of that noise.
+
+    Raises:
+        CannotStart: a vehicle did not reach the state its recording began in.
+    """
+    count = len(recordings)
+    known = Parameters()
+    stores = [
+        Parameters({name: value for name, value in recording.parameters.items() if name in known})
+        for recording in recordings
+    ]
+    sim = VehicleSim(
+        count, stores=stores, links=(("gcs", "gcs"),), home=Home(), sensor_noise=noise, seed=seed,
+        start_ned_m=np.zeros((count, 3)),
+    )  # fmt: skip
+    for row in range(count):
+        _silence(sim, row)
+    pilots = [_Pilot(sim, row, recording) for row, recording in enumerate(recordings)]
+    log = _Log(sim)
+    step_s = sim.simulation.dt_s
+    waiting = True
+    while waiting:
+        for pilot in pilots:
+            pilot.tick()
+        sim.step(step_s)
+        if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
+            log.add()
+        waiting = any(
+            math.isnan(pilot.began_s) or pilot.now_s - pilot.began_s < float(pilot.recording.t_s[-1]) + 0.1
+            for pilot in pilots
+        )
+    return {pilot.recording.name: log.of(pilot) for pilot in pilots}
+
+
+def _silence(sim: VehicleSim, row: int) -> None:
+    """No streams: nobody listens, and they cost most of a step."""
+    for context_link in sim.nodes[row].context.links:
+        for msg_id in context_link.streamed():
+            context_link.set_interval(msg_id, 0, 0)
+
+
+LOGGED = (
+    "x", "y", "z", "vx", "vy", "vz", "qw", "qx", "qy", "qz", "p", "q", "r", "tqw", "tqx", "tqy", "tqz",
+    "thrust", "sx", "sy", "sz", "svx", "svy", "svz", "sax", "say", "saz", "syaw",
+    "m1_us", "m2_us", "m3_us", "m4_us", "armed", "custom_mode", "landed_state",
+)  # fmt: skip
+
+
+class _Log:
+    def __init__(self, sim: VehicleSim) -> None:
+        self._sim = sim
+        self._times: list[float] = []
+        self._rows: list[list[FloatArray]] = []
+
+    def add(self) -> None:
+        simulation = self._sim.simulation
+        estimate, target = simulation.estimate, simulation.target
+        commanders = [autopilot.commander for autopilot in self._sim.autopilots]
+        state = [(c.armed, c.custom_mode(), int(c.landed_state())) for c in commanders]
+        self._times.append(simulation.time_s)
+        self._rows.append(
+            [
+                array.copy()
+                for array in (
+                    estimate.position_ned_m, estimate.velocity_ned_m_s, estimate.q_ned_frd,
+                    estimate.rates_frd_rad_s, target.q_ned_frd, target.thrust[:, None],
+                    target.position_ned_m, target.velocity_ned_m_s, target.acceleration_ned_m_s2,
+                    target.yaw_ned_rad[:, None], simulation.motors_us, np.array(state, dtype=float),
+                )
+            ]
+        )  # fmt: skip
+
+    def of(self, pilot: _Pilot) -> Replay:
+        t_s = np.array(self._times) - pilot.began_s
+        kept = (t_s >= pilot.recording.t_s[0] - 0.1) & (t_s <= pilot.recording.t_s[-1] + 0.1)
+        rows = [row for row, keep in zip(self._rows, kept, strict=True) if keep]
+        table = np.array([np.concatenate([block[pilot.row] for block in row]) for row in rows])
+        return Replay(t_s[kept], dict(zip(LOGGED, table.T, strict=True)))
+
+
+def with_angles(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The same columns with roll, pitch and (unwrapped) yaw."""
+    q = np.stack([columns[name] for name in ("qw", "qx", "qy", "qz")], axis=1)
+    euler = frames.euler_of(q)
+    yaw = euler[:, 2]
+    good = np.isfinite(yaw)
+    yaw = np.interp(np.arange(len(yaw)), np.flatnonzero(good), np.unwrap(yaw[good]))
+    return columns | {"roll": euler[:, 0], "pitch": euler[:, 1], "yaw": yaw}
