@@ -1,0 +1,362 @@
+"""Attacks on running servers: all refused, and afterwards nothing has moved and nothing has left the machine.
+
+Two servers with a vehicle each that is ready to arm: one on loopback, as it starts by default; one that
+listens on all addresses (its own token guards it while the test runs).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import msgspec
+import pytest
+import viser
+from websockets.asyncio.client import connect, unix_connect
+from websockets.exceptions import InvalidStatus
+from websockets.typing import Subprotocol
+from zstandard import ZstdDecompressor
+
+from gcs_server.client import NotAllowed, SyncGcs
+from tests.station import end, free_port, running, server_command, vehicle, wait_until
+
+VEHICLE = "101"
+VISER = Subprotocol(f"viser-v{viser.__version__}")
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (-3.0, 0.0, 1.0),
+    "fov": 0.8,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 100,
+    "image_width": 100,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
+COMMANDS: list[tuple[str, str, dict[str, Any] | None]] = [
+    ("POST", f"/api/v1/vehicles/{VEHICLE}/arm", None),
+    ("POST", f"/api/v1/vehicles/{VEHICLE}/takeoff", {"alt_home_m": 5}),
+    ("POST", f"/api/v1/vehicles/{VEHICLE}/offboard/start", {"setpoint": POSITION}),
+    ("POST", f"/api/v1/vehicles/{VEHICLE}/kill", {"confirm": f"motors stop, vehicle {VEHICLE} falls"}),
+    ("POST", f"/api/v1/vehicles/{VEHICLE}/gimbal/take", None),
+    ("PUT", f"/api/v1/vehicles/{VEHICLE}/params/COM_OBL_RC_ACT", {"value": 5}),
+    ("POST", "/api/v1/links", {"url": "udpin://127.0.0.1:0"}),
+    ("POST", "/scene/view/attack", {"mode": "top"}),
+]
+READS = ["/", "/docs", "/docs/reference.js", "/api/v1/openapi.json", "/api/v1/health", "/api/v1/vehicles"]
+READS += ["/api/v1/journal", "/scene/", "/nothing"]
+STREAMS = ["/api/v1/telemetry", "/scene/"]
+FOREIGN = ["http://evil.example", "null", "http://localhost:1", "http://localhost.evil.example"]
+
+
+@dataclass
+class Site:
+    """A server, its vehicle, and what lets in."""
+
+    port: int
+    token: str | None
+    process: subprocess.Popen[bytes]
+    folder: Path
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    @property
+    def own(self) -> dict[str, str]:
+        """What a person's browser sends from the page: its Origin, and the cookie where there is one."""
+        return {"Origin": self.url} | self.cookie
+
+    @functools.cached_property
+    def cookie(self) -> dict[str, str]:
+        if self.token is None:
+            return {}
+        given = httpx.get(f"{self.url}/?token={self.token}", verify=False)
+        assert given.status_code == 303
+        return {"Cookie": given.headers["set-cookie"].partition(";")[0]}
+
+    @property
+    def bearer(self) -> dict[str, str]:
+        return {"Authorization": f"Bearer {self.token}"} if self.token else {}
+
+    def statuses(self, headers: dict[str, str], *, reads: bool = True, query: str = "") -> set[int]:
+        """Everything tried once with these headers: what was answered."""
+        found: set[int] = set()
+        with httpx.Client(verify=False, base_url=self.url, headers=headers, timeout=10) as client:
+            for method, path, body in COMMANDS:
+                found.add(client.request(method, path + query, json=body).status_code)
+            for path in READS if reads else []:
+                found.add(client.get(path).status_code)
+        return found | {asyncio.run(self.handshake(path + query, headers)) for path in STREAMS}
+
+    async def handshake(self, path: str, headers: dict[str, str]) -> int:
+        """101 for an open WebSocket, else the status that refused it."""
+        more = {name: value for name, value in headers.items() if name != "Host"}
+        # The name in the address is what becomes the Host; the socket goes to our server all the same.
+        address = f"ws://{headers.get('Host', f'127.0.0.1:{self.port}')}{path}"
+        protocols = [VISER] if path.startswith("/scene/") else None
+        try:
+            async with connect(
+                address,
+                host="127.0.0.1",
+                port=self.port,
+                proxy=None,
+                additional_headers=more,
+                subprotocols=protocols,
+            ):
+                return 101
+        except InvalidStatus as refused:
+            return refused.response.status_code
+
+    def assert_untouched(self) -> None:
+        """No vehicle moved, no command was taken, no link was opened, nothing talks to the outside."""
+        with httpx.Client(verify=False, base_url=f"{self.url}/api/v1", headers=self.bearer) as client:
+            shown = client.get(f"/vehicles/{VEHICLE}").raise_for_status().json()
+            assert shown["status"]["armed"] is False
+            assert shown["status"]["landed_state"] == "on_ground"
+            assert client.get("/journal").json()["entries"] == []
+            assert len(client.get("/links").json()["links"]) == 1
+        assert outside(self.process.pid) == set()
+
+
+def processes(root: int) -> set[int]:
+    """The process and all its descendants."""
+    parents: dict[int, int] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+    found = {root}
+    while more := {child for child, parent in parents.items() if parent in found} - found:
+        found |= more
+    return found
+
+
+def tcp_sockets(root: int) -> list[tuple[str, str, str]]:
+    """(local, remote, state) of all TCP sockets of the process and its descendants, as /proc has them."""
+    inodes: set[str] = set()
+    for process in processes(root):
+        for link in Path(f"/proc/{process}/fd").iterdir():
+            with contextlib.suppress(OSError):
+                inodes.add(str(link.readlink()).removeprefix("socket:[").removesuffix("]"))
+    rows = [
+        row.split() for name in ("tcp", "tcp6") for row in Path(f"/proc/net/{name}").read_text().splitlines()
+    ]
+    return [(row[1], row[2], row[3]) for row in rows if row[9] in inodes]
+
+
+def outside(root: int) -> set[str]:
+    """Remote ends that are not this machine."""
+    here = ("0100007F:", "00000000:", "0000000000000000FFFF00000100007F:", "0" * 32 + ":")
+    return {remote for _, remote, _ in tcp_sockets(root) if not remote.startswith(here)}
+
+
+@contextlib.contextmanager
+def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
+    port, mavlink = free_port(socket.SOCK_STREAM), free_port()
+    command = server_command(port, [f"udpin://127.0.0.1:{mavlink}"], folder)
+    command += ["--host", "0.0.0.0"] if exposed else []
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GCS_")}
+    said = folder / "said.txt"
+    with (
+        said.open("wb") as out,
+        running(
+            command, stdout=out, stderr=subprocess.STDOUT, env=environment | {"TMPDIR": str(folder)}
+        ) as process,
+        vehicle(mavlink, more=["--speed", "10"]),
+    ):
+        wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
+        token = (folder / "token").read_text().strip() if exposed else None
+        site = Site(port, token, process, folder)
+        with SyncGcs(site.url, token=token or "") as gcs:
+            gcs.wait_for_vehicle(VEHICLE, ready=True, timeout_s=40)
+        wait_until(
+            lambda: httpx.get(f"{site.url}/scene/", headers=site.bearer, verify=False).status_code == 200,
+            "the 3D view",
+        )
+        yield site
+
+
+@pytest.fixture(scope="module")
+def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]:
+    with (
+        running_site(tmp_path_factory.mktemp("a"), exposed=False) as alone,
+        running_site(tmp_path_factory.mktemp("b"), exposed=True) as exposed,
+    ):
+        yield {"alone": alone, "exposed": exposed}
+
+
+@pytest.fixture(params=["alone", "exposed"])
+def site(sites: dict[str, Site], request: pytest.FixtureRequest) -> Iterator[Site]:
+    """Either of them; afterwards nothing has happened to it."""
+    found = sites[request.param]
+    yield found
+    found.assert_untouched()
+
+
+@pytest.fixture
+def alone(sites: dict[str, Site]) -> Iterator[Site]:
+    yield sites["alone"]
+    sites["alone"].assert_untouched()
+
+
+@pytest.fixture
+def exposed(sites: dict[str, Site]) -> Iterator[Site]:
+    yield sites["exposed"]
+    sites["exposed"].assert_untouched()
+
+
+@pytest.mark.parametrize("origin", FOREIGN)
+def test_pages_of_other_sites_get_nothing(site: Site, origin: str) -> None:
+    """Whatever they bring: a browser adds the cookie by itself, and a token may have been stolen."""
+    for credentials in ({}, site.cookie | site.bearer):
+        assert site.statuses({**credentials, "Origin": origin}) == {403}
+
+
+def test_what_a_foreign_page_embeds_without_an_origin_is_refused(site: Site) -> None:
+    """`<img src>` and the like: the browser says `Sec-Fetch-Site` instead."""
+    assert site.statuses({**site.cookie, "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}) == {
+        403
+    }
+
+
+@pytest.mark.parametrize("name", ["rebound.example:{}", "localhost.evil.example:{}", "192.168.1.5:{}"])
+def test_a_rebound_name_gets_nothing(sites: dict[str, Site], name: str) -> None:
+    """The page's own name has been turned to our address: its Origin is the Host, and it has no cookie."""
+    # A WebSocket that is refused before it is accepted is always answered by 403.
+    for site, refused in ((sites["alone"], {403}), (sites["exposed"], {401, 403})):
+        host = name.format(site.port)
+        rebound = {"Host": host, "Origin": f"http://{host}"}
+        assert site.statuses(rebound) == refused
+        assert site.statuses({"Host": host}) == refused
+        site.assert_untouched()
+
+
+def test_without_the_token_or_with_a_wrong_one_nothing_opens(exposed: Site) -> None:
+    assert exposed.token
+    name, _, value = exposed.cookie["Cookie"].partition("=")
+    tries = [
+        {},
+        {"Origin": exposed.url},
+        {"Authorization": "Bearer wrong"},
+        {"Authorization": f"Bearer {exposed.token[:-1]}"},
+        {"Authorization": f"Basic {exposed.token}"},
+        {"Origin": exposed.url, "Cookie": f"{name}={exposed.token}"},
+        {"Origin": exposed.url, "Cookie": f"{name}={value[:-1]}; gcs={value}"},
+        {"X-Forwarded-For": "127.0.0.1", "Forwarded": "for=127.0.0.1;host=localhost"},
+    ]
+    for headers in tries:
+        assert exposed.statuses(headers) == {401, 403}, headers
+    # The link signs a browser in, which then asks again: it commands nothing by itself.
+    assert exposed.statuses({}, reads=False, query=f"?token={exposed.token}") == {401, 403}
+    with SyncGcs(exposed.url, token="wrong") as gcs, pytest.raises(NotAllowed, match="Bearer"):
+        gcs.vehicles()
+
+
+def test_a_cookie_without_its_page_commands_nothing(exposed: Site) -> None:
+    assert exposed.statuses(exposed.cookie, reads=False) == {403}
+
+
+def test_straight_to_viser_is_refused(site: Site) -> None:
+    listening = {
+        int(local.rpartition(":")[2], 16)
+        for local, _, state in tcp_sockets(site.process.pid)
+        if state == "0A"
+    }
+    assert listening == {site.port}, "the only way in is ours"
+    (path,) = site.folder.glob("gcs-scene-*/s")
+    assert path.parent.stat().st_mode & 0o077 == 0
+    secrets = [{}, {"X-Scene-Secret": "guess"}, site.bearer or {"X-Scene-Secret": ""}]
+
+    async def handshake(headers: dict[str, str]) -> int:
+        try:
+            async with unix_connect(
+                str(path), "ws://scene/", subprotocols=[VISER], additional_headers=headers
+            ):
+                return 101
+        except InvalidStatus as refused:
+            return refused.response.status_code
+
+    with httpx.Client(transport=httpx.HTTPTransport(uds=str(path))) as client:
+        for headers in secrets:
+            assert client.get("http://scene/", headers=headers).status_code == 403
+            assert asyncio.run(handshake(headers)) == 403
+
+
+def types_in(data: bytes) -> set[str]:
+    """What viser says in one frame: two lengths, then compressed messages, then buffers."""
+    size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
+    inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
+    return {message["type"] for message in msgspec.msgpack.decode(inner)["messages"]}
+
+
+def test_a_share_request_opens_no_tunnel(site: Site) -> None:
+    before = processes(site.process.pid)
+
+    async def ask() -> set[str]:
+        seen: set[str] = set()
+        async with connect(
+            f"ws://127.0.0.1:{site.port}/scene/",
+            additional_headers=site.own,
+            subprotocols=[VISER],
+            max_size=None,
+        ) as stream:
+            for kind in ("ShareUrlRequest", "ShareUrlDisconnect", "ShareUrlRequest"):
+                await stream.send(msgspec.msgpack.encode({"type": kind}))
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            # The scene answers the camera, which went after them.
+            async with asyncio.timeout(15):
+                while "SetCameraPositionMessage" not in seen:
+                    seen |= types_in(await stream.recv())
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(1):
+                    while True:
+                        seen |= types_in(await stream.recv())
+        return seen
+
+    seen = asyncio.run(ask())
+    assert not [kind for kind in seen if "Share" in kind]
+    assert processes(site.process.pid) == before, "viser's tunnel is a process of its own"
+    assert outside(site.process.pid) == set()
+
+
+def test_after_all_that_who_may_command_does(sites: dict[str, Site]) -> None:
+    """Last: the vehicles could have moved all the time."""
+    for site in sites.values():
+        for headers in (site.bearer, site.own):
+            with httpx.Client(
+                verify=False, base_url=f"{site.url}/api/v1/vehicles", headers=headers
+            ) as client:
+                assert client.post(f"/{VEHICLE}/arm", timeout=20).status_code == 200
+                assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
+                assert client.post(f"/{VEHICLE}/disarm", timeout=20).status_code == 200
+        assert {asyncio.run(site.handshake(path, site.own)) for path in STREAMS} == {101}
+
+
+def test_a_restarted_server_knows_its_people(tmp_path: Path) -> None:
+    """The cookie of before still opens: nobody is logged out in flight."""
+    port = free_port(socket.SOCK_STREAM)
+    command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
+    cookies: list[dict[str, str]] = []
+    said = tmp_path / "said.txt"
+    for _ in range(2):
+        with said.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
+            wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
+            site = Site(port, (tmp_path / "token").read_text().strip(), process, tmp_path)
+            assert f"http://localhost:{port}/?token={site.token}" in said.read_text()
+            cookies.append(site.cookie)
+            assert httpx.get(f"{site.url}/api/v1/health", headers=cookies[0]).status_code == 200
+            assert site.token not in Path(f"/proc/{process.pid}/cmdline").read_text()
+            end(process, signal.SIGTERM)
+    assert cookies[0] == cookies[1]
