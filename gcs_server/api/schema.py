@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from typing import Any
 
 from fastapi import APIRouter, FastAPI
 
@@ -37,14 +38,32 @@ def api_router() -> APIRouter:
     return router
 
 
+class _Described(FastAPI):
+    """Says beside the routes who may call them; `guard.py` holds it, so that no route has to."""
+
+    def openapi(self) -> dict[str, Any]:
+        described = super().openapi()
+        described["components"]["securitySchemes"] = {
+            "token": {
+                "type": "http",
+                "scheme": "bearer",
+                "description": "The token in the link that the server prints when it starts (`GCS_TOKEN`).",
+            }
+        }
+        described["security"] = [{"token": []}, {}]  # on loopback nobody is asked unless a token was set
+        return described
+
+
 def bare_app() -> FastAPI:
     """The application's description and routes, without a station behind them."""
-    app = FastAPI(
+    app = _Described(
         title="Offboard GCS",
         version=__version__,
         description=(
             "A ground-control station for PX4. Names say quantity, frame and unit; errors are problem+json. "
-            "A command succeeds when the vehicle's own state shows it. Name your program in `X-Client`."
+            "A command succeeds when the vehicle's own state shows it. Name your program in `X-Client`. "
+            "A server that other machines can reach wants its token with every call, as "
+            "`Authorization: Bearer …`; without it the answer is 401."
         ),
         openapi_url=f"{API}/openapi.json",
         docs_url=None,

@@ -192,3 +192,10 @@ def test_the_links_can_be_clicked(host, token, contained, expected):
 )
 def test_the_client_takes_the_link_as_it_is(url, given, environment, expected):
     assert address_and_token(url, given, environment) == expected
+
+
+def test_the_description_says_how_to_come_in(server):
+    described = server.get("/api/v1/openapi.json", headers={"Authorization": f"Bearer {server.token}"}).json()
+    assert described["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+    assert described["security"] == [{"token": []}, {}]
+    assert "Bearer" in described["info"]["description"]
