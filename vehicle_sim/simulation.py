@@ -98,6 +98,8 @@ class Simulation:
         self._sensors = SensorSuite(count, STEP_S, self.home, seed=seed, noise=sensor_noise)
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
+        self.motor_health = np.ones((count, 4))
+        """(N, 4) part of its signal that each motor turns into thrust: 1 works, 0 stands still."""
         if wind_ned_m_s is not None:
             self.set_wind(wind_ned_m_s)
         for i in range(count):
@@ -149,7 +151,7 @@ class Simulation:
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
         self._cascade.update(self.setpoints, self._estimator.state)
-        self._bodies.step(self._cascade.motor_signal)
+        self._bodies.step(self._cascade.motor_signal * self.motor_health)
         if self._steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
         self._steps += 1
@@ -159,6 +161,7 @@ class Simulation:
         self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
         self._estimator.reset(i)
         self._cascade.reset(i)
+        self.motor_health[i] = 1.0
         self._batteries.refill(i)
         self.setpoints.clear(i)
         self.setpoints.armed[i] = False
@@ -175,6 +178,10 @@ class Simulation:
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
         """Cover or uncover the GPS antenna of vehicle `i`."""
         self._sensors.set_gps_enabled(i, enabled)
+
+    def set_gps_stuck(self, i: int, stuck: bool) -> None:
+        """Let the GPS receiver of vehicle `i` repeat its last fix, or measure again."""
+        self._sensors.set_gps_stuck(i, stuck)
 
     def set_wind(self, wind_ned_m_s: FloatArray) -> None:
         """Steady wind, (3,) for all or (N, 3)."""

@@ -13,7 +13,9 @@ from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import WITHOUT_ESTIMATE, Kind, Offboard
+from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
 from vehicle_sim.control.setpoints import ControlLevel
@@ -29,8 +31,14 @@ class Autopilot:
         self._row = SetpointRow(body)
         self.home = Home()
         self.offboard = Offboard(body, self.announcer)
-        self.navigator = Navigator(body, self.announcer, self._row, self.home)
-        self.commander = Commander(body, self.announcer, self._row, self.navigator, self.offboard)
+        self.plans = Plans()
+        self.own_commands = OwnCommands()
+        self.navigator = Navigator(
+            body, self.announcer, self._row, self.home, self.plans, self.own_commands
+        )
+        self.commander = Commander(
+            body, self.announcer, self._row, self.navigator, self.offboard, self.own_commands
+        )
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()
         self.gimbal = Gimbal(body)

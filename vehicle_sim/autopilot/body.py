@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.parameters import Parameters
+from vehicle_sim.parameters import Parameters, UnknownParameterError
 from vehicle_sim.simulation import Simulation
 
 Vector = tuple[float, float, float]
@@ -75,6 +75,13 @@ class Body:
     def choice(self, name: str) -> int:
         """An integer parameter's value."""
         return int(self.parameters.get(name))
+
+    def optional_choice(self, name: str, default: int) -> int:
+        """An integer parameter that not every build has among its live ones."""
+        try:
+            return self.choice(name)
+        except UnknownParameterError:
+            return default
 
     @property
     def belief(self) -> Belief:

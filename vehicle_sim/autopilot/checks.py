@@ -41,12 +41,16 @@ class Checks:
             valid_global_position=belief.valid_position and self._home.valid,
             has_mission=self.has_mission,
             offboard_signal=self._offboard.signal(),
-            manual_control=body.time_s - self.manual_control_at_s < MANUAL_CONTROL_TIMEOUT_S,
+            manual_control=self.manual_control(),
             gcs_missing=body.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
             mission_required=bool(body.choice("COM_ARM_MIS_REQ")),
             battery_warning=self.battery_warning,
             terminated=terminated,
         )
+
+    def manual_control(self) -> bool:
+        """Whether sticks were heard lately."""
+        return self._body.time_s - self.manual_control_at_s < MANUAL_CONTROL_TIMEOUT_S
 
     def gcs_alive(self) -> bool:
         """Whether a ground station was heard within COM_DL_LOSS_T."""

@@ -8,12 +8,15 @@ from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.checks import Checks
-from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Cause, Conditions, Decision, decide
+from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
+from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
 from vehicle_sim.autopilot.home import HomeKeeper
 from vehicle_sim.autopilot.land_detector import LandedState
-from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
+from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
 from vehicle_sim.autopilot.row import SetpointRow
 
 NAVIGATION_GROUPS = {
@@ -33,14 +36,16 @@ class Reason(IntEnum):
     """Why the vehicle was armed or disarmed, as its events number it."""
 
     EXTERNAL_COMMAND = 4
+    MISSION_START = 5
     LANDING = 6
     PREFLIGHT = 7
     KILL = 8
-    FAILSAFE = 5
+    FAILSAFE = 14
 
 
-_DISARM_TEXTS = {
+_TEXTS = {
     Reason.EXTERNAL_COMMAND: "external command",
+    Reason.MISSION_START: "mission start",
     Reason.LANDING: "landing",
     Reason.PREFLIGHT: "auto preflight disarming",
     Reason.FAILSAFE: "failsafe",
@@ -52,7 +57,13 @@ class Commander:
     """The state machine of one vehicle."""
 
     def __init__(
-        self, body: Body, announcer: Announcer, row: SetpointRow, navigator: Navigator, offboard: Offboard
+        self,
+        body: Body,
+        announcer: Announcer,
+        row: SetpointRow,
+        navigator: Navigator,
+        offboard: Offboard,
+        commands: OwnCommands,
     ) -> None:
         self._body = body
         self._announcer = announcer
@@ -66,16 +77,21 @@ class Commander:
         self.active = NavState.HOLD
         self.landed = True
         self.terminated = False
-        self.failsafe = Decision()
+        self.calibrating = False
+        self.monitors = Monitors(body, announcer)
+        self._watch = FailsafeWatch(body, announcer, self.checks, offboard, navigator.fence, self.monitors)
+        self._commands = commands
+        commands.serve({RETURN: self._return, SET_HOME: self._set_home})
+        self._termination: Decision | None = None
+        self._after_disarming = NavState.HOLD
+        """The last mode asked for that one may arm in: what disarming goes back to."""
         self._armed_at_s = 0.0
         self._landed_at_s = 0.0
         self._flew = False
-        self._failsafe_since_s: float | None = None
-        self._overridden: set[Cause] = set()
 
     # --- commands --------------------------------------------------------------------------------------
 
-    def arm(self) -> bool:
+    def arm(self, reason: Reason = Reason.EXTERNAL_COMMAND) -> bool:
         """Arm if every check allows it in this mode; says why not."""
         if self.armed:
             return True
@@ -89,12 +105,10 @@ class Commander:
         self.armed = True
         self._armed_at_s = self._body.time_s
         self._flew = False
-        self._overridden.clear()
+        self._watch.reset()
         self._row.armed(True)
         self.home.set_here()
-        self._announcer.both(
-            6, "Armed by external command", "commander_armed_by", "B", Reason.EXTERNAL_COMMAND
-        )
+        self._announcer.both(6, f"Armed by {_TEXTS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
         return True
 
@@ -108,13 +122,10 @@ class Commander:
         self.armed = False
         self._row.armed(False)
         self._row.idle()
-        self._announcer.both(6, f"Disarmed by {_DISARM_TEXTS[reason]}", "commander_disarmed_by", "B", reason)
+        self._announcer.both(6, f"Disarmed by {_TEXTS[reason]}", "commander_disarmed_by", "B", reason)
         self._body.simulation.refill_battery(self._body.row)
-        self._overridden.clear()
-        self._failsafe_since_s = None
-        self.failsafe = Decision()
-        if self.intended in (NavState.LAND, NavState.RTL, NavState.TAKEOFF, NavState.PRECISION_LAND):
-            self.intended = NavState.HOLD
+        self._watch.reset()
+        self.intended = self._after_disarming
         self._activate(self.intended)
         return True
 
@@ -130,15 +141,44 @@ class Commander:
                 NAVIGATION_GROUPS.get(mode, 9),
             )
             return False
-        if self.failsafe.action > Action.WARN and self.failsafe.cause is not Cause.GENERIC:
-            self._overridden.add(self.failsafe.cause)
-        self.intended = mode
-        self.failsafe = self.failsafe if self.terminated else self._decide()
-        if self.failsafe.action <= Action.WARN:
-            self._failsafe_since_s = None
-            restart = mode in (NavState.TAKEOFF,) and self.active is mode
-            self._activate(mode, restart=restart)
+        self._choose(mode)
         return True
+
+    def _choose(self, mode: NavState) -> None:
+        self.intended = mode
+        if mode not in CANNOT_TAKE_OFF:
+            self._after_disarming = mode
+        self._watch.mode_chosen()
+        if self.armed:
+            self._run_failsafe()
+        if self.failsafe.action <= Action.WARN:
+            restart = mode is NavState.TAKEOFF and self.active is mode
+            self._activate(mode, restart=restart)
+
+    def return_to_launch(self) -> bool:
+        """RETURN_TO_LAUNCH, by whoever: PX4 says it before the navigator says where to."""
+        self._announcer.both(6, "Returning to launch", "commander_rtl")
+        return self.set_mode(NavState.RTL)
+
+    def start_mission(self, first_item: float) -> bool | None:
+        """MISSION_START: Mission mode, and armed; None: there is nothing to fly."""
+        if not self.checks.has_mission:
+            self._announcer.both(
+                2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
+            )
+            return None
+        if first_item >= 1.0:
+            self._navigator.mission.set_current(int(first_item))
+        return self.set_mode(NavState.MISSION) and self.arm(Reason.MISSION_START)
+
+    def _return(self, _parameters: tuple[float, ...]) -> None:
+        self.return_to_launch()
+
+    def _set_home(self, parameters: tuple[float, ...]) -> None:
+        if parameters[0] == 1.0:
+            self.home.set_here()
+        elif abs(parameters[4]) <= 90.0 and abs(parameters[5]) <= 180.0:
+            self.home.set(parameters[4], parameters[5], parameters[6])
 
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
@@ -151,8 +191,11 @@ class Commander:
         """End the flight: motors off, for good. Only while armed."""
         if not self.armed:
             return False
-        self.terminated = True
-        self._enter_failsafe(Decision(Action.TERMINATE))
+        self._announcer.both(
+            2, "Failsafe activated", "commander_failsafe_enter_generic", "IB",
+            MODES[self.intended].custom_mode, Action.TERMINATE,
+        )  # fmt: skip
+        self._end_flight()
         return True
 
     def run_checks(self) -> None:
@@ -167,16 +210,31 @@ class Commander:
         self._note_landing(landed)
         if not self.armed:
             self.home.follow()
+        navigator = self._navigator
+        navigator.watch(armed=self.armed, landed=landed)
+        self.checks.has_mission = navigator.mission.valid(landed=landed)
+        self.monitors.update(armed=self.armed, landed=landed)
         self._check()
         self._run_failsafe()
+        if self.armed and not self.terminated:
+            navigator.think(self.active, landed=landed)
+            self._end_task()
         self._auto_disarm()
-        self._end_takeoff()
 
-    def _end_takeoff(self) -> None:
-        arrived = self.active is NavState.TAKEOFF and self._navigator.finished(NavState.TAKEOFF)
-        if self.armed and arrived:
-            self.intended = NavState.HOLD
-            self._activate(NavState.HOLD)
+    def _end_task(self) -> None:
+        """A take-off that arrived and a mission that is over go on in Hold."""
+        mission = self._navigator.mission
+        if self.active is NavState.TAKEOFF and self._navigator.finished(NavState.TAKEOFF):
+            onward = self._body.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
+            self._go_on(NavState.MISSION if onward else NavState.HOLD)
+            return
+        over = mission.finished or not self.checks.has_mission
+        if over and self.active is NavState.MISSION and not self.landed:
+            self._go_on(NavState.HOLD)
+
+    def _go_on(self, mode: NavState) -> None:
+        self.intended = self._after_disarming = mode
+        self._activate(mode)
 
     def _note_landing(self, landed: bool) -> None:
         if landed == self.landed:
@@ -202,85 +260,45 @@ class Commander:
 
     # --- failsafe --------------------------------------------------------------------------------------
 
-    def _decide(self) -> Decision:
-        if not self.armed or (self.landed and not self._flew and self.intended is not NavState.OFFBOARD):
-            return Decision()
-        body, belief = self._body, self._body.belief
-        needs_position = MODES[self.intended].needs_position
-        if self.intended is NavState.OFFBOARD:
-            kind = self.offboard.setpoint.kind
-            needs_position = kind in (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
-        return decide(
-            Conditions(
-                mode=self.intended,
-                offboard_lost=not self.offboard.signal(),
-                offboard_loss_action=body.choice("COM_OBL_RC_ACT"),
-                position_lost=needs_position and not belief.valid_position,
-                gcs_lost=self.checks.gcs_lost(),
-                gcs_loss_action=body.choice("NAV_DLL_ACT"),
-                battery_warning=self.checks.battery_warning,
-                low_battery_action=body.choice("COM_LOW_BAT_ACT"),
-                overridden=frozenset(self._overridden),
-            )
-        )
-
     def _run_failsafe(self) -> None:
-        if self.terminated:
+        if self.terminated or not self.armed:
             return
-        decision = self._decide()
-        if decision != self.failsafe:
-            if decision.action is Action.NONE:
-                self.failsafe = decision
-                self._failsafe_since_s = None
-                if self.armed:
-                    self._activate(self.intended)
-                return
-            self._enter_failsafe(decision)
-        elif decision.delayed and self._delay_over():
-            self._failsafe_since_s = None
-            self._announcer.both(
-                2, "Failsafe activated", "commander_failsafe_enter", "IBB",
-                MODES[self.intended].custom_mode, decision.action, decision.cause,
-            )  # fmt: skip
+        grounded = self.landed and not self._flew and self.intended is not NavState.OFFBOARD
+        before = self.failsafe
+        decision = self._watch.update(
+            self.intended,
+            armed_for_s=self._body.time_s - self._armed_at_s,
+            acts=not grounded or self.monitors.attitude_failure,
+            mission_failed=self._navigator.mission.failed,
+        )
+        if decision == before:
+            return
+        if decision.action > Action.WARN:
             self._act(decision.action)
+        elif before.action > Action.WARN:
+            self._activate(self.intended)
 
-    def _delay_over(self) -> bool:
-        since_s = self._failsafe_since_s
-        return since_s is not None and self._body.time_s - since_s >= self._body.parameter("COM_FAIL_ACT_T")
-
-    def _enter_failsafe(self, decision: Decision) -> None:
-        self.failsafe = decision
-        custom = MODES[self.intended].custom_mode
-        delay_s = self._body.parameter("COM_FAIL_ACT_T")
-        if decision.action is Action.WARN:
-            if decision.cause is Cause.BATTERY_LOW:
-                self._announcer.both(2, "Failsafe activated", "commander_failsafe_enter_low_bat")
-            return
-        if decision.delayed and 0.0 < delay_s < 65535.0:
-            self._failsafe_since_s = self._body.time_s
-            self._announcer.both(
-                2, f"Failsafe activated: entering Hold for {delay_s:.0f} seconds",
-                "commander_failsafe_enter_hold", "IBHB", custom, decision.action, int(delay_s),
-                decision.cause,
-            )  # fmt: skip
-            self._act(Action.HOLD)
-            return
-        name = "commander_failsafe_enter_generic"
-        if decision.action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED):
-            name = "commander_failsafe_enter_autopilot_disengaged"
-        self._announcer.both(2, "Failsafe activated", name, "IB", custom, decision.action)
-        self._act(decision.action)
+    @property
+    def failsafe(self) -> Decision:
+        """What the failsafe does."""
+        return self._termination or self._watch.decision
 
     def _act(self, action: Action) -> None:
         if action is Action.DISARM:
             self.disarm(Reason.FAILSAFE, force=True)
             return
-        mode = ACTION_MODES.get(action)
-        if mode is None:
+        if action is Action.TERMINATE:
+            self._end_flight()
             return
-        if MODES[mode].needs_position and not self._body.belief.valid_position:
-            mode = NavState.DESCEND
-        self._activate(mode)
+        mode = ACTION_MODES.get(action)
+        if mode is not None:
+            self._activate(mode)
+
+    def _end_flight(self) -> None:
+        self.terminated = True
+        self._termination = Decision(Action.TERMINATE)
+        self._commands.send(PARACHUTE, 2.0)
+        self._activate(NavState.TERMINATION)
 
     @property
     def in_failsafe(self) -> bool:
@@ -302,8 +320,9 @@ class Commander:
         now_s = self._body.time_s
         landing_s = self._body.parameter("COM_DISARM_LAND")
         preflight_s = self._body.parameter("COM_DISARM_PRFLT")
+        amid_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
         if self._flew:
-            if landing_s > 0.0 and now_s - self._landed_at_s >= landing_s:
+            if landing_s > 0.0 and not amid_mission and now_s - self._landed_at_s >= landing_s:
                 self.disarm(Reason.LANDING)
         elif preflight_s > 0.0 and now_s - self._armed_at_s >= preflight_s:
             self.disarm(Reason.PREFLIGHT)
@@ -318,6 +337,11 @@ class Commander:
             return LandedState.LANDING
         if self.active is NavState.RTL and self._navigator.landing:
             return LandedState.LANDING
+        if self.active is NavState.MISSION:
+            if self._navigator.mission.taking_off:
+                return LandedState.TAKEOFF
+            if self._navigator.mission.landing:
+                return LandedState.LANDING
         return LandedState.IN_AIR
 
     def custom_mode(self) -> int:
@@ -346,4 +370,6 @@ class Commander:
             return 8
         if self.armed:
             return 5 if self.in_failsafe else 4
+        if self.calibrating:
+            return 2
         return 3 if self.report.armable(self.intended) else 0

@@ -1,9 +1,10 @@
-"""What PX4 does when something is lost: conditions in, one action out; no state but what it is given."""
+"""PX4's failsafe state machine: what is wrong goes in, one action comes out; time is handed to it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 
 from vehicle_sim.autopilot.modes import NavState
 
@@ -35,6 +36,33 @@ class Cause(IntEnum):
     BATTERY_EMERGENCY = 5
 
 
+class Clear(Enum):
+    """When an action ends."""
+
+    WHEN_GONE = "its reason is gone"
+    ON_MODE_CHANGE = "its reason is gone and somebody chose a mode"
+    NEVER = "never"
+
+
+class Takeover(Enum):
+    """Whether choosing a mode ends an action whose reason is still there."""
+
+    AUTO = "yes, and there is a delay to do it in"
+    ALWAYS = "yes, without a delay"
+    NEVER = "no"
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """One thing that is wrong now, and what it asks for."""
+
+    name: str
+    action: Action
+    cause: Cause = Cause.GENERIC
+    clear: Clear = Clear.WHEN_GONE
+    takeover: Takeover = Takeover.AUTO
+
+
 ACTION_MODES: dict[Action, NavState] = {
     Action.FALLBACK_POSITION: NavState.POSITION,
     Action.FALLBACK_ALTITUDE: NavState.ALTITUDE,
@@ -45,42 +73,10 @@ ACTION_MODES: dict[Action, NavState] = {
     Action.DESCEND: NavState.DESCEND,
     Action.TERMINATE: NavState.TERMINATION,
 }
-
-_OFFBOARD_LOSS = {
-    0: Action.FALLBACK_POSITION,
-    1: Action.FALLBACK_ALTITUDE,
-    2: Action.FALLBACK_STABILIZED,
-    3: Action.RTL,
-    4: Action.LAND,
-    5: Action.HOLD,
-    6: Action.TERMINATE,
-    7: Action.DISARM,
-}
-"""COM_OBL_RC_ACT."""
-
-_GCS_LOSS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
-"""NAV_DLL_ACT."""
-
-
-@dataclass(frozen=True, slots=True)
-class Conditions:
-    """What may be wrong with an armed vehicle in flight."""
-
-    mode: NavState
-    """The mode asked for."""
-    offboard_lost: bool
-    offboard_loss_action: int
-    """COM_OBL_RC_ACT."""
-    position_lost: bool
-    """The mode needs a position and there is none."""
-    gcs_lost: bool
-    gcs_loss_action: int
-    """NAV_DLL_ACT."""
-    battery_warning: int
-    low_battery_action: int
-    """COM_LOW_BAT_ACT."""
-    overridden: frozenset[Cause]
-    """Causes the operator has taken over from."""
+_NOT_DELAYED = (Action.HOLD, Action.DISARM, Action.TERMINATE)
+_LADDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
+"""What cannot run gives way to the next."""
+_LANDING = (NavState.LAND, NavState.PRECISION_LAND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,30 +85,100 @@ class Decision:
 
     action: Action = Action.NONE
     cause: Cause = Cause.GENERIC
-    delayed: bool = False
-    """PX4 holds for COM_FAIL_ACT_T before it acts, so that an operator can take over."""
+    pending: Action = Action.NONE
+    """What Hold is only the delay for (COM_FAIL_ACT_T); NONE: no delay."""
 
 
-def decide(conditions: Conditions) -> Decision:
-    """The most severe action that the conditions ask for."""
-    wanted: list[Decision] = []
-    if conditions.gcs_lost and conditions.gcs_loss_action in _GCS_LOSS:
-        wanted.append(Decision(_GCS_LOSS[conditions.gcs_loss_action], Cause.GCS_LOSS, True))
-    wanted += _battery(conditions.battery_warning, conditions.low_battery_action)
-    wanted = [decision for decision in wanted if decision.cause not in conditions.overridden]
-    if conditions.mode is NavState.OFFBOARD and conditions.offboard_lost:
-        action = _OFFBOARD_LOSS.get(conditions.offboard_loss_action, Action.FALLBACK_POSITION)
-        wanted.append(Decision(action))
-    if conditions.position_lost:
-        wanted.append(Decision(Action.DESCEND))
-    return max(wanted, key=lambda decision: decision.action, default=Decision())
+class Failsafe:
+    """Remembers what is wrong, what was taken over, and how long the delay still runs."""
+
+    def __init__(self) -> None:
+        self._active: dict[str, Demand] = {}
+        self._present: frozenset[str] = frozenset()
+        self._taken_over = False
+        self._acts_at_s: float | None = None
+        self._decision = Decision()
+
+    def reset(self) -> None:
+        """Disarmed: all is forgotten."""
+        self._active.clear()
+        self._present = frozenset()
+        self._taken_over, self._acts_at_s, self._decision = False, None, Decision()
+
+    def mode_chosen(self) -> None:
+        """Somebody chose a mode: where that is allowed it ends the action."""
+        worst = self._worst()
+        if worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
+            self._taken_over = True
+        gone = [
+            name for name, demand in self._active.items()
+            if name not in self._present and demand.clear is Clear.ON_MODE_CHANGE
+        ]  # fmt: skip
+        for name in gone:
+            del self._active[name]
+
+    def update(
+        self,
+        now_s: float,
+        demands: Sequence[Demand],
+        *,
+        intended: NavState,
+        can_run: Callable[[NavState], bool],
+        delay_s: float,
+    ) -> Decision:
+        """Decide for this moment; call it at 50 Hz while armed."""
+        self._remember(demands)
+        worst = self._worst()
+        if self._taken_over and worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
+            worst = Demand("taken over", Action.NONE)
+        self._decision = self._decide(now_s, worst, intended, can_run, delay_s)
+        return self._decision
+
+    def _remember(self, demands: Sequence[Demand]) -> None:
+        now = {demand.name: demand for demand in demands if demand.action is not Action.NONE}
+        for name, demand in now.items():
+            if name not in self._present and demand.action > Action.WARN:
+                self._taken_over = False
+            self._active[name] = demand
+        for name in [name for name in self._active if name not in now]:
+            if self._active[name].clear is Clear.WHEN_GONE:
+                del self._active[name]
+        if not self._active:
+            self._taken_over = False
+        self._present = frozenset(now)
+
+    def _worst(self) -> Demand:
+        return max(
+            self._active.values(), key=lambda demand: demand.action, default=Demand("none", Action.NONE)
+        )
+
+    def _decide(
+        self,
+        now_s: float,
+        worst: Demand,
+        intended: NavState,
+        can_run: Callable[[NavState], bool],
+        delay_s: float,
+    ) -> Decision:
+        action = worst.action
+        if action <= Action.WARN:
+            self._acts_at_s = None
+            return Decision(action, worst.cause)
+        if self._acts_at_s is None:
+            self._acts_at_s = now_s + max(0.0, delay_s)
+        waits = now_s < self._acts_at_s and worst.takeover is Takeover.AUTO and action not in _NOT_DELAYED
+        chosen = _runnable(Action.HOLD if waits else action, can_run)
+        if intended in _LANDING and chosen in (Action.HOLD, Action.RTL) and can_run(intended):
+            return Decision(Action.WARN, worst.cause)
+        if intended is NavState.RTL and chosen in (Action.HOLD, Action.RTL) and can_run(intended):
+            return Decision(Action.WARN, worst.cause)
+        return Decision(chosen, worst.cause, action if waits else Action.NONE)
 
 
-def _battery(warning: int, action: int) -> list[Decision]:
-    if warning == 1:
-        return [Decision(Action.WARN, Cause.BATTERY_LOW)]
-    if warning == 2 and action in (2, 3):
-        return [Decision(Action.LAND if action == 2 else Action.RTL, Cause.BATTERY_CRITICAL, True)]
-    if warning >= 3 and action in (2, 3):
-        return [Decision(Action.LAND, Cause.BATTERY_EMERGENCY, True)]
-    return [Decision(Action.WARN, Cause.BATTERY_CRITICAL)] if warning else []
+def _runnable(action: Action, can_run: Callable[[NavState], bool]) -> Action:
+    if action not in _LADDER:
+        return action
+    for each in _LADDER[_LADDER.index(action) :]:
+        if each is Action.DESCEND or can_run(ACTION_MODES[each]):
+            return each
+    return Action.DESCEND

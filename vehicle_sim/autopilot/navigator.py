@@ -6,9 +6,13 @@ import math
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body, Vector
+from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.mission.executor import Mission
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.own_commands import CHANGE_SPEED, OwnCommands
 from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
@@ -28,15 +32,30 @@ WITHOUT_TASK = frozenset(
 class Navigator:
     """Trajectories of one vehicle."""
 
-    def __init__(self, body: Body, announcer: Announcer, row: SetpointRow, home: Home) -> None:
+    def __init__(
+        self,
+        body: Body,
+        announcer: Announcer,
+        row: SetpointRow,
+        home: Home,
+        plans: Plans,
+        commands: OwnCommands,
+    ) -> None:
         self._body = body
+        self._announcer = announcer
         self._row = row
+        self._commands = commands
         self.home = home
         self.path = Path(body, row)
         self._climb = Climb(body, announcer, self.path, home)
         self._descent = Descent(body, self.path, home)
-        self._return = ReturnHome(body, announcer, self.path, home, self._descent)
+        self._return = ReturnHome(body, announcer, self.path, home, self._descent, plans, commands)
         self._orbit = Orbit(body, announcer, self.path, row)
+        self.fence = FenceWatch(body, announcer, home, plans)
+        self.mission = Mission(
+            body, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
+        )
+        commands.serve({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
 
     # --- what commands ask for -------------------------------------------------------------------------
 
@@ -71,20 +90,53 @@ class Navigator:
         else:
             self.path.face(target_n, target_e)
 
+    def change_speed(self, kind: float, speed_m_s: float) -> None:
+        """DO_CHANGE_SPEED; what is no speed takes the parameters' again."""
+        value = speed_m_s if math.isfinite(speed_m_s) and speed_m_s > 0.0 else math.nan
+        which = int(kind) if math.isfinite(kind) else 0
+        if which in (0, 1):
+            self.path.cruise_m_s = value
+        elif which == 2:
+            self.path.climb_m_s = value
+        elif which == 3:
+            self.path.descent_m_s = value
+
     # --- modes -----------------------------------------------------------------------------------------
 
     def enter(self, mode: NavState, previous: NavState, *, in_air: bool) -> None:
         """Start a mode from where the vehicle is and how it moves."""
-        if previous is not NavState.TAKEOFF or mode is not NavState.HOLD:
+        if previous is NavState.MISSION and self.mission.active:
+            self.mission.leave()
+        stays = previous is NavState.TAKEOFF or (previous is NavState.MISSION and self.mission.finished)
+        if not stays or mode is not NavState.HOLD:
             self.path.restart(in_air=in_air, goes_on=previous not in WITHOUT_TASK)
             if mode is NavState.HOLD and in_air:
                 self.path.target_ned_m = self._stopping_place()
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:
-            self._return.enter()
+            self.path.cruise_m_s = math.nan
+            self._commands.park_gimbal()
+            self._return.enter(self.mission.current)
+        elif mode is NavState.LAND:
+            self._commands.park_gimbal()
         elif mode is NavState.ORBIT:
             self._orbit.enter()
+        elif mode is NavState.MISSION:
+            self.mission.enter()
+
+    def think(self, mode: NavState, *, landed: bool) -> None:
+        """One tick of what a mode decides, also on the ground, where nothing moves."""
+        if mode is NavState.MISSION:
+            self.mission.update(landed=landed)
+        elif mode is NavState.RTL and landed:
+            self._return.notice_landing()
+
+    def watch(self, *, armed: bool, landed: bool) -> None:
+        """One tick of what goes on in every mode: fence and plans."""
+        self.fence.update()
+        self.mission.notice(armed=armed)
+        self._return.notice_rally()
 
     def _stopping_place(self) -> Vector:
         """Where Hold stays: as far ahead as braking takes, at this height."""
@@ -112,6 +164,8 @@ class Navigator:
         down = self.path.target_ned_m[2]
         if mode is NavState.TAKEOFF:
             return True
+        if mode is NavState.MISSION:
+            return self.mission.taking_off
         if mode is NavState.RTL and self.landing:
             return False
         if mode in (NavState.HOLD, NavState.RTL) and down is not None:
@@ -122,6 +176,8 @@ class Navigator:
         """Whether the mode is on its way down, so that contact may be landing."""
         if mode is NavState.RTL:
             return self._return.phase in (ReturnPhase.DESCEND, ReturnPhase.LAND)
+        if mode is NavState.MISSION:
+            return self.mission.landing
         return mode not in (NavState.TAKEOFF, NavState.HOLD, NavState.ORBIT, NavState.FOLLOW)
 
     def run(self, mode: NavState, *, flying: bool) -> None:
@@ -134,7 +190,9 @@ class Navigator:
             self._return.run(flying)
         elif mode is NavState.ORBIT:
             self._orbit.run(flying)
-        elif mode in (NavState.HOLD, NavState.FOLLOW, NavState.MISSION):
+        elif mode is NavState.MISSION and self.mission.active:
+            self.mission.run(flying)
+        elif mode in (NavState.HOLD, NavState.FOLLOW):
             self.path.fly_to_target(flying)
         else:
             self.sink()

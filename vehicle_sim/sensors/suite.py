@@ -82,6 +82,7 @@ class SensorSuite:
         self._noise = noise
         self._steps = 0
         self._gps_enabled = np.ones(count, dtype=np.bool_)
+        self._gps_stuck = np.zeros(count, dtype=np.bool_)
         self._satellites = np.full(count, 10, dtype=np.int64)
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
@@ -130,6 +131,10 @@ class SensorSuite:
         """Cover the antenna of vehicle `i`: its receiver goes on reporting, without a fix."""
         self._gps_enabled[i] = enabled
 
+    def set_gps_stuck(self, i: int, stuck: bool) -> None:
+        """Let the receiver of vehicle `i` repeat its last fix for ever, or measure again."""
+        self._gps_stuck[i] = stuck
+
     def sample(self, truth: TruthState, matrix: FloatArray, armed: BoolArray) -> None:
         """Take this step's samples.
 
@@ -174,11 +179,13 @@ class SensorSuite:
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )
         fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
-        np.copyto(state.gps_lat_deg, lat, where=fixed)
-        np.copyto(state.gps_lon_deg, lon, where=fixed)
-        np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=fixed)
+        measured = fixed & ~self._gps_stuck
+        np.copyto(state.gps_lat_deg, lat, where=measured)
+        np.copyto(state.gps_lon_deg, lon, where=measured)
+        np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=measured)
         velocity = truth.velocity_ned_m_s + self._white(GPS_VELOCITY_NOISE_M_S)
-        state.gps_velocity_ned_m_s[:] = np.where(fixed[:, None], velocity, 0.0)
+        velocity = np.where(fixed[:, None], velocity, 0.0)
+        np.copyto(state.gps_velocity_ned_m_s, velocity, where=(measured | ~fixed)[:, None])
         state.gps_satellites[:] = np.where(self._gps_enabled, self._satellites, 0)
         state.gps_fix_type[:] = np.where(fixed, 3, 0)
         state.gps_horizontal_accuracy_m[:] = np.where(fixed, GPS_HORIZONTAL_ACCURACY_M, 100.0)

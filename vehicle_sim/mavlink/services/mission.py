@@ -19,6 +19,7 @@ from vehicle_sim.mavlink.services.mission_items import ACCEPTED, ALL, CAPACITY, 
 RETRY_S = 0.26
 """As measured between repeated requests; configured are 0.25 s."""
 TIMEOUT_S = 5.0
+REACHED_EVERY_S = 1.0
 LOUD = 2
 """MAV_SEVERITY_CRITICAL."""
 ITEM_FIELDS = ("frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x",
@@ -62,7 +63,9 @@ class MissionService:
         self._context = context
         self._plans: dict[int, list[dict[str, Any]]] = {kind: [] for kind in CAPACITY}
         self._ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
-        self._current = 0
+        self._flight = context.autopilot.navigator.mission
+        self._told_reached = 0
+        self._reached_again_s = 0.0
         self._exchanges: dict[str, _Exchange] = {}
         self.handlers = {
             "MISSION_REQUEST_LIST": self.request_list,
@@ -89,9 +92,19 @@ class MissionService:
         """MISSION_CURRENT, 1 Hz."""
         count = len(self._plans[MISSION])
         link.send(
-            "MISSION_CURRENT", seq=self._current, total=count or 65535, mission_id=self._ids[MISSION],
-            fence_id=self._ids[items.FENCE], rally_points_id=self._ids[items.RALLY],
+            "MISSION_CURRENT", seq=self._flight.current if count else 0, total=count or 65535,
+            mission_id=self._ids[MISSION], fence_id=self._ids[items.FENCE],
+            rally_points_id=self._ids[items.RALLY],
         )  # fmt: skip
+
+    def _send_reached(self) -> None:
+        """MISSION_ITEM_REACHED, at once and then every second."""
+        flight, now_s = self._flight, self._context.body.time_s
+        if flight.reached is None:
+            self._told_reached = flight.reached_count
+        elif self._told_reached != flight.reached_count or now_s >= self._reached_again_s:
+            self._told_reached, self._reached_again_s = flight.reached_count, now_s + REACHED_EVERY_S
+            self._context.broadcast("MISSION_ITEM_REACHED", seq=flight.reached)
 
     # --- download --------------------------------------------------------------------------------------
 
@@ -231,7 +244,7 @@ class MissionService:
         if exchange.state is not _State.IDLE:
             self._say("WPM: IGN WP CURR CMD: Busy", "mavlink_mission_state_busy")
         elif message.seq < len(self._plans[MISSION]):
-            self._current = message.seq
+            self._flight.set_current(message.seq)
         else:
             self._say("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
 
@@ -250,6 +263,7 @@ class MissionService:
         for exchange in self._exchanges.values():
             if exchange.state is not _State.IDLE:
                 self._tend(exchange)
+        self._send_reached()
 
     def _tend(self, exchange: _Exchange) -> None:
         now_s = self._context.body.time_s
@@ -272,8 +286,7 @@ class MissionService:
     def _store(self, kind: int, plan: list[dict[str, Any]]) -> None:
         self._plans[kind] = plan
         self._ids[kind] = items.opaque_id(plan)
-        if kind == MISSION:
-            self._current = next((n for n, item in enumerate(plan) if item["current"]), 0)
+        self._context.autopilot.plans.store(kind, plan)
 
     def _ack(self, link: Link, to: tuple[int, int], result: int, kind: int) -> None:
         link.send(

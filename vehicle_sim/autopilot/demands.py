@@ -1,0 +1,155 @@
+"""Which action each thing that can go wrong asks for, by PX4's parameters; pure, one function a reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Demand, Takeover
+from vehicle_sim.autopilot.modes import NavState
+
+_LATCH = Clear.ON_MODE_CHANGE
+_LINK_LOSS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
+"""NAV_DLL_ACT and NAV_RCL_ACT."""
+_FENCE = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
+"""GF_ACTION."""
+_WIND = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
+"""COM_WIND_MAX_ACT."""
+_MOTOR = {0: Action.WARN, 1: Action.HOLD, 2: Action.LAND, 3: Action.RTL, 4: Action.TERMINATE}
+"""COM_ACT_FAIL_ACT."""
+_OFFBOARD = {
+    0: Action.FALLBACK_POSITION, 1: Action.FALLBACK_ALTITUDE, 2: Action.FALLBACK_STABILIZED, 3: Action.RTL,
+    4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM,
+}  # fmt: skip
+"""COM_OBL_RC_ACT."""
+_EXCEPT_MISSION, _EXCEPT_HOLD, _EXCEPT_OFFBOARD = 1, 2, 4
+"""Bits of COM_RCL_EXCEPT and COM_DLL_EXCEPT."""
+_HOLD_LIKE = frozenset(
+    {NavState.HOLD, NavState.TAKEOFF, NavState.LAND, NavState.RTL, NavState.DESCEND, NavState.FOLLOW,
+     NavState.PRECISION_LAND, NavState.ORBIT}
+)  # fmt: skip
+RC_IN_DISABLED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What may be wrong with an armed vehicle, and the parameters that say what to do then."""
+
+    mode: NavState
+    """The mode asked for."""
+    offboard_lost: bool = False
+    offboard_loss_action: int = 0
+    position_lost: bool = False
+    """The mode needs a position and there is none."""
+    sticks: bool = False
+    """Somebody steers by hand."""
+    position_loss_lands: bool = False
+    """COM_POSCTL_NAVL: land, where sticks could still hold the altitude."""
+    manual_lost: bool = False
+    """There were sticks since arming, and there are no more."""
+    manual_loss_action: int = 0
+    manual_loss_except: int = 0
+    gcs_lost: bool = False
+    gcs_loss_action: int = 0
+    gcs_loss_except: int = 0
+    battery_warning: int = 0
+    low_battery_action: int = 0
+    fence_breached: bool = False
+    fence_action: int = 0
+    wind_too_high: bool = False
+    wind_action: int = 0
+    flight_time_over: bool = False
+    attitude_failure: bool = False
+    just_armed: bool = False
+    """Within three seconds after spool-up."""
+    may_terminate: bool = False
+    """CBRK_FLIGHTTERM is not set."""
+    motor_failure: bool = False
+    motor_action: int = 0
+    mission_failed: bool = False
+
+
+def demands(c: Conditions) -> list[Demand]:
+    """Everything that is wrong now."""
+    found = [*_links(c), *_limits(c), *_battery(c.battery_warning, c.low_battery_action), *_failures(c)]
+    fallback = _mode_fallback(c)
+    if fallback is not Action.NONE:
+        found.append(Demand("mode", fallback, takeover=Takeover.ALWAYS))
+    return found
+
+
+def _strict(name: str, action: Action, cause: Cause = Cause.GENERIC) -> Demand:
+    """Termination and disarming are final; the rest lasts until somebody chooses a mode."""
+    if action is Action.TERMINATE:
+        return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
+    if action is Action.DISARM:
+        return Demand(name, action, cause, takeover=Takeover.NEVER)
+    return Demand(name, action, cause, Clear.WHEN_GONE if action is Action.WARN else _LATCH)
+
+
+def _excepted(mode: NavState, bits: int) -> bool:
+    if mode is NavState.MISSION:
+        return bool(bits & _EXCEPT_MISSION)
+    if mode is NavState.OFFBOARD:
+        return bool(bits & _EXCEPT_OFFBOARD)
+    return mode in _HOLD_LIKE and bool(bits & _EXCEPT_HOLD)
+
+
+def _links(c: Conditions) -> list[Demand]:
+    found: list[Demand] = []
+    if c.manual_lost and c.manual_loss_action in _LINK_LOSS and not _excepted(c.mode, c.manual_loss_except):
+        found.append(_strict("manual", _LINK_LOSS[c.manual_loss_action], Cause.MANUAL_CONTROL_LOSS))
+    landing = c.mode in (NavState.LAND, NavState.PRECISION_LAND)
+    gcs_counts = not landing and not _excepted(c.mode, c.gcs_loss_except)
+    if c.gcs_lost and gcs_counts and c.gcs_loss_action in _LINK_LOSS:
+        found.append(_strict("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS))
+    return found
+
+
+def _limits(c: Conditions) -> list[Demand]:
+    found: list[Demand] = []
+    if c.fence_breached and c.fence_action in _FENCE:
+        found.append(_strict("fence", _FENCE[c.fence_action]))
+    if c.wind_too_high and c.wind_action in _WIND:
+        found.append(_strict("wind", _WIND[c.wind_action]))
+    if c.flight_time_over:
+        found.append(Demand("flight time", Action.RTL))
+    if c.mission_failed and c.mode is NavState.MISSION:
+        found.append(Demand("mission", Action.RTL))
+    return found
+
+
+def _battery(warning: int, action: int) -> list[Demand]:
+    """COM_LOW_BAT_ACT: 0 warn, 2 land, 3 return when critical and land in an emergency."""
+    acts = action in (2, 3)
+    levels = (
+        Demand("battery low", Action.WARN, Cause.BATTERY_LOW),
+        Demand("battery critical",
+               (Action.RTL if action == 3 else Action.LAND) if acts else Action.WARN, Cause.BATTERY_CRITICAL),
+        Demand("battery emergency", Action.LAND if acts else Action.WARN, Cause.BATTERY_EMERGENCY),
+    )  # fmt: skip
+    return list(levels[: max(0, min(warning, 3))])
+
+
+def _failures(c: Conditions) -> list[Demand]:
+    found: list[Demand] = []
+    if c.attitude_failure:
+        action = Action.TERMINATE if c.may_terminate else Action.WARN
+        found.append(_strict("attitude", Action.DISARM if c.just_armed else action))
+    if c.motor_failure:
+        action = _MOTOR.get(c.motor_action, Action.WARN)
+        clear = Clear.WHEN_GONE if action in (Action.WARN, Action.HOLD) else _LATCH
+        found.append(
+            _strict("motor", action) if action is Action.TERMINATE else Demand("motor", action, clear=clear)
+        )
+    return found
+
+
+def _mode_fallback(c: Conditions) -> Action:
+    if c.mode is NavState.OFFBOARD and c.offboard_lost:
+        return _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
+    if not c.position_lost:
+        return Action.NONE
+    by_hand = c.mode in (NavState.POSITION, NavState.POSITION_SLOW)
+    if by_hand and c.sticks and not c.position_loss_lands:
+        return Action.FALLBACK_ALTITUDE
+    return Action.DESCEND

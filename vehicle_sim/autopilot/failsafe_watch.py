@@ -1,0 +1,148 @@
+"""From the vehicle's state to a failsafe decision, and the words PX4 says about it."""
+
+from __future__ import annotations
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.checks import Checks
+from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, demands
+from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Failsafe
+from vehicle_sim.autopilot.fence_watch import FenceWatch
+from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
+from vehicle_sim.autopilot.offboard import Kind, Offboard
+
+_WARNINGS = {
+    Cause.BATTERY_LOW: "commander_failsafe_enter_low_bat",
+    Cause.BATTERY_CRITICAL: "commander_failsafe_enter_crit_bat_warn",
+    Cause.BATTERY_EMERGENCY: "commander_failsafe_enter_crit_low_bat_warn",
+}
+
+
+class FailsafeWatch:
+    """The failsafe of one vehicle."""
+
+    def __init__(
+        self,
+        body: Body,
+        announcer: Announcer,
+        checks: Checks,
+        offboard: Offboard,
+        fence: FenceWatch,
+        monitors: Monitors,
+    ) -> None:
+        self._body, self._announcer, self._checks = body, announcer, checks
+        self._offboard, self._fence, self._monitors = offboard, fence, monitors
+        self._machine = Failsafe()
+        self._had_sticks = False
+        self.decision = Decision()
+
+    def reset(self) -> None:
+        """Disarmed."""
+        self._machine.reset()
+        self._had_sticks = False
+        self.decision = Decision()
+
+    def mode_chosen(self) -> None:
+        """The operator chose a mode."""
+        self._machine.mode_chosen()
+
+    def update(self, intended: NavState, *, armed_for_s: float, acts: bool, mission_failed: bool) -> Decision:
+        """Decide, and say what changed.
+
+        Args:
+            acts: the vehicle flies (or has flown), so that something may be done about it.
+        """
+        self._had_sticks = self._had_sticks or self._checks.manual_control()
+        wanted = demands(self._conditions(intended, armed_for_s, mission_failed)) if acts else []
+        before = self.decision
+        self.decision = self._machine.update(
+            self._body.time_s,
+            wanted,
+            intended=intended,
+            can_run=lambda mode: self._can_run(intended, mode),
+            delay_s=self._body.parameter("COM_FAIL_ACT_T"),
+        )
+        if self.decision != before:
+            self._tell(before, self.decision, intended)
+        return self.decision
+
+    def _can_run(self, intended: NavState, mode: NavState) -> bool:
+        needs = MODES[mode]
+        return self._body.belief.valid_position or not needs.needs_position
+
+    def _conditions(self, mode: NavState, armed_for_s: float, mission_failed: bool) -> Conditions:
+        body, checks, monitors = self._body, self._checks, self._monitors
+        sticks = checks.manual_control()
+        early_s = body.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
+        return Conditions(
+            mode=mode,
+            offboard_lost=not self._offboard.signal(),
+            offboard_loss_action=body.choice("COM_OBL_RC_ACT"),
+            position_lost=self._needs_position(mode) and not body.belief.valid_position,
+            sticks=sticks,
+            position_loss_lands=body.choice("COM_POSCTL_NAVL") == 1,
+            manual_lost=self._had_sticks and not sticks and body.choice("COM_RC_IN_MODE") != RC_IN_DISABLED,
+            manual_loss_action=body.choice("NAV_RCL_ACT"),
+            manual_loss_except=body.choice("COM_RCL_EXCEPT"),
+            gcs_lost=checks.gcs_lost(),
+            gcs_loss_action=body.choice("NAV_DLL_ACT"),
+            gcs_loss_except=body.choice("COM_DLL_EXCEPT"),
+            battery_warning=checks.battery_warning,
+            low_battery_action=body.choice("COM_LOW_BAT_ACT"),
+            fence_breached=bool(self._fence.breached),
+            fence_action=body.choice("GF_ACTION"),
+            wind_too_high=monitors.wind_too_high,
+            wind_action=body.choice("COM_WIND_MAX_ACT"),
+            flight_time_over=monitors.flight_time_over,
+            attitude_failure=monitors.attitude_failure,
+            just_armed=armed_for_s < early_s,
+            may_terminate=body.choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
+            motor_failure=monitors.motor_failure,
+            motor_action=body.choice("COM_ACT_FAIL_ACT"),
+            mission_failed=mission_failed,
+        )
+
+    def _needs_position(self, mode: NavState) -> bool:
+        if mode is NavState.OFFBOARD:
+            return self._offboard.setpoint.kind in (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
+        return MODES[mode].needs_position
+
+    def _tell(self, before: Decision, now: Decision, intended: NavState) -> None:
+        custom, delay_s = MODES[intended].custom_mode, self._body.parameter("COM_FAIL_ACT_T")
+        announcer = self._announcer
+        if now.action is Action.NONE or (now.pending and before.pending):
+            return
+        if now.action is Action.WARN:
+            if before.action <= Action.WARN:
+                self._warn(now.cause, custom)
+            return
+        if now.pending:
+            text = f"Failsafe activated: entering Hold for {delay_s:.0f} seconds"
+            if now.cause is Cause.GENERIC:
+                name, form, values = "commander_failsafe_enter_generic_hold", "IBH", (int(delay_s),)
+            else:
+                name, form, values = "commander_failsafe_enter_hold", "IBHB", (int(delay_s), now.cause)
+            announcer.both(2, text, name, form, custom, now.pending, *values)
+            return
+        if now.action == before.action and not before.pending:
+            return
+        if now.cause is not Cause.GENERIC:
+            announcer.both(
+                2, "Failsafe activated", "commander_failsafe_enter", "IBB", custom, now.action, now.cause
+            )
+            return
+        name = "commander_failsafe_enter_generic"
+        if now.action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED):
+            name = "commander_failsafe_enter_autopilot_disengaged"
+        announcer.both(2, "Failsafe activated", name, "IB", custom, now.action)
+
+    def _warn(self, cause: Cause, custom: int) -> None:
+        if cause in _WARNINGS:
+            self._announcer.both(2, "Failsafe activated", _WARNINGS[cause])
+        elif cause is Cause.GENERIC:
+            name = "commander_failsafe_enter_generic_warn"
+            self._announcer.both(2, "Failsafe activated", name, "I", custom)
+        else:
+            name = "commander_failsafe_enter_warn"
+            self._announcer.both(2, "Failsafe activated", name, "IB", custom, cause)

@@ -1,0 +1,78 @@
+"""Watches the fence in flight, as PX4 does five times a second."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside, read_zones
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.plans import FENCE, Plans
+from vehicle_sim.geodesy import to_global
+
+INTERVAL_S = 0.2
+
+
+class FenceWatch:
+    """The fence of one vehicle."""
+
+    def __init__(self, body: Body, announcer: Announcer, home: Home, plans: Plans) -> None:
+        self._body, self._announcer, self._home, self._plans = body, announcer, home, plans
+        self.zones: tuple[Zone, ...] = ()
+        self.breached: frozenset[Breach] = frozenset()
+        self._revision = 0
+        self._checked_at_s = -math.inf
+
+    def cylinder(self) -> Cylinder:
+        """The limits about home."""
+        radius, height = self.limits()
+        home = self._home
+        return Cylinder(home.lat_deg, home.lon_deg, home.alt_amsl_m, radius, height)
+
+    def limits(self) -> tuple[float, float]:
+        """GF_MAX_HOR_DIST and GF_MAX_VER_DIST."""
+        return self._body.parameter("GF_MAX_HOR_DIST"), self._body.parameter("GF_MAX_VER_DIST")
+
+    @property
+    def active(self) -> bool:
+        """GF_ACTION is not "none"."""
+        return self._body.choice("GF_ACTION") != 0
+
+    def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
+        """Whether a place may be commanded."""
+        return not self.active or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
+
+    def update(self) -> None:
+        """Call each tick."""
+        if self._revision != self._plans.revision(FENCE):
+            self._revision = self._plans.revision(FENCE)
+            self.zones = read_zones(self._plans.items(FENCE))
+            self._check_against_home()
+        now_s, belief = self._body.time_s, self._body.belief
+        if now_s - self._checked_at_s < INTERVAL_S:
+            return
+        self._checked_at_s = now_s
+        if not belief.valid_position or not math.isfinite(belief.lat_deg):
+            return
+        lat, lon, alt = self._point()
+        self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt) if self.active else frozenset()
+
+    def _point(self) -> tuple[float, float, float]:
+        """Where the vehicle is, or with GF_PREDICT where it could stop."""
+        belief = self._body.belief
+        if self._body.choice("GF_PREDICT") != 1:
+            return belief.lat_deg, belief.lon_deg, belief.alt_amsl_m
+        vn, ve, _ = belief.velocity_ned_m_s
+        speed = math.hypot(vn, ve)
+        acceleration, jerk = self._body.parameter("MPC_ACC_HOR"), self._body.parameter("MPC_JERK_AUTO")
+        ahead_s = speed / (2.0 * max(acceleration, 0.1)) + acceleration / max(jerk, 0.1)
+        origin_lat, origin_lon, _ = self._body.origin
+        north, east, _ = belief.position_ned_m
+        lat, lon = to_global(north + vn * ahead_s, east + ve * ahead_s, origin_lat, origin_lon)  # type: ignore[arg-type]
+        return float(lat), float(lon), belief.alt_amsl_m
+
+    def _check_against_home(self) -> None:
+        if self.zones and self._home.valid and not inside(self.zones, self._home.lat_deg, self._home.lon_deg):
+            text = "Geofence invalid, doesn't contain Home position"
+            self._announcer.both(2, text, "navigator_geofence_invalid_against_home")

@@ -1,0 +1,115 @@
+"""The fence: uploaded polygons and circles, and the cylinder about home; what lies inside by PX4's rules."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from vehicle_sim.autopilot.mission.items import Item
+from vehicle_sim.geodesy import to_local
+
+POLYGON_INCLUSION, POLYGON_EXCLUSION, CIRCLE_INCLUSION, CIRCLE_EXCLUSION = 5001, 5002, 5003, 5004
+
+
+class Breach(Enum):
+    """Which part of the fence is violated."""
+
+    ZONE = "zone"
+    DISTANCE = "distance"
+    ALTITUDE = "altitude"
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """A polygon (three corners or more) or a circle (one corner and a radius)."""
+
+    inclusion: bool
+    corners: tuple[tuple[float, float], ...]
+    """Latitude and longitude in degrees."""
+    radius_m: float = 0.0
+
+    def contains(self, lat_deg: float, lon_deg: float) -> bool:
+        """Whether a point lies inside."""
+        if len(self.corners) == 1:
+            lat, lon = self.corners[0]
+            return distance_m(lat_deg, lon_deg, lat, lon) < self.radius_m
+        return _in_polygon(self.corners, lat_deg, lon_deg)
+
+
+def read_zones(items: Sequence[Item]) -> tuple[Zone, ...]:
+    """Zones of an uploaded fence; what is no whole polygon or circle counts for nothing."""
+    zones: list[Zone] = []
+    k = 0
+    while k < len(items):
+        item = items[k]
+        if item.command in (CIRCLE_INCLUSION, CIRCLE_EXCLUSION):
+            zones.append(
+                Zone(item.command == CIRCLE_INCLUSION, ((item.lat_deg, item.lon_deg),), item.parameters[0])
+            )
+            k += 1
+        elif item.command in (POLYGON_INCLUSION, POLYGON_EXCLUSION):
+            count = int(item.parameters[0]) if math.isfinite(item.parameters[0]) else 0
+            corners = items[k : k + max(count, 1)]
+            if count >= 3 and len(corners) == count and all(c.command == item.command for c in corners):
+                zones.append(
+                    Zone(item.command == POLYGON_INCLUSION, tuple((c.lat_deg, c.lon_deg) for c in corners))
+                )
+            k += max(count, 1)
+        else:
+            k += 1
+    return tuple(zones)
+
+
+def inside(zones: Sequence[Zone], lat_deg: float, lon_deg: float) -> bool:
+    """Within one of the inclusion zones (where there are any) and in no exclusion zone."""
+    inclusions = [zone for zone in zones if zone.inclusion]
+    if inclusions and not any(zone.contains(lat_deg, lon_deg) for zone in inclusions):
+        return False
+    return not any(zone.contains(lat_deg, lon_deg) for zone in zones if not zone.inclusion)
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """GF_MAX_HOR_DIST and GF_MAX_VER_DIST about home; 0: no limit."""
+
+    home_lat_deg: float
+    home_lon_deg: float
+    home_alt_amsl_m: float
+    radius_m: float
+    height_m: float
+
+
+def breaches(
+    zones: Sequence[Zone], cylinder: Cylinder, lat_deg: float, lon_deg: float, alt_amsl_m: float
+) -> frozenset[Breach]:
+    """What a place violates."""
+    found: set[Breach] = set()
+    if not inside(zones, lat_deg, lon_deg):
+        found.add(Breach.ZONE)
+    if math.isfinite(cylinder.home_lat_deg):
+        away_m = distance_m(lat_deg, lon_deg, cylinder.home_lat_deg, cylinder.home_lon_deg)
+        if cylinder.radius_m > 0.0 and away_m > cylinder.radius_m:
+            found.add(Breach.DISTANCE)
+        if cylinder.height_m > 0.0 and alt_amsl_m - cylinder.home_alt_amsl_m > cylinder.height_m:
+            found.add(Breach.ALTITUDE)
+    return frozenset(found)
+
+
+def distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_deg: float) -> float:
+    """Between two places on the ground."""
+    n, e = to_local(lat_deg, lon_deg, other_lat_deg, other_lon_deg)  # type: ignore[arg-type]
+    return math.hypot(float(n), float(e))
+
+
+def _in_polygon(corners: Sequence[tuple[float, float]], lat_deg: float, lon_deg: float) -> bool:
+    crossings = False
+    lat_b, lon_b = corners[-1]
+    for lat_a, lon_a in corners:
+        if (lon_a >= lon_deg) != (lon_b >= lon_deg) and lat_deg <= (lat_b - lat_a) * (lon_deg - lon_a) / (
+            lon_b - lon_a
+        ) + lat_a:
+            crossings = not crossings
+        lat_b, lon_b = lat_a, lon_a
+    return crossings

@@ -1,0 +1,377 @@
+"""Mission mode: which item is current, what it makes the vehicle do, and when it is done."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body, Vector
+from vehicle_sim.autopilot.fence_watch import FenceWatch
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.mission import feasibility
+from vehicle_sim.autopilot.mission.heading import Heading
+from vehicle_sim.autopilot.mission.items import (
+    CHANGE_SPEED,
+    DELAY,
+    GATE,
+    GIMBAL_ITEMS,
+    JUMP,
+    LAND,
+    LAND_START,
+    LOITER_UNLIMITED,
+    RETURN,
+    TAKEOFF,
+    WAYPOINT,
+    Item,
+)
+from vehicle_sim.autopilot.mission.leg import Leg
+from vehicle_sim.autopilot.own_commands import OwnCommands
+from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.plans import FENCE, MISSION, Plans
+from vehicle_sim.autopilot.tasks.climb import Climb
+from vehicle_sim.autopilot.tasks.descent import Descent
+from vehicle_sim.autopilot.trajectory import wrap_pi
+from vehicle_sim.geodesy import to_local
+
+ITEMS_PER_TICK = 20
+"""Items without a place follow each other at once; a loop of jumps still ends the tick."""
+
+
+class Work(Enum):
+    """What is being done for the current item."""
+
+    NONE = "none"
+    TAKEOFF = "takeoff"
+    FLY = "fly"
+    LAND = "land"
+    WAIT = "wait"
+
+
+class Mission:
+    """The mission of one vehicle: `update` each tick in Mission mode, `run` while it may fly."""
+
+    def __init__(
+        self,
+        body: Body,
+        announcer: Announcer,
+        path: Path,
+        home: Home,
+        plans: Plans,
+        fence: FenceWatch,
+        commands: OwnCommands,
+        climb: Climb,
+        descent: Descent,
+    ) -> None:
+        self._body, self._announcer, self._path, self._home = body, announcer, path, home
+        self._plans, self._fence, self._commands = plans, fence, commands
+        self._climb, self._descent = climb, descent
+        self._leg = Leg(body, path)
+        self.heading = Heading(body, path, home)
+        self.current = 0
+        self.reached: int | None = None
+        self.reached_count = 0
+        """Rises with each item reached, so that it can be told at once."""
+        self.finished = False
+        self.failed = False
+        """A heading was asked for and not reached in time."""
+        self.active = False
+        self._work = Work.NONE
+        self._arrived_at_s = math.nan
+        self._jumps: dict[int, int] = {}
+        self._revision = 0
+        self._needs_takeoff = True
+        self._disarmed_since = False
+        self._judged: tuple[object, bool] = (None, False)
+
+    # --- the plan --------------------------------------------------------------------------------------
+
+    @property
+    def _items(self) -> tuple[Item, ...]:
+        return self._plans.mission
+
+    def valid(self, *, landed: bool) -> bool:
+        """Whether there is a mission that may be flown; says once why not."""
+        key = (
+            self._plans.revision(MISSION), self._plans.revision(FENCE), self._home.set_at_us,
+            self._home.valid, self._fence.limits(),
+        )  # fmt: skip
+        if self._judged[0] != key:
+            self._judged = (key, self._judge(landed))
+        return self._judged[1]
+
+    def _judge(self, landed: bool) -> bool:
+        if not self._items:
+            return False
+        findings = feasibility.check(
+            self._items,
+            feasibility.Surroundings(
+                home_valid=self._home.valid,
+                home_alt_amsl_m=self._home.alt_amsl_m,
+                altitude_acceptance_m=self._body.parameter("NAV_MC_ALT_RAD"),
+                zones=self._fence.zones,
+                cylinder=self._fence.cylinder(),
+                landed=landed,
+                required=self._body.optional_choice("MIS_TKO_LAND_REQ", 0),
+                fence_active=self._body.choice("GF_ACTION") != 0,
+            ),
+        )
+        for finding in findings:
+            self._announcer.event(finding.event, finding.argument_format, *finding.arguments)
+        return not any(finding.rejects for finding in findings)
+
+    def notice(self, *, armed: bool) -> None:
+        """Each tick in any mode: take over a plan that was changed."""
+        self._disarmed_since = self._disarmed_since or not armed
+        if self._revision != self._plans.revision(MISSION):
+            self._revision = self._plans.revision(MISSION)
+            self.current = self._plans.start_seq
+            self.reached, self.finished, self.failed = None, False, False
+            self._jumps.clear()
+            self._work = Work.NONE
+
+    def set_current(self, seq: int) -> bool:
+        """Go on with another item."""
+        if not 0 <= seq < len(self._items):
+            return False
+        self.current, self.finished = seq, False
+        self._work = Work.NONE
+        return True
+
+    # --- the mode --------------------------------------------------------------------------------------
+
+    def enter(self) -> None:
+        """Start, or go on where it was left."""
+        if self._disarmed_since and self.current + 1 >= len(self._items):
+            self.current, self.finished, self.reached = 0, False, None
+            self._jumps.clear()
+        self.active, self.failed, self._disarmed_since = True, False, False
+        self._work, self._needs_takeoff = Work.NONE, True
+        self._path.cruise_m_s = math.nan
+        self._leg.restart()
+        self.heading.reset()
+        self._announcer.both(6, "Executing Mission", "mission_execute")
+        self._replay()
+
+    def leave(self) -> None:
+        """Another mode took over: triggers stop, the gimbal is given back."""
+        self.active = False
+        self._work = Work.NONE
+        self._commands.stop_triggering()
+        self._commands.release_gimbal()
+
+    def _replay(self) -> None:
+        """What earlier items had set and still holds: speed, then the gimbal."""
+        speeds = [item for item in self._items[: self.current] if item.command == CHANGE_SPEED]
+        gimbal = [item for item in self._items[: self.current] if item.command in GIMBAL_ITEMS]
+        for item in [*speeds[-1:], *gimbal[-1:]]:
+            self._issue(item)
+
+    def update(self, *, landed: bool) -> None:
+        """One tick: begin items, and go on to the next when they are done."""
+        if self.finished or not self.valid(landed=landed):
+            return
+        for _ in range(ITEMS_PER_TICK):
+            item = self._items[self.current]
+            if item.command == JUMP and self._work is Work.NONE:
+                if not self._jump(item):
+                    break
+                continue
+            if self._work is Work.NONE:
+                self._begin(item, landed)
+            if not self._done(item, landed):
+                break
+            if not self._complete(item, landed):
+                break
+
+    def _begin(self, item: Item, landed: bool) -> None:
+        self._arrived_at_s = math.nan
+        if not item.is_position:
+            self._work = Work.WAIT
+            if item.command not in (LAND_START, GATE):
+                self._issue(item)
+            if item.command == GATE:
+                self._fly_to(self._place(item), self._next_place(self.current), item)
+            return
+        takeoff_amsl_m = self._takeoff_altitude(item, landed)
+        if self._needs_takeoff and self._must_climb(item, takeoff_amsl_m, landed):
+            self._needs_takeoff = False
+            self._work = Work.TAKEOFF
+            self._climb.begin(takeoff_amsl_m)
+            above_home = takeoff_amsl_m - self._home.alt_amsl_m
+            text = f"Climb to {above_home:.1f} meters above home"
+            self._announcer.both(6, text, "mission_climb_before_start", "f", above_home)
+            return
+        self._needs_takeoff = False
+        self._work = Work.FLY
+        place = self._place(item)
+        if item.command == LAND:
+            place = (place[0], place[1], self._path.position_ned_m[2])
+        self._fly_to(place, self._next_place(self.current), item)
+
+    def _fly_to(self, place: Vector, onward: Vector | None, item: Item) -> None:
+        if item.seconds() > 0.0 or item.command in (LAND, LOITER_UNLIMITED):
+            onward = None
+        self._leg.set(place, onward, self._acceptance(item))
+        self.heading.item_yaw_rad = item.yaw_rad()
+
+    def _jump(self, item: Item) -> bool:
+        """Follow a jump or pass it; False: the mission is over."""
+        target, repeats = int(item.parameters[0]), int(item.parameters[1])
+        done = self._jumps.get(self.current, 0)
+        if 0 <= target < len(self._items) and (repeats < 0 or done < repeats):
+            self._jumps[self.current] = done + 1
+            self.current = target
+            return True
+        self._jumps.pop(self.current, None)
+        return self._advance(landed=False)
+
+    # --- is it done ------------------------------------------------------------------------------------
+
+    def _done(self, item: Item, landed: bool) -> bool:
+        if self._work is Work.TAKEOFF:
+            if self._body.belief.alt_amsl_m > self._climb.goal_alt_amsl_m - self._altitude_acceptance(item):
+                self._work = Work.NONE
+                self._leg.restart()
+                self._begin(item, landed)
+                return self._done(item, landed)
+            return False
+        if self._work is Work.LAND:
+            return landed
+        if item.command == GATE:
+            return self._through_gate(item)
+        if item.is_position and not self._arrived(item):
+            return False
+        if item.command == LAND:
+            self._work = Work.LAND
+            return False
+        if item.command in (LOITER_UNLIMITED, RETURN):
+            return False
+        if math.isnan(self._arrived_at_s):
+            self._arrived_at_s = self._body.time_s
+        return self._body.time_s - self._arrived_at_s >= item.seconds()
+
+    def _arrived(self, item: Item) -> bool:
+        if math.isfinite(self._arrived_at_s):
+            return True
+        n, e, d = self._body.belief.position_ned_m
+        tn, te, td = self._leg.target_ned_m
+        if math.hypot(tn - n, te - e) > self._leg.acceptance_m:
+            return False
+        if item.command != LAND and abs(td - d) > self._body.parameter("NAV_MC_ALT_RAD"):
+            return False
+        return self._turned(item)
+
+    def _turned(self, item: Item) -> bool:
+        yaw = item.yaw_rad()
+        timeout_s = self._body.parameter("MIS_YAW_TMT")
+        if math.isnan(yaw) or timeout_s > 0.0 or self.heading.looks_elsewhere:
+            return True
+        off = abs(wrap_pi(yaw - self._body.belief.yaw_ned_rad))
+        return off < math.radians(self._body.parameter("MIS_YAW_ERR"))
+
+    def _through_gate(self, item: Item) -> bool:
+        onward = self._next_place(self.current)
+        if onward is None:
+            return True
+        gn, ge, _ = self._place(item)
+        n, e, _ = self._body.belief.position_ned_m
+        return (onward[0] - gn) * (n - gn) + (onward[1] - ge) * (e - ge) >= 0.0
+
+    def _complete(self, item: Item, landed: bool) -> bool:
+        self.reached = self.current
+        self.reached_count += 1
+        self._work = Work.NONE
+        if not item.autocontinue:
+            self._work = Work.WAIT
+            self._arrived_at_s = math.inf
+            return False
+        return self._advance(landed)
+
+    def _advance(self, landed: bool) -> bool:
+        if self.current + 1 < len(self._items):
+            self.current += 1
+            return True
+        self.finished = True
+        if landed:
+            self._announcer.both(6, "Mission finished, landed", "mission_finished")
+        else:
+            self._announcer.both(6, "Mission finished, loitering", "mission_finished_loiter")
+        return False
+
+    # --- places and commands ---------------------------------------------------------------------------
+
+    def _issue(self, item: Item) -> None:
+        parameters = item.command_parameters(self._home.alt_amsl_m)
+        self.heading.notice(item, parameters)
+        self._commands.send(item.command, *parameters, repeated=item.command != RETURN)
+
+    def _place(self, item: Item) -> Vector:
+        origin_lat, origin_lon, origin_alt = self._body.origin
+        n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+        return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
+
+    def _next_place(self, seq: int) -> Vector | None:
+        """The next item that is flown to, following jumps as they stand; None: the vehicle stops before."""
+        jumps = dict(self._jumps)
+        for _ in range(len(self._items)):
+            seq += 1
+            if seq >= len(self._items):
+                return None
+            item = self._items[seq]
+            if item.command == JUMP:
+                target, repeats = int(item.parameters[0]), int(item.parameters[1])
+                if 0 <= target < len(self._items) and (repeats < 0 or jumps.get(seq, 0) < repeats):
+                    jumps[seq] = jumps.get(seq, 0) + 1
+                    seq = target - 1
+                continue
+            if item.command in (DELAY, RETURN):
+                return None
+            if item.is_position:
+                return self._place(item)
+        return None
+
+    def _acceptance(self, item: Item) -> float:
+        own = item.parameters[1] if item.command == WAYPOINT else 0.0
+        return own if math.isfinite(own) and abs(own) > 0.001 else self._body.parameter("NAV_ACC_RAD")
+
+    def _altitude_acceptance(self, item: Item) -> float:
+        usual = self._body.parameter("NAV_MC_ALT_RAD")
+        height = self._climb.goal_alt_amsl_m - self._home.alt_amsl_m
+        return height / 2.0 if item.command == TAKEOFF and 0.0 < height < usual else usual
+
+    def _takeoff_altitude(self, item: Item, landed: bool) -> float:
+        ground = self._body.belief.alt_amsl_m if landed else self._home.alt_amsl_m
+        lowest = ground + self._body.parameter("MIS_TAKEOFF_ALT")
+        return max(lowest, item.alt_amsl_m(self._home.alt_amsl_m))
+
+    def _must_climb(self, item: Item, takeoff_amsl_m: float, landed: bool) -> bool:
+        if item.command == LAND:
+            return False
+        if landed:
+            return True
+        low = self._body.belief.alt_amsl_m <= takeoff_amsl_m - self._body.parameter("NAV_MC_ALT_RAD")
+        return item.command == TAKEOFF and low
+
+    # --- flying ----------------------------------------------------------------------------------------
+
+    def run(self, flying: bool) -> None:
+        """One tick of motion."""
+        if self._work is Work.TAKEOFF:
+            self._climb.run()
+            return
+        if self._work is Work.LAND:
+            self._descent.run()
+            return
+        self._path.yaw_target_rad = self.heading.wanted(self._leg.target_ned_m, self._leg.acceptance_m)
+        self._leg.fly(flying)
+
+    @property
+    def taking_off(self) -> bool:
+        """Climbing before the first item."""
+        return self._work is Work.TAKEOFF
+
+    @property
+    def landing(self) -> bool:
+        """On the way down to a landing item."""
+        return self._work is Work.LAND

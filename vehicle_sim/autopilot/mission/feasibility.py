@@ -1,0 +1,125 @@
+"""May this mission be flown at all? PX4's checks after an upload, and again when home or fence change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vehicle_sim.autopilot.geofence import Cylinder, Zone, breaches
+from vehicle_sim.autopilot.mission.items import (
+    DELAY,
+    GATE,
+    JUMP,
+    LAND,
+    SUPPORTED,
+    TAKEOFF,
+    VTOL_LAND,
+    VTOL_TAKEOFF,
+    Item,
+)
+
+LAND_START = 189
+FAR_M = 10_000.0
+"""MIS_DIST_1WP's default: farther first waypoints are warned of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a mission is judged by."""
+
+    home_valid: bool
+    home_alt_amsl_m: float
+    altitude_acceptance_m: float
+    """NAV_MC_ALT_RAD."""
+    zones: tuple[Zone, ...]
+    cylinder: Cylinder
+    landed: bool
+    required: int
+    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 both or none, 5 as 4, in the air landing only."""
+    fence_active: bool
+    """GF_ACTION is not 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An event about a mission, and whether it forbids flying it."""
+
+    event: str
+    argument_format: str = ""
+    arguments: tuple[float, ...] = ()
+    rejects: bool = True
+
+
+def check(items: Sequence[Item], around: Surroundings) -> tuple[Finding, ...]:
+    """All that is wrong with a mission, in PX4's order."""
+    findings: list[Finding] = []
+    for seq, item in enumerate(items):
+        findings += _item(seq, item, around)
+    findings += _takeoff(items, around)
+    findings += _vtol(items)
+    findings += _required(items, around)
+    findings += _fence(items, around)
+    return tuple(findings)
+
+
+def _item(seq: int, item: Item, around: Surroundings) -> list[Finding]:
+    if item.command not in SUPPORTED:
+        return [Finding("navigator_mis_unsup_cmd", "HH", (seq + 1, item.command))]
+    if item.is_position and item.relative and not around.home_valid:
+        return [Finding("navigator_mis_no_home_rel_alt", "h", (seq + 1,))]
+    return []
+
+
+def _takeoff(items: Sequence[Item], around: Surroundings) -> list[Finding]:
+    findings: list[Finding] = []
+    for seq, item in enumerate(items):
+        if item.command not in (TAKEOFF, VTOL_TAKEOFF):
+            continue
+        height_m = item.alt_m if item.relative else item.alt_m - around.home_alt_amsl_m
+        least_m = around.altitude_acceptance_m + 1.0
+        if around.home_valid and height_m < least_m:
+            findings.append(Finding("navigator_mis_takeoff_too_low", "f", (least_m,)))
+        before = items[:seq]
+        if any(each.is_position or each.command in (DELAY, JUMP, GATE) for each in before):
+            findings.append(Finding("navigator_mis_takeoff_not_first"))
+    return findings
+
+
+def _vtol(items: Sequence[Item]) -> list[Finding]:
+    if any(item.command in (VTOL_TAKEOFF, VTOL_LAND) for item in items):
+        return [Finding("navigator_mis_vtol_items")]
+    return []
+
+
+def _required(items: Sequence[Item], around: Surroundings) -> list[Finding]:
+    takeoff = any(item.command == TAKEOFF for item in items)
+    landing = any(item.command == LAND for item in items)
+    match around.required:
+        case 1 if not takeoff:
+            return [Finding("navigator_mis_takeoff_missing")]
+        case 2 if not landing:
+            return [Finding("navigator_mis_land_missing")]
+        case 3 if not (takeoff and landing):
+            return [Finding("navigator_mis_takeoff_or_land_missing")]
+        case 5 if not around.landed:
+            return [] if landing else [Finding("feasibility_mis_in_air_landing_req")]
+        case 4 | 5 if takeoff != landing:
+            name = "navigator_mis_add_land_or_rm_to" if takeoff else "navigator_mis_add_to_or_rm_land"
+            return [Finding(name)]
+        case _:
+            return []
+
+
+def _fence(items: Sequence[Item], around: Surroundings) -> list[Finding]:
+    if not around.fence_active:
+        return []
+    if not around.home_valid and max(around.cylinder.radius_m, around.cylinder.height_m) > 0.0:
+        return [Finding("navigator_mis_geofence_no_home")]
+    for seq, item in enumerate(items):
+        if not item.is_position or not math.isfinite(item.lat_deg):
+            continue
+        alt = item.alt_amsl_m(around.home_alt_amsl_m)
+        if breaches(around.zones, around.cylinder, item.lat_deg, item.lon_deg, alt):
+            return [Finding("navigator_mis_geofence_violation", "h", (seq + 1,))]
+    return []

@@ -1,0 +1,73 @@
+"""Where the nose points in a mission: the item's heading, a region of interest, else as MPC_YAW_MODE says."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.body import Body, Vector
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.mission.items import ROI, ROI_LOCATION, ROI_NEXT_WAYPOINT, ROI_NONE, Item
+from vehicle_sim.autopilot.path import Path
+from vehicle_sim.geodesy import is_place, to_local
+
+TOWARDS_WAYPOINT, TOWARDS_HOME, AWAY_FROM_HOME, ALONG_TRAJECTORY, YAW_FIRST, FIXED = range(6)
+"""MPC_YAW_MODE."""
+OLD_ROI_NEXT, OLD_ROI_PLACE = 1, 3
+"""MAV_ROI of DO_SET_ROI's first parameter."""
+
+
+class Heading:
+    """State of one vehicle's heading in Mission mode."""
+
+    def __init__(self, body: Body, path: Path, home: Home) -> None:
+        self._body, self._path, self._home = body, path, home
+        self.item_yaw_rad = math.nan
+        self._place: tuple[float, float] | None = None
+        """North and east of the region of interest."""
+
+    def reset(self) -> None:
+        """Forget the item's heading; a region of interest stays, as in PX4."""
+        self.item_yaw_rad = math.nan
+
+    def notice(self, item: Item, parameters: tuple[float, ...]) -> None:
+        """Items that turn the nose."""
+        if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_PLACE):
+            self.look_at(parameters[4], parameters[5])
+        elif item.command in (ROI_NONE, ROI_NEXT_WAYPOINT, ROI):
+            self._place = None
+
+    def look_at(self, lat_deg: float, lon_deg: float) -> None:
+        """Turn the nose to a place."""
+        if is_place(lat_deg, lon_deg):
+            origin_lat, origin_lon, _ = self._body.origin
+            n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+            self._place = (float(n), float(e))
+
+    @property
+    def looks_elsewhere(self) -> bool:
+        """A region of interest has the nose."""
+        return self._place is not None
+
+    def wanted(self, target_ned_m: Vector, acceptance_m: float) -> float:
+        """The heading now; what cannot be told stays as it was."""
+        x, y, _ = self._path.position_ned_m
+        if self._place is not None:
+            return self._towards(self._place[0] - x, self._place[1] - y, 0.5)
+        if math.isfinite(self.item_yaw_rad):
+            return self.item_yaw_rad
+        mode = self._body.choice("MPC_YAW_MODE")
+        home_n, home_e, _ = self._home.position_ned_m
+        if mode in (TOWARDS_WAYPOINT, YAW_FIRST):
+            return self._towards(target_ned_m[0] - x, target_ned_m[1] - y, acceptance_m)
+        if mode == TOWARDS_HOME:
+            return self._towards(home_n - x, home_e - y, acceptance_m)
+        if mode == AWAY_FROM_HOME:
+            return self._towards(x - home_n, y - home_e, acceptance_m)
+        if mode == ALONG_TRAJECTORY:
+            return self._towards(self._path.x.velocity_m_s, self._path.y.velocity_m_s, 0.5)
+        return self._path.yaw_target_rad
+
+    def _towards(self, north: float, east: float, least: float) -> float:
+        if math.hypot(north, east) <= least:
+            return self._path.yaw_target_rad
+        return math.atan2(east, north)

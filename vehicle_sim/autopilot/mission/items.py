@@ -1,0 +1,93 @@
+"""What a mission, fence or rally item means to the autopilot, read from the fields a station uploaded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, RETURN, LAND, TAKEOFF = 16, 17, 19, 20, 21, 22
+LOITER_TO_ALTITUDE = 31
+VTOL_TAKEOFF, VTOL_LAND, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE = 84, 85, 93, 177, 178, 179, 4501
+LAND_START, ROI_LOCATION, ROI_NEXT_WAYPOINT, ROI_NONE, ROI, SET_ACTUATOR = 189, 195, 196, 197, 201, 187
+CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL = 206, 214, 2003
+MOUNT_CONFIGURE, MOUNT_CONTROL, GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE = 204, 205, 1000, 1001
+RALLY_POINT = 5100
+
+POSITIONS = frozenset(
+    {WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, LAND, TAKEOFF, LOITER_TO_ALTITUDE, VTOL_TAKEOFF, VTOL_LAND}
+)
+"""Items that are flown to."""
+GIMBAL_ITEMS = frozenset(
+    {MOUNT_CONFIGURE, MOUNT_CONTROL, GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE, ROI, ROI_LOCATION, ROI_NEXT_WAYPOINT,
+     ROI_NONE}
+)  # fmt: skip
+TRIGGER_ITEMS = frozenset({CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL})
+SUPPORTED = POSITIONS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
+    {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
+     530, 531, 532, 2000, 2001, 2500, 2501, 3000, 42600}
+)  # fmt: skip
+"""What the feasibility check lets a multicopter fly (others are refused when uploaded, or by the check)."""
+
+GLOBAL_FRAMES = frozenset({0, 5})
+RELATIVE_FRAMES = frozenset({3, 6})
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One item; angles in degrees, lengths in metres."""
+
+    frame: int
+    command: int
+    autocontinue: bool
+    parameters: tuple[float, float, float, float]
+    """param1..param4; NaN: not given."""
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+    @property
+    def is_position(self) -> bool:
+        """Whether it is flown to."""
+        return self.command in POSITIONS
+
+    @property
+    def relative(self) -> bool:
+        """Whether the altitude counts from home."""
+        return self.frame in RELATIVE_FRAMES
+
+    def alt_amsl_m(self, home_alt_amsl_m: float) -> float:
+        """The altitude above the sea."""
+        return self.alt_m + home_alt_amsl_m if self.relative else self.alt_m
+
+    def command_parameters(self, home_alt_amsl_m: float) -> tuple[float, ...]:
+        """Seven parameters, as the autopilot sends such an item to whoever carries it out."""
+        if self.frame not in GLOBAL_FRAMES | RELATIVE_FRAMES:
+            return (*self.parameters, self.lat_deg * 1e7, self.lon_deg * 1e7, self.alt_m)
+        return (*self.parameters, self.lat_deg, self.lon_deg, self.alt_amsl_m(home_alt_amsl_m))
+
+    def seconds(self) -> float:
+        """How long to stay once there (param1 of waypoints, timed loiters and delays)."""
+        wait = self.parameters[0]
+        return wait if self.command in (WAYPOINT, LOITER_TIME, DELAY) and math.isfinite(wait) else 0.0
+
+    def yaw_rad(self) -> float:
+        """The heading asked for (param4); NaN: none."""
+        return math.radians(self.parameters[3]) if self.is_position else math.nan
+
+
+def read(fields: Mapping[str, Any]) -> Item:
+    """An item from MISSION_ITEM_INT fields (x and y in 1e7 degrees)."""
+    return Item(
+        frame=int(fields["frame"]),
+        command=int(fields["command"]),
+        autocontinue=bool(fields["autocontinue"]),
+        parameters=(
+            float(fields["param1"]), float(fields["param2"]), float(fields["param3"]),
+            float(fields["param4"]),
+        ),
+        lat_deg=fields["x"] * 1e-7,
+        lon_deg=fields["y"] * 1e-7,
+        alt_m=float(fields["z"]),
+    )  # fmt: skip

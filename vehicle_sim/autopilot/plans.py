@@ -1,0 +1,42 @@
+"""The plans a vehicle holds (mission, fence, rally points): from the mission protocol to the navigator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vehicle_sim.autopilot.mission.items import Item, read
+
+MISSION, FENCE, RALLY = 0, 1, 2
+"""MAV_MISSION_TYPE."""
+
+
+class Plans:
+    """Three lists of items; `revision` of each rises with every change."""
+
+    def __init__(self) -> None:
+        self._items: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
+        self._revisions = {MISSION: 0, FENCE: 0, RALLY: 0}
+        self.start_seq = 0
+        """The mission item that the newest upload marked as current."""
+
+    def store(self, kind: int, items: Sequence[Mapping[str, Any]]) -> None:
+        """Replace a plan by MISSION_ITEM_INT fields."""
+        self._items[kind] = tuple(read(fields) for fields in items)
+        self._revisions[kind] += 1
+        if kind == MISSION:
+            marked = [seq for seq, fields in enumerate(items) if fields["current"]]
+            self.start_seq = marked[-1] if marked else 0
+
+    def items(self, kind: int) -> tuple[Item, ...]:
+        """The plan's items."""
+        return self._items[kind]
+
+    def revision(self, kind: int) -> int:
+        """How often the plan was changed."""
+        return self._revisions[kind]
+
+    @property
+    def mission(self) -> tuple[Item, ...]:
+        """What Mission mode flies."""
+        return self._items[MISSION]

@@ -1,0 +1,123 @@
+"""Where a return ends and by which way: home, a rally point or the mission's landing, as RTL_TYPE says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.body import Body, Vector
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.mission.items import LAND, LAND_START, RALLY_POINT, RETURN, Item
+from vehicle_sim.autopilot.plans import RALLY, Plans
+from vehicle_sim.geodesy import to_local
+
+CLOSEST_SAFE, NOT_HOME, MISSION_PATH, CLOSEST_OF_ALL, FEWEST_WAYPOINTS = range(5)
+"""RTL_TYPE."""
+RALLY_FRAMES = (0, 3)
+"""What PX4's return understands; others are told of and not used."""
+
+
+class Kind(Enum):
+    """What kind of place it is."""
+
+    HOME = "home"
+    RALLY = "rally"
+    LANDING = "landing"
+
+
+@dataclass(frozen=True, slots=True)
+class Destination:
+    """A place to land at, and what lies on the way."""
+
+    kind: Kind
+    place_ned_m: Vector
+    """On the ground, or of the landing's entrance as high as that is."""
+    yaw_ned_rad: float
+    route_ned_m: tuple[Vector, ...] = ()
+    """Waypoints to fly through; the vehicle lands at the last."""
+    climbs: bool = True
+    """First to the return altitude."""
+
+
+class Chooser:
+    """Picks the destination of one vehicle's return."""
+
+    def __init__(self, body: Body, announcer: Announcer, home: Home, plans: Plans) -> None:
+        self._body, self._announcer, self._home, self._plans = body, announcer, home, plans
+
+    def choose(self, mission_seq: int) -> Destination:
+        """By RTL_TYPE; `mission_seq` is the mission item that was current."""
+        kind = self._body.choice("RTL_TYPE")
+        home = Destination(Kind.HOME, self._home.position_ned_m, self._home.yaw_ned_rad)
+        landing = self._landing()
+        if kind in (MISSION_PATH, FEWEST_WAYPOINTS):
+            return self._along_mission(kind, mission_seq, landing, home)
+        candidates = self._rally_points()
+        if landing is not None and kind in (NOT_HOME, CLOSEST_OF_ALL):
+            candidates.append(landing)
+        if kind != NOT_HOME or not candidates:
+            candidates.insert(0, home)
+        return min(candidates, key=self._distance_m)
+
+    def _distance_m(self, destination: Destination) -> float:
+        north, east, _ = self._body.belief.position_ned_m
+        return math.hypot(destination.place_ned_m[0] - north, destination.place_ned_m[1] - east)
+
+    def _rally_points(self) -> list[Destination]:
+        points: list[Destination] = []
+        for item in self._plans.items(RALLY):
+            if item.command != RALLY_POINT:
+                continue
+            if item.frame in RALLY_FRAMES:
+                points.append(Destination(Kind.RALLY, self._place(item), self._home.yaw_ned_rad))
+            else:
+                self._announcer.both(
+                    2, "RTL: unsupported MAV_FRAME", "rtl_unsupported_mav_frame", "B", item.frame
+                )
+        return points
+
+    def _landing(self) -> Destination | None:
+        """The mission's landing: from DO_LAND_START where there is one, else its LAND item."""
+        items = self._plans.mission
+        land = next((seq for seq, item in enumerate(items) if item.command == LAND), None)
+        if land is None:
+            return None
+        start = next((seq for seq, item in enumerate(items[:land]) if item.command == LAND_START), land)
+        route = tuple(self._place(item) for item in items[start : land + 1] if item.is_position)
+        yaw = items[land].yaw_rad()
+        return Destination(
+            Kind.LANDING, route[0], yaw if math.isfinite(yaw) else self._home.yaw_ned_rad, route
+        )
+
+    def _along_mission(
+        self, kind: int, seq: int, landing: Destination | None, home: Destination
+    ) -> Destination:
+        items = self._plans.mission
+        back = [self._place(item) for item in reversed(items[:seq]) if _is_passed(item)]
+        reverse = Destination(
+            Kind.HOME, home.place_ned_m, home.yaw_ned_rad, (*back, home.place_ned_m), climbs=not back
+        )
+        if landing is None:
+            return reverse
+        land = next(n for n, item in enumerate(items) if item.command == LAND)
+        onward = tuple(self._place(item) for item in items[seq : land + 1] if item.is_position)
+        if not onward:
+            return landing
+        if kind == FEWEST_WAYPOINTS and len(back) < len(onward) - 1:
+            return reverse
+        return Destination(Kind.LANDING, onward[-1], landing.yaw_ned_rad, onward, climbs=False)
+
+    def _place(self, item: Item) -> Vector:
+        origin_lat, origin_lon, origin_alt = self._body.origin
+        n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+        return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
+
+    def complain(self) -> None:
+        """Say which rally points cannot be used, as PX4 does soon after they were uploaded."""
+        self._rally_points()
+
+
+def _is_passed(item: Item) -> bool:
+    return item.is_position and item.command not in (LAND, RETURN)

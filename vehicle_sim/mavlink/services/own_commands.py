@@ -1,0 +1,53 @@
+"""Sends the commands the autopilot gives itself and its payload, and carries out those for the gimbal."""
+
+from __future__ import annotations
+
+from vehicle_sim.autopilot.own_commands import GIMBAL_CONFIGURE, OwnCommand
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.services.command_types import Command
+from vehicle_sim.mavlink.services.gimbal import GimbalService
+
+REPEATS = 3
+FIRST_REPEAT_S = 1.0
+REPEAT_S = 0.51
+"""As measured: nobody acknowledges, so each goes out four times."""
+SELF = -2.0
+
+
+class OwnCommandService:
+    """COMMAND_LONG from the autopilot to component 0 of its own system."""
+
+    def __init__(self, context: Context, gimbal: GimbalService) -> None:
+        self._context = context
+        self._gimbal = gimbal
+        self._generations: dict[int, int] = {}
+        context.autopilot.own_commands.add_listener(self._send)
+
+    def _send(self, command: OwnCommand) -> None:
+        parameters = list(command.parameters)
+        if command.number == GIMBAL_CONFIGURE and parameters[0] == SELF:
+            parameters[:2] = map(float, self._context.own)
+        handler = self._gimbal.commands.get(command.number)
+        if handler is not None:
+            p1, p2, p3, p4, p5, p6, p7 = parameters
+            handler(Command(command.number, p1, p2, p3, p4, p5, p6, p7, self._context.own, ""))
+        self._out(command.number, parameters, 0)
+        if command.repeated:
+            generation = self._generations.get(command.number, 0) + 1
+            self._generations[command.number] = generation
+            for repeat in range(REPEATS):
+                self._context.after(
+                    FIRST_REPEAT_S + repeat * REPEAT_S,
+                    lambda n=repeat + 1: self._again(command.number, parameters, n, generation),
+                )
+
+    def _again(self, number: int, parameters: list[float], confirmation: int, generation: int) -> None:
+        if self._generations[number] == generation:
+            self._out(number, parameters, confirmation)
+
+    def _out(self, number: int, parameters: list[float], confirmation: int) -> None:
+        fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+        self._context.broadcast(
+            "COMMAND_LONG", target_system=self._context.system_id, target_component=0, command=number,
+            confirmation=confirmation, **fields,
+        )  # fmt: skip
