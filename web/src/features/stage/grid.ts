@@ -1,6 +1,5 @@
 /** The map's own background: a metric grid about home whose spacing follows the zoom. */
 
-import type { Feature, FeatureCollection, MultiLineString, Position } from 'geojson';
 import { eastNorth, fromPixel, lengthText, pixelsPerMetre, placeAt, toPixel, type EastNorth, type MapView, type Place } from './geo';
 
 /** A cell is never drawn smaller than this [px]; ten times that is the largest. */
@@ -22,21 +21,13 @@ export interface Box {
   north_m: number;
 }
 
-/** What the view shows, with a margin of `margin` times its size on each side. */
-export function viewBox(view: MapView, reference: Place, margin: number): Box {
-  const far = { x: view.width * (1 + margin), y: view.height * (1 + margin) };
-  const near = { x: -view.width * margin, y: -view.height * margin };
-  const corners = [near, far, { x: near.x, y: far.y }, { x: far.x, y: near.y }].map((p) => eastNorth(reference, fromPixel(view, p)));
+/** What the view shows, turned views with their corners. */
+export function viewBox(view: MapView, reference: Place): Box {
+  const corners = [[0, 0], [view.width, view.height], [0, view.height], [view.width, 0]].map(([x = 0, y = 0]) => eastNorth(reference, fromPixel(view, { x, y })));
   const east = corners.map((c) => c.east_m);
   const north = corners.map((c) => c.north_m);
   return { west_m: Math.min(...east), east_m: Math.max(...east), south_m: Math.min(...north), north_m: Math.max(...north) };
 }
-
-export function contains(outer: Box, inner: Box): boolean {
-  return outer.west_m <= inner.west_m && outer.east_m >= inner.east_m && outer.south_m <= inner.south_m && outer.north_m >= inner.north_m;
-}
-
-export const NO_LINES: FeatureCollection<MultiLineString> = { type: 'FeatureCollection', features: [] };
 
 function multiples(from_m: number, to_m: number, step_m: number): number[] {
   const first = Math.ceil(from_m / step_m);
@@ -44,26 +35,30 @@ function multiples(from_m: number, to_m: number, step_m: number): number[] {
   return count > MOST_LINES ? [] : Array.from({ length: count }, (_, i) => first + i);
 }
 
-/** The grid's lines in a box: thin ones, and every tenth strong. */
-export function gridLines(reference: Place, box: Box, step_m: number): FeatureCollection<MultiLineString> {
+export interface GridLine {
+  from: Place;
+  to: Place;
+}
+
+export interface Grid {
+  thin: GridLine[];
+  /** Every tenth, and those through home. */
+  strong: GridLine[];
+}
+
+/** The grid's lines in a box. */
+export function gridLines(reference: Place, box: Box, step_m: number): Grid {
   const west_m = Math.max(box.west_m, -FLAT_WITHIN_M);
   const east_m = Math.min(box.east_m, FLAT_WITHIN_M);
   const south_m = Math.max(box.south_m, -FLAT_WITHIN_M);
   const north_m = Math.min(box.north_m, FLAT_WITHIN_M);
-  if (west_m >= east_m || south_m >= north_m) return NO_LINES;
-  const at = (where: EastNorth): Position => {
-    const place = placeAt(reference, where);
-    return [place.lon_deg, place.lat_deg];
-  };
-  const thin: Position[][] = [];
-  const strong: Position[][] = [];
-  const add = (k: number, line: Position[]): unknown => (k % 10 === 0 ? strong : thin).push(line);
-  for (const k of multiples(west_m, east_m, step_m)) add(k, [at({ east_m: k * step_m, north_m: south_m }), at({ east_m: k * step_m, north_m })]);
-  for (const k of multiples(south_m, north_m, step_m)) add(k, [at({ east_m: west_m, north_m: k * step_m }), at({ east_m, north_m: k * step_m })]);
-  const feature = (lines: Position[][], major: boolean): Feature<MultiLineString> => ({
-    type: 'Feature', properties: { major }, geometry: { type: 'MultiLineString', coordinates: lines },
-  });
-  return { type: 'FeatureCollection', features: [feature(thin, false), feature(strong, true)] };
+  const grid: Grid = { thin: [], strong: [] };
+  if (west_m >= east_m || south_m >= north_m) return grid;
+  const add = (k: number, from: EastNorth, to: EastNorth): unknown =>
+    (k % 10 === 0 ? grid.strong : grid.thin).push({ from: placeAt(reference, from), to: placeAt(reference, to) });
+  for (const k of multiples(west_m, east_m, step_m)) add(k, { east_m: k * step_m, north_m: south_m }, { east_m: k * step_m, north_m });
+  for (const k of multiples(south_m, north_m, step_m)) add(k, { east_m: west_m, north_m: k * step_m }, { east_m, north_m: k * step_m });
+  return grid;
 }
 
 export interface EdgeLabel {
@@ -73,7 +68,7 @@ export interface EdgeLabel {
 }
 
 /** Room for one label [px]. */
-const LABEL_PX = 84;
+const LABEL_PX = 64;
 
 /** Metres from home where lines leave the view at its top (east, west) and at its left (north, south); north up only. */
 export function edgeLabels(view: MapView, reference: Place): EdgeLabel[] {
@@ -81,7 +76,7 @@ export function edgeLabels(view: MapView, reference: Place): EdgeLabel[] {
   const px_per_m = pixelsPerMetre(view);
   const step_m = gridStep_m(px_per_m);
   const every_m = step_m * px_per_m >= LABEL_PX ? step_m : step_m * 10;
-  const box = viewBox(view, reference, 0);
+  const box = viewBox(view, reference);
   const far = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
   if (far > FLAT_WITHIN_M) return [];
   const name = (metres: number, plus: string, minus: string): string =>

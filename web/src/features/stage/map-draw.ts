@@ -1,7 +1,7 @@
 /** Draws what moves over the map: homes, trails, vehicles, targets. Knows a canvas, nothing of the page. */
 
 import type { MapTarget, MapVehicle } from './map-model';
-import type { EdgeLabel } from './grid';
+import type { EdgeLabel, Grid, GridLine } from './grid';
 import { toPixel, type MapView, type Pixel, type Place } from './geo';
 
 /** The page's colours as the canvas and the map's style need them. */
@@ -27,6 +27,9 @@ const TRAIL_STEP_PX = 1.5;
 
 export interface Picture {
   vehicles: readonly MapVehicle[];
+  grid: Grid | null;
+  /** Whether tiles lie below: the grid steps back. */
+  overTiles: boolean;
   labels: readonly EdgeLabel[];
   /** Where the open menu points. */
   spot: Place | null;
@@ -36,6 +39,7 @@ export interface Picture {
 export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Palette): void {
   const { vehicles, inset } = picture;
   ctx.clearRect(0, 0, view.width, view.height);
+  if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.overTiles, palette);
   if (!inset) for (const label of picture.labels) drawEdge(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
@@ -50,6 +54,26 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
     if (!inset) drawTag(ctx, at, v.label, colourOf(v, palette), palette);
   }
   if (picture.spot !== null) drawSpot(ctx, toPixel(view, picture.spot), palette);
+}
+
+function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palette: Palette): void {
+  const upright = view.up_rad === 0;
+  const crisp = (value: number): number => (upright ? Math.round(value) + 0.5 : value);
+  const lines = (those: readonly GridLine[], colour: string): void => {
+    ctx.strokeStyle = colour;
+    ctx.beginPath();
+    for (const { from, to } of those) {
+      const [a, b] = [toPixel(view, from), toPixel(view, to)];
+      ctx.moveTo(crisp(a.x), crisp(a.y));
+      ctx.lineTo(crisp(b.x), crisp(b.y));
+    }
+    ctx.stroke();
+  };
+  ctx.lineWidth = 1;
+  ctx.globalAlpha = overTiles ? 0.35 : 1;
+  lines(grid.thin, overTiles ? palette.text3 : palette.line);
+  lines(grid.strong, overTiles ? palette.text3 : palette.line2);
+  ctx.globalAlpha = 1;
 }
 
 /** Vehicles that started side by side share one mark. */

@@ -1,21 +1,17 @@
-/** MapLibre behind a small face: camera, grid and offline tiles. Loaded when the map is first shown; nothing else knows MapLibre. */
+/** MapLibre behind a small face: camera, gestures and offline tiles. Loaded when the map is first shown; nothing else knows MapLibre. */
 
-import { addProtocol, Map as MapLibre, setWorkerCount, setWorkerUrl, type GeoJSONSource, type MapMouseEvent } from 'maplibre-gl';
+import { addProtocol, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
-import { mercator, pixelsPerMetre, type MapView, type Pixel, type Place } from './geo';
-import { contains, gridLines, gridStep_m, NO_LINES, viewBox, type Box } from './grid';
+import { mercator, type MapView, type Pixel, type Place } from './geo';
+import idleUrl from './idle-worker.js?url';
 import type { Palette } from './map-draw';
-import { mapStyle, paints } from './map-style';
+import { GROUND, mapStyle } from './map-style';
 import { tileLayers, type OfflineMap } from './offline-maps';
 
 const RAD = Math.PI / 180;
 const ZOOM = { min: 7, max: 22 } as const;
-/** The grid is laid out so many screens beyond the edge, and anew once the view leaves that. */
-const GRID_MARGIN = 1;
 
-// A file of this server's own: a worker made from a blob would need a wider policy. One is plenty for a grid.
-setWorkerUrl(new URL(workerUrl, location.href).href);
 setWorkerCount(1);
 const archives = new Protocol({ metadata: true });
 addProtocol('pmtiles', archives.tile);
@@ -31,15 +27,12 @@ export interface EngineEvents {
 
 export class MapEngine {
   private readonly map: MapLibre;
-  private reference: Place | null = null;
-  private laid: { box: Box; step_m: number } | null = null;
-  private offline: OfflineMap[] = [];
-  private palette: Palette;
   private styled = false;
 
   /** Throws where the browser has no WebGL. */
-  constructor(container: HTMLElement, palette: Palette, events: EngineEvents) {
-    this.palette = palette;
+  constructor(container: HTMLElement, private palette: Palette, private readonly offline: readonly OfflineMap[], events: EngineEvents) {
+    // A file of this server's own: a worker made from a blob would need a wider policy.
+    setWorkerUrl(new URL(offline.length > 0 ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
       container, style: mapStyle(palette), center: [0, 0], zoom: ZOOM.min, minZoom: ZOOM.min, maxZoom: ZOOM.max,
       maxPitch: 0, pitchWithRotate: false, touchPitch: false, keyboard: false, doubleClickZoom: false, boxZoom: false,
@@ -51,12 +44,9 @@ export class MapEngine {
     canvas.removeAttribute('role');
     this.map.on('load', () => {
       this.styled = true;
-      this.layGrid(true);
-      this.showOffline();
+      this.paint(this.palette);
     });
     this.map.on('render', events.drawn);
-    this.map.on('move', () => this.layGrid());
-    this.map.on('resize', () => this.layGrid());
     for (const kind of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
       this.map.on(kind, (event) => {
         if (event.originalEvent !== undefined && (kind !== 'zoomstart' || !this.followsZoom)) events.taken();
@@ -116,20 +106,7 @@ export class MapEngine {
   paint(palette: Palette): void {
     this.palette = palette;
     if (!this.styled) return;
-    for (const { layer, property, value } of paints(palette)) this.map.setPaintProperty(layer, property, value);
-    this.showOffline();
-  }
-
-  /** Where the grid starts; null draws none. */
-  set home(reference: Place | null) {
-    const same = reference !== null && this.reference !== null && reference.lat_deg === this.reference.lat_deg && reference.lon_deg === this.reference.lon_deg;
-    if (same || reference === this.reference) return;
-    this.reference = reference;
-    this.layGrid(true);
-  }
-
-  set offlineMaps(maps: OfflineMap[]) {
-    this.offline = maps;
+    this.map.setPaintProperty(GROUND, 'background-color', palette.map);
     this.showOffline();
   }
 
@@ -137,29 +114,12 @@ export class MapEngine {
     this.map.remove();
   }
 
-  private layGrid(anew = false): void {
-    const source = this.styled ? this.map.getSource<GeoJSONSource>('grid') : undefined;
-    if (source === undefined) return;
-    if (this.reference === null) {
-      if (anew) source.setData(NO_LINES);
-      return;
-    }
-    const view = this.view();
-    if (view.width === 0) return;
-    const step_m = gridStep_m(pixelsPerMetre(view));
-    if (!anew && this.laid?.step_m === step_m && contains(this.laid.box, viewBox(view, this.reference, 0))) return;
-    const box = viewBox(view, this.reference, GRID_MARGIN);
-    this.laid = { box, step_m };
-    source.setData(gridLines(this.reference, box, step_m));
-  }
-
   private showOffline(): void {
-    if (!this.styled) return;
     for (const layer of this.map.getStyle().layers) if (layer.id.startsWith('tiles-')) this.map.removeLayer(layer.id);
     this.offline.forEach((one, index) => {
       const name = `tiles-${index}`;
       if (this.map.getSource(name) === undefined) this.map.addSource(name, one.source);
-      for (const layer of tileLayers(one, name, this.palette)) this.map.addLayer(layer, 'grid-thin');
+      for (const layer of tileLayers(one, name, this.palette)) this.map.addLayer(layer);
     });
   }
 }

@@ -83,18 +83,17 @@ function label(facts: VehicleFacts): string {
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
 export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (id: string) => WantedOf): MapVehicle[] {
-  const now = store.nowUnixS();
   const found: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);
     if (vehicle === undefined) return;
-    const facts = vehicleFacts(vehicle, now);
+    const facts = vehicleFacts(vehicle, store.nowUnixS(id));
     if (facts.global === null) return;
     const { lat_deg, lon_deg } = facts.global.value;
     const here = { lat_deg, lon_deg };
     const wanted = wantedOf(id);
     const streamed = setpoint(facts, here);
-    const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'looks at', wanted.look)];
+    const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look)];
     found.push({
       ...here, id, selected: id === selectedId, lost: facts.lost, stale: !facts.lost && facts.global.stale && !facts.replayed,
       colour: identityColour(index), yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null, label: label(facts),
