@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import struct
 from dataclasses import dataclass
 from typing import Any
@@ -87,6 +88,8 @@ ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8,
 
 Row = tuple[str, str, Any, Any]
 RATE_TOLERANCE = 0.1
+FOUND, CALIBRATED = ("CAL_", "SENS_BOARD_"), 0.3
+"""Offsets that a calibration measured: noise, in the parameter's own unit."""
 FULL_TURN = {"MOUNT_ORIENTATION.yaw_absolute": 360.0}
 """Angles that wrap."""
 STREAMED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
@@ -192,7 +195,7 @@ def _key(heard: Heard) -> Any:
         case "COMMAND_ACK" | "COMMAND_LONG" | "COMMAND_INT":
             return v["command"]
         case "STATUSTEXT":
-            return v["text"]
+            return re.sub(r"\[[-\d. ]+\]", "[…]", v["text"])  # measured, with their noise
         case "EVENT":
             return EVENT_NAMES.get(v["id"], v["id"])
         case "PARAM_VALUE":
@@ -245,6 +248,8 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
         if name in skipped or name not in own or name == "int_value":
             continue
         a, b = _plain(value), _plain(own[name])
+        if kind == "STATUSTEXT" and name == "text":
+            continue  # the key
         if name == "arguments" and real["id"] == HEALTH:
             a, b = _masked(a), _masked(b)
         if name == "param_value" and "int_value" in real:
@@ -253,7 +258,11 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
         turn = FULL_TURN.get(f"{kind}.{name}")
         if turn is not None:
             b = a + math.remainder(b - a, turn)
-        if not same(a, b, ABSOLUTE.get(f"{kind}.{name}")):
+        if name == "param_value" and "int_value" not in real and str(real["param_id"]).startswith(FOUND):
+            a, b, found = value, own[name], CALIBRATED
+        else:
+            found = None
+        if not same(a, b, found or ABSOLUTE.get(f"{kind}.{name}")):
             out.append((kind, f"{_label(kind, real)}{name}", a, b))
     return out
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import deque
+from collections.abc import Iterable
 
 from vehicle_sim.autopilot.parameter_limits import ParameterLimits
 from vehicle_sim.mavlink.context import Context
@@ -95,6 +96,12 @@ class ParamService:
         now_s = self._context.body.time_s
         if self._save_at_s == math.inf:
             self._save_at_s = max(now_s + SAVE_AFTER_S, self._saved_at_s + SAVE_EVERY_S)
+
+    def tell(self, names: Iterable[str]) -> None:
+        """Send values to every link as after a change, though they are what they were."""
+        for name in names:
+            self._mark(name)
+        self._tell_at_s = min(self._tell_at_s, self._context.body.time_s + TELL_AFTER_S)
 
     @property
     def busy(self) -> bool:
