@@ -14,6 +14,8 @@ from vehicle_sim.mavlink.transports import TcpServer
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.server import Ports, SimServer
 from vehicle_sim.simulation import Home
+from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.storage.metadata import BUILT_IN
 
 EPILOG = """\
 Each vehicle N (from 0) has MAVLink system id N+1 and talks MAVLink 2 on
@@ -96,7 +98,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
         help="set a PX4 parameter before boot; may be repeated")  # fmt: skip
     add("--data-dir", type=Path, default=None, metavar="DIR",
-        help="keep changed parameters here over restarts (default: forgotten)")  # fmt: skip
+        help="keep changed parameters and files here over restarts (default: forgotten)")  # fmt: skip
     ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
     default = Ports()
     ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
@@ -130,6 +132,14 @@ def _stores(arguments: argparse.Namespace) -> list[Parameters]:
     ]
 
 
+def _files(arguments: argparse.Namespace) -> list[VehicleFiles]:
+    directory: Path | None = arguments.data_dir
+    if directory is None:
+        return [VehicleFiles(None, BUILT_IN) for _ in range(arguments.instances)]
+    first = arguments.first_instance
+    return [VehicleFiles(directory / f"files-{first + n}", BUILT_IN) for n in range(arguments.instances)]
+
+
 def _announce(server: SimServer, first_instance: int) -> bool:
     any_port = False
     for row, vehicle in enumerate(server.vehicles):
@@ -158,8 +168,8 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(str(error))
     unix_s = time.clock_gettime(time.CLOCK_REALTIME)
     fleet = VehicleSim(
-        arguments.instances, first_instance=arguments.first_instance, stores=stores, links=(),
-        seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
+        arguments.instances, first_instance=arguments.first_instance, stores=stores, files=_files(arguments),
+        links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
     )  # fmt: skip
     ports = Ports(
         gcs_local=arguments.gcs_local_port,

@@ -13,6 +13,8 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.simulation import Home, Simulation
+from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.storage.metadata import BUILT_IN
 
 AUTOPILOT_EVERY_STEPS = 5
 """50 Hz at the simulation's 250 Hz."""
@@ -28,6 +30,7 @@ class VehicleSim:
         first_instance: PX4's instance number of the first; system id is instance + 1.
         parameters: overrides for all vehicles, as if set before boot.
         stores: ready parameter stores instead (one each).
+        files: ready folders (one each); default: temporary ones.
         links: (name, profile) of the links each vehicle has from the start.
         seed: of the sensor noise.
         home: where the first vehicle stands.
@@ -43,6 +46,7 @@ class VehicleSim:
         first_instance: int = 0,
         parameters: Mapping[str, ParameterValue] | None = None,
         stores: Sequence[Parameters] | None = None,
+        files: Sequence[VehicleFiles] | None = None,
         links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
         seed: int = 0,
         home: Home | None = None,
@@ -56,8 +60,12 @@ class VehicleSim:
             count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise, start_ned_m=start_ned_m
         )
         self.autopilots = [Autopilot(Body(self.simulation, row, boot_time_unix_s)) for row in range(count)]
+        if files is None:
+            files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
+        self.files = list(files)
         self.nodes = [
-            Node(autopilot, first_instance + row + 1) for row, autopilot in enumerate(self.autopilots)
+            Node(autopilot, first_instance + row + 1, own)
+            for row, (autopilot, own) in enumerate(zip(self.autopilots, self.files, strict=True))
         ]
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         for row in range(count):

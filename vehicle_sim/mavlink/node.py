@@ -8,15 +8,20 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.services.calibration import CalibrationService
 from vehicle_sim.mavlink.services.commands import CommandService
+from vehicle_sim.mavlink.services.failures import FailureService
 from vehicle_sim.mavlink.services.ftp import FtpService
 from vehicle_sim.mavlink.services.gimbal import GimbalService
+from vehicle_sim.mavlink.services.manual import ManualService
 from vehicle_sim.mavlink.services.mission import MissionService
 from vehicle_sim.mavlink.services.offboard import OffboardService
+from vehicle_sim.mavlink.services.own_commands import OwnCommandService
 from vehicle_sim.mavlink.services.params import ParamService
 from vehicle_sim.mavlink.services.requests import RequestService
 from vehicle_sim.mavlink.services.texts import TextService
 from vehicle_sim.mavlink.services.time import TimeService
+from vehicle_sim.storage.files import VehicleFiles
 
 MAV_TYPE_GCS = 6
 RATE_EVERY_US = 1_000_000
@@ -25,19 +30,26 @@ RATE_EVERY_US = 1_000_000
 class Node:
     """The MAVLink side of one vehicle."""
 
-    def __init__(self, autopilot: Autopilot, system_id: int) -> None:
+    def __init__(self, autopilot: Autopilot, system_id: int, files: VehicleFiles) -> None:
         self.context = Context(autopilot, system_id)
         self._texts = TextService(self.context)
         self._time = TimeService(self.context)
         self._params = ParamService(self.context)
         self._mission = MissionService(self.context)
+        self._ftp = FtpService(self.context, files)
         requests = RequestService(self.context)
         gimbal = GimbalService(self.context)
-        commands = CommandService(self.context, {**requests.commands, **gimbal.commands})
+        calibration = CalibrationService(self.context, self._params)
+        failures = FailureService(self.context)
+        self._own_commands = OwnCommandService(self.context, gimbal)
+        commands = CommandService(
+            self.context,
+            {**requests.commands, **gimbal.commands, **calibration.commands, **failures.commands},
+        )
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
             self._texts, self._time, self._params, self._mission, gimbal, commands,
-            OffboardService(self.context), FtpService(self.context),
+            OffboardService(self.context), ManualService(self.context), self._ftp,
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers
@@ -81,6 +93,8 @@ class Node:
         context = self.context
         if context.waits:
             context.run_due()
+        if self._ftp.busy:
+            self._ftp.step()
         if self._params.busy:
             self._params.step()
         self._mission.step()

@@ -1,45 +1,306 @@
-"""FILE_TRANSFER_PROTOCOL: this vehicle keeps no files; every request gets an honest refusal in PX4's form."""
+"""MAVLink FTP as PX4's server speaks it: one session a link, resent answers, bursts spread over time.
+
+Opcodes, errors and header are MAVLink's ("File Transfer Protocol"); what surprises was recorded on a PX4:
+a directory can be opened (and holds the session), a burst ends after 40 kB, an error keeps the errno of the
+last system call that failed.
+"""
 
 from __future__ import annotations
 
+import errno
 import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
+from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.storage.metadata import crc32
 
-_HEADER = struct.Struct("<HBBBBBBI")
+HEADER = struct.Struct("<HBBBBBBI")
+"""Sequence, session, opcode, size, requested opcode, burst complete, padding, offset."""
+DATA_BYTES = 239
 ACK, NAK = 128, 129
-TERMINATE_SESSION, RESET_SESSIONS = 1, 2
-OPEN_RO, LIST_DIRECTORY, READ, BURST = 4, 3, 5, 15
-KNOWN_OPCODES = frozenset(range(0, 17))
-ERROR_FAIL, ERROR_INVALID_SESSION, ERROR_UNKNOWN, ERROR_NOT_FOUND = 1, 4, 7, 10
+NONE, TERMINATE, RESET, LIST, OPEN_RO, READ, CREATE, WRITE, REMOVE = range(9)
+MAKE_DIRECTORY, REMOVE_DIRECTORY, OPEN_WO, TRUNCATE, RENAME, CRC32, BURST = range(9, 16)
+FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_OPCODE = 2, 3, 4, 5, 6, 7
+FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
+BURST_BYTES = 40_000
+"""A burst is over when so much was sent; the client asks for the next."""
+BURST_MESSAGES_A_STEP = 5
+"""1,100 messages a second were measured."""
+
+
+class Refusal(Exception):
+    """An error code for the NAK."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+@dataclass(slots=True)
+class _Burst:
+    """One that runs."""
+
+    message: Message
+    sequence: int
+    offset: int
+    sent: int = 0
+
+
+@dataclass(slots=True)
+class _Session:
+    """What one link has open."""
+
+    path: str | None = None
+    size: int = 0
+    writable: bool = False
+    burst: _Burst | None = None
+    last_errno: int = 0
+    answered: tuple[int, int, bytes] | None = field(default=None)
+    """(system, component, payload) of the last answer, for a client that asks again."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    offset: int
+    data: bytes
+
+    @property
+    def text(self) -> str:
+        """A path."""
+        return self.data.split(b"\0")[0].decode("utf-8", "replace")
 
 
 class FtpService:
-    """Answers every opcode."""
+    """Serves one vehicle's files."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, files: VehicleFiles) -> None:
         self._context = context
+        self._files = files
+        self._sessions: dict[str, _Session] = {}
         self.handlers = {"FILE_TRANSFER_PROTOCOL": self.request}
+        self._work: dict[int, Callable[[_Session, _Request], bytes]] = {
+            NONE: lambda session, request: b"",
+            TERMINATE: self._terminate,
+            RESET: self._reset,
+            LIST: self._list,
+            OPEN_RO: self._open_to_read,
+            READ: self._read,
+            CREATE: self._create,
+            WRITE: self._write,
+            REMOVE: lambda s, r: self._done(self._files.remove(r.text)),
+            MAKE_DIRECTORY: lambda s, r: self._done(self._files.make_directory(r.text)),
+            REMOVE_DIRECTORY: lambda s, r: self._done(self._files.remove_directory(r.text)),
+            OPEN_WO: self._open_to_write,
+            TRUNCATE: lambda s, r: self._done(self._files.truncate(r.text, r.offset)),
+            RENAME: self._rename,
+            CRC32: self._checksum,
+        }
+
+    @property
+    def busy(self) -> bool:
+        """Whether a burst runs."""
+        return any(session.burst is not None for session in self._sessions.values())
 
     def request(self, link: Link, message: Message) -> None:
-        """ACK what ends sessions, NAK the rest with the reason."""
+        """One request; the same sequence number again gets the same answer again."""
         if not self._context.is_for_me(message):
             return
-        sequence, session, opcode, *_ = _HEADER.unpack(bytes(message.payload[:12]))
-        answer, error = NAK, ERROR_NOT_FOUND
-        if opcode in (TERMINATE_SESSION, RESET_SESSIONS, 0):
-            answer, error = ACK, 0
-        elif opcode in (READ, BURST):
-            error = ERROR_INVALID_SESSION
-        elif opcode not in KNOWN_OPCODES:
-            error = ERROR_UNKNOWN
-        size = 0 if answer == ACK else 1
-        head = _HEADER.pack((sequence + 1) & 0xFFFF, session, answer, size, opcode, 0, 0, 0)
-        link.send(
-            "FILE_TRANSFER_PROTOCOL",
-            target_system=message.system_id,
-            target_component=message.component_id,
-            payload=head + bytes((error,)),
-        )
+        raw = bytes(message.payload)
+        sequence, number, opcode, size, _, _, _, offset = HEADER.unpack_from(raw)
+        session = self._sessions.setdefault(link.name, _Session())
+        to = (message.system_id, message.component_id)
+        answer_sequence = (sequence + 1) & 0xFFFF
+        if session.answered is not None:
+            *who, payload = session.answered
+            if tuple(who) == to and HEADER.unpack_from(payload)[0] == answer_sequence:
+                self._send(link, to, payload)
+                return
+        try:
+            if size > DATA_BYTES:
+                raise Refusal(INVALID_DATA_SIZE)
+            request = _Request(offset, raw[HEADER.size : HEADER.size + size])
+            if opcode == BURST:
+                self._begin_burst(session, number, message, answer_sequence, offset)
+                return
+            work = self._work.get(opcode)
+            if work is None:
+                raise Refusal(UNKNOWN_OPCODE)
+            if number and opcode in (TERMINATE, READ, WRITE):
+                raise Refusal(INVALID_SESSION)
+            data, kind = work(session, request), ACK
+        except Refusal as refusal:
+            data, kind = self._error(session, refusal.code), NAK
+        except OSError as error:
+            data, kind = self._failed(session, error), NAK
+        self._answer(link, session, to, (answer_sequence, number, kind, opcode, 0, offset), data)
+
+    def step(self) -> None:
+        """Goes on with bursts."""
+        for link in self._context.links:
+            session = self._sessions.get(link.name)
+            for _ in range(BURST_MESSAGES_A_STEP):
+                if session is None or session.burst is None:
+                    break
+                self._burst(link, session, session.burst)
+
+    # --- answering -------------------------------------------------------------------------------------
+
+    def _answer(
+        self,
+        link: Link,
+        session: _Session,
+        to: tuple[int, int],
+        head: tuple[int, int, int, int, int, int],
+        data: bytes,
+    ) -> None:
+        sequence, number, kind, opcode, complete, offset = head
+        payload = HEADER.pack(sequence, number, kind, len(data), opcode, complete, 0, offset) + data
+        session.answered = (*to, payload)
+        self._send(link, to, payload)
+
+    @staticmethod
+    def _send(link: Link, to: tuple[int, int], payload: bytes) -> None:
+        link.send("FILE_TRANSFER_PROTOCOL", target_system=to[0], target_component=to[1], payload=payload)
+
+    @staticmethod
+    def _error(session: _Session, code: int) -> bytes:
+        return bytes((code, session.last_errno & 0xFF)) if code == FAIL_ERRNO else bytes((code,))
+
+    def _failed(self, session: _Session, error: OSError) -> bytes:
+        number = error.errno or errno.EIO
+        if number == errno.ENOENT:
+            return bytes((FILE_NOT_FOUND,))
+        if number == errno.EEXIST:
+            return bytes((FILE_EXISTS,))
+        if number in (errno.EACCES, errno.EROFS):
+            return bytes((FILE_PROTECTED,))
+        session.last_errno = number
+        return self._error(session, FAIL_ERRNO)
+
+    @staticmethod
+    def _done(_: None) -> bytes:
+        return b""
+
+    # --- sessions --------------------------------------------------------------------------------------
+
+    def _terminate(self, session: _Session, request: _Request) -> bytes:
+        if session.path is None:
+            raise Refusal(INVALID_SESSION)
+        return self._reset(session, request)
+
+    @staticmethod
+    def _reset(session: _Session, request: _Request) -> bytes:
+        session.path, session.burst = None, None
+        return b""
+
+    def _open(self, session: _Session, path: str, *, writable: bool) -> bytes:
+        session.path, session.size, session.writable = path, self._files.size(path), writable
+        return struct.pack("<I", session.size)
+
+    @staticmethod
+    def _need_free(session: _Session) -> None:
+        if session.path is not None:
+            raise Refusal(NO_SESSIONS)
+
+    def _open_to_read(self, session: _Session, request: _Request) -> bytes:
+        self._need_free(session)
+        return self._open(session, request.text, writable=False)
+
+    def _create(self, session: _Session, request: _Request) -> bytes:
+        self._need_free(session)
+        self._files.create(request.text)
+        return self._open(session, request.text, writable=True)
+
+    def _open_to_write(self, session: _Session, request: _Request) -> bytes:
+        self._need_free(session)
+        try:
+            self._files.write(request.text, 0, b"")
+        except FileNotFoundError:
+            self._files.create(request.text)
+        return self._open(session, request.text, writable=True)
+
+    # --- files and directories -------------------------------------------------------------------------
+
+    def _list(self, session: _Session, request: _Request) -> bytes:
+        """`F name TAB size`, `D name`; S for what is neither: dot entries, links to the build's folders."""
+        path = request.text or "/"
+        entries = [b"S\0", b"S\0"]
+        for name, size in self._files.listing(path):
+            if size is not None:
+                entries.append(f"F{name}\t{size}\0".encode())
+            elif self._files.is_link(path, name):
+                entries.append(b"S\0")
+            else:
+                entries.append(f"D{name}\0".encode())
+        data = b""
+        for entry in entries[request.offset :]:
+            if len(data) + len(entry) > DATA_BYTES:
+                break
+            data += entry
+        if not data:
+            raise Refusal(END_OF_FILE)
+        return data
+
+    def _read(self, session: _Session, request: _Request) -> bytes:
+        if session.path is None:
+            raise Refusal(INVALID_SESSION)
+        if request.offset >= session.size:
+            raise Refusal(END_OF_FILE)
+        return self._files.read(session.path, request.offset, min(len(request.data), DATA_BYTES))
+
+    def _write(self, session: _Session, request: _Request) -> bytes:
+        if session.path is None:
+            raise Refusal(INVALID_SESSION)
+        if not session.writable:
+            raise OSError(errno.EBADF, "opened to read")
+        self._files.write(session.path, request.offset, request.data)
+        session.size = self._files.size(session.path)
+        return struct.pack("<I", len(request.data))
+
+    def _rename(self, session: _Session, request: _Request) -> bytes:
+        old, _, rest = request.data.partition(b"\0")
+        new = rest.split(b"\0")[0]
+        self._files.rename(old.decode("utf-8", "replace"), new.decode("utf-8", "replace"))
+        return b""
+
+    def _checksum(self, session: _Session, request: _Request) -> bytes:
+        try:
+            content = self._files.read(request.text, 0, self._files.size(request.text))
+        except FileNotFoundError:
+            raise Refusal(FAIL_ERRNO) from None  # with whatever errno came before
+        return struct.pack("<I", crc32(content))
+
+    # --- bursts ----------------------------------------------------------------------------------------
+
+    def _begin_burst(
+        self, session: _Session, number: int, message: Message, sequence: int, offset: int
+    ) -> None:
+        if number or session.path is None:
+            raise Refusal(INVALID_SESSION)
+        if self._files.is_directory(session.path):
+            raise OSError(errno.EISDIR, "a directory")
+        session.burst = _Burst(message, sequence, offset)
+
+    def _burst(self, link: Link, session: _Session, burst: _Burst) -> None:
+        assert session.path is not None
+        to = (burst.message.system_id, burst.message.component_id)
+        kind, complete = ACK, 0
+        try:
+            if burst.offset >= session.size:
+                raise Refusal(END_OF_FILE)
+            data = self._files.read(session.path, burst.offset, DATA_BYTES)
+            burst.sent += len(data)
+            complete = int(burst.sent >= BURST_BYTES)
+        except Refusal as refusal:
+            data, kind = self._error(session, refusal.code), NAK
+        except OSError as error:
+            data, kind = self._failed(session, error), NAK
+        self._answer(link, session, to, (burst.sequence, 0, kind, BURST, complete, burst.offset), data)
+        burst.sequence = (burst.sequence + 1) & 0xFFFF
+        burst.offset += len(data)
+        if complete or kind == NAK:
+            session.burst = None

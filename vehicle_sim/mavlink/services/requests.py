@@ -11,6 +11,7 @@ from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.rates import EVENT_DRIVEN
 from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, FAILED, Command
+from vehicle_sim.storage.metadata import GENERAL, general_crc
 
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
 REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520, 519, 528
@@ -40,6 +41,8 @@ class RequestService:
             BY_NAME["AVAILABLE_MODES"].id: self._available_modes,
             BY_NAME["FLIGHT_INFORMATION"].id: self._flight_information,
             BY_NAME["LINK_NODE_STATUS"].id: self._link_node_status,
+            BY_NAME["COMPONENT_METADATA"].id: self._component_metadata,
+            BY_NAME["COMPONENT_INFORMATION"].id: self._component_information,
             BY_NAME["TIMESYNC"].id: self._timesync,
             BY_NAME["MAG_CAL_REPORT"].id: self._mag_cal_report,
             BY_NAME["ACTUATOR_OUTPUT_STATUS"].id: self._actuator_output_status,
@@ -172,6 +175,20 @@ class RequestService:
         link.send(
             "STORAGE_INFORMATION", time_boot_ms=self._context.body.time_boot_ms(), storage_id=1,
             storage_count=1, status=STORAGE_READY, total_capacity=STORAGE_MIB, available_capacity=STORAGE_MIB,
+        )  # fmt: skip
+        return True
+
+    def _component_metadata(self, link: Link, command: Command) -> bool:
+        link.send(
+            "COMPONENT_METADATA", time_boot_ms=self._context.body.time_boot_ms(), file_crc=general_crc(),
+            uri=f"mftp://{GENERAL}",
+        )  # fmt: skip
+        return True
+
+    def _component_information(self, link: Link, command: Command) -> bool:
+        link.send(
+            "COMPONENT_INFORMATION", time_boot_ms=self._context.body.time_boot_ms(),
+            general_metadata_file_crc=general_crc(), general_metadata_uri=f"mftp://{GENERAL}",
         )  # fmt: skip
         return True
 

@@ -1,0 +1,129 @@
+"""The vehicle's folder: what is put in comes out, nothing outside can be named, the build's files stay."""
+
+import json
+import lzma
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vehicle_sim.autopilot.announcer import EVENTS
+from vehicle_sim.parameters import load_defaults
+from vehicle_sim.storage import metadata
+from vehicle_sim.storage.files import OutsideError, VehicleFiles
+
+
+@pytest.fixture
+def files(tmp_path):
+    return VehicleFiles(tmp_path / "vehicle", {"etc/extras/a.txt": lambda: b"built in"})
+
+
+def test_what_is_written_is_read_back_at_any_offset(files):
+    files.create("a.bin")
+    files.write("/a.bin", 0, b"0123456789")
+    files.write("./a.bin", 4, b"xy")
+    assert files.read("a.bin", 2, 5) == b"23xy6"
+    assert files.size("a.bin") == 10
+    files.truncate("a.bin", 3)
+    assert files.listing("/") == [("a.bin", 3), ("etc", None)]
+    files.rename("a.bin", "b.bin")
+    files.remove("b.bin")
+    with pytest.raises(FileNotFoundError):
+        files.size("b.bin")
+
+
+@pytest.mark.parametrize("path", ["../x", "a/../../x", "/../etc/passwd", "a\0b"])
+def test_nothing_outside_can_be_named(files, path):
+    for act in (files.create, files.size, files.listing, lambda p: files.read(p, 0, 1)):
+        with pytest.raises(OutsideError):
+            act(path)
+
+
+def test_a_link_that_leads_out_is_not_followed(files, tmp_path):
+    (tmp_path / "secret").write_text("x")
+    (files.root / "way_out").symlink_to(tmp_path / "secret")
+    with pytest.raises(OutsideError):
+        files.read("way_out", 0, 1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(path=st.text(max_size=40))
+def test_any_path_is_answered_or_refused(path):
+    files = VehicleFiles(None, {"etc/extras/a.txt": lambda: b"built in"})
+    for act in (files.size, files.listing, files.is_directory):
+        try:
+            act(path)
+        except OSError:
+            continue
+
+
+def test_the_files_of_the_build_are_read_only(files):
+    assert files.read("etc/extras/a.txt", 6, 99) == b"in"
+    assert files.listing("etc") == [("extras", None)]
+    for act in (
+        lambda: files.create("etc/extras/a.txt"),
+        lambda: files.remove("etc/extras/a.txt"),
+        lambda: files.remove_directory("etc"),
+        lambda: files.rename("etc", "x"),
+    ):
+        with pytest.raises(PermissionError):
+            act()
+
+
+def test_a_folder_is_kept_and_a_temporary_one_is_not(tmp_path):
+    VehicleFiles(tmp_path / "kept").create("a")
+    assert VehicleFiles(tmp_path / "kept").listing("/") == [("a", 0)]
+    temporary = VehicleFiles()
+    temporary.create("a")
+    root = temporary.root
+    del temporary
+    assert not root.exists()
+
+
+def unpacked(path):
+    return json.loads(lzma.decompress(metadata.BUILT_IN[path]()))
+
+
+def test_general_metadata_names_the_other_files_with_their_checksums():
+    general = unpacked(metadata.GENERAL)
+    assert {entry["type"] for entry in general["metadataTypes"]} == {1, 4, 5}
+    for entry in general["metadataTypes"]:
+        path = entry["uri"].removeprefix("mftp://")
+        assert entry["fileCrc"] == metadata.crc32(metadata.BUILT_IN[path]())
+    assert metadata.general_crc() == metadata.crc32(lzma.decompress(metadata.BUILT_IN[metadata.GENERAL]()))
+
+
+def test_the_checksum_is_the_one_that_px4_sends(shared):
+    raw = (shared / "px4" / "parameters.json.xz").read_bytes()
+    general = json.loads(lzma.decompress((shared / "px4" / "component_general.json.xz").read_bytes()))
+    assert metadata.crc32(raw) == general["metadataTypes"][0]["fileCrc"]
+
+
+def test_every_live_parameter_has_its_facts_and_a_default_within_its_range():
+    described = {entry["name"]: entry for entry in unpacked(metadata.PARAMETERS)["parameters"]}
+    assert list(described) == [default.name for default in load_defaults()]
+    for entry in described.values():
+        assert entry["type"] in ("Int32", "Float")
+        assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]
+
+
+def test_the_facts_are_those_of_the_build(shared):
+    theirs = json.loads(lzma.decompress((shared / "px4" / "parameters.json.xz").read_bytes()))["parameters"]
+    theirs = {entry["name"]: entry for entry in theirs}
+    for ours in unpacked(metadata.PARAMETERS)["parameters"]:
+        for key in ("group", "type", "default", "min", "max", "units", "decimalPlaces", "rebootRequired"):
+            assert ours.get(key) == theirs[ours["name"]].get(key), (ours["name"], key)
+        assert [v["value"] for v in ours.get("values", [])] == [
+            v["value"] for v in theirs[ours["name"]].get("values", [])
+        ]
+
+
+def test_every_event_that_the_vehicle_sends_is_defined_with_its_name():
+    component = unpacked(metadata.EVENTS)["components"]["1"]
+    names = {
+        int(event_id): event["name"]
+        for group in component["event_groups"].values()
+        for event_id, event in group["events"].items()
+    }
+    for name, (event_id, _levels) in EVENTS.items():
+        assert names[event_id & 0xFFFFFF] == name

@@ -1,0 +1,167 @@
+"""MAVLink FTP on the wire: answers, errors, bursts and resends as recorded on a PX4."""
+
+import lzma
+
+import pytest
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.mavlink.services import ftp
+from vehicle_sim.storage import metadata
+
+GENERAL = metadata.GENERAL.encode()
+
+
+class Client:
+    """Asks on one link."""
+
+    def __init__(self, sim, link="gcs"):
+        self._sim, self._link = sim, link
+        self._parser = FrameParser()
+        self._sequence = 0
+
+    def ask(
+        self, opcode, data=b"", *, size=None, offset=0, session=0, component=1, sequence=None, wait_s=0.2
+    ):
+        """[(header, data)] of all answers."""
+        self._sequence += 2
+        head = ftp.HEADER.pack(
+            self._sequence if sequence is None else sequence,
+            session, opcode, len(data) if size is None else size, 0, 0, 0, offset,
+        )  # fmt: skip
+        layout, payload = pack(
+            "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=component, payload=head + data
+        )
+        self._sim.feed(0, self._link, frame_v2(layout, payload, 0, 255, 190))
+        answers = []
+        for _ in range(round(wait_s / 0.004)):
+            self._sim.step(0.004)
+            for message in self._parser.feed(self._sim.drain(0, self._link)):
+                if message.name == "FILE_TRANSFER_PROTOCOL":
+                    raw = bytes(message.payload)
+                    header = ftp.HEADER.unpack_from(raw)
+                    answers.append((header, raw[12 : 12 + header[3]]))
+        return answers
+
+    def one(self, opcode, data=b"", **options):
+        """(kind, data) of the only answer."""
+        ((header, answer),) = self.ask(opcode, data, **options)
+        assert header[4] == opcode
+        return header[2], answer
+
+
+@pytest.fixture
+def client():
+    return Client(VehicleSim())
+
+
+def test_a_file_is_created_written_read_listed_renamed_and_removed(client):
+    assert client.one(ftp.MAKE_DIRECTORY, b"d") == (ftp.ACK, b"")
+    assert client.one(ftp.MAKE_DIRECTORY, b"d") == (ftp.NAK, bytes((ftp.FILE_EXISTS,)))
+    assert client.one(ftp.CREATE, b"d/a.txt") == (ftp.ACK, b"\0\0\0\0")
+    assert client.one(ftp.WRITE, b"hello world") == (ftp.ACK, b"\x0b\0\0\0")
+    assert client.one(ftp.TERMINATE) == (ftp.ACK, b"")
+    assert client.one(ftp.OPEN_RO, b"/d/a.txt") == (ftp.ACK, b"\x0b\0\0\0")
+    assert client.one(ftp.READ, size=50, offset=6) == (ftp.ACK, b"world")
+    assert client.one(ftp.READ, size=50, offset=11) == (ftp.NAK, bytes((ftp.END_OF_FILE,)))
+    assert client.one(ftp.WRITE, b"x") == (ftp.NAK, b"\x02\x09")
+    client.one(ftp.TERMINATE)
+    assert client.one(ftp.LIST, b"d") == (ftp.ACK, b"S\0S\0Fa.txt\t11\0")
+    assert client.one(ftp.RENAME, b"d/a.txt\0d/b.txt\0") == (ftp.ACK, b"")
+    assert client.one(ftp.REMOVE_DIRECTORY, b"d") == (ftp.NAK, b"\x02'")
+    assert client.one(ftp.TRUNCATE, b"d/b.txt", offset=5) == (ftp.ACK, b"")
+    assert client.one(ftp.CRC32, b"d/b.txt") == (ftp.ACK, metadata.crc32(b"hello").to_bytes(4, "little"))
+    assert client.one(ftp.REMOVE, b"d/b.txt") == (ftp.ACK, b"")
+    assert client.one(ftp.REMOVE, b"d/b.txt") == (ftp.NAK, bytes((ftp.FILE_NOT_FOUND,)))
+    assert client.one(ftp.REMOVE_DIRECTORY, b"d") == (ftp.ACK, b"")
+
+
+@pytest.mark.parametrize(
+    ("opcode", "data", "error"),
+    [
+        (ftp.LIST, b"/no/such/dir", b"\x0a"),
+        (ftp.OPEN_RO, b"no_such_file.txt", b"\x0a"),
+        (77, b"", b"\x07"),
+        (16, b"/", b"\x07"),
+        (ftp.TERMINATE, b"", b"\x04"),
+        (ftp.READ, b"", b"\x04"),
+        (ftp.WRITE, b"x", b"\x04"),
+        (ftp.BURST, b"", b"\x04"),
+        (ftp.REMOVE, GENERAL, b"\x09"),
+        (ftp.CREATE, b"../../x", b"\x09"),
+    ],
+)
+def test_refusals(client, opcode, data, error):
+    assert client.one(opcode, data) == (ftp.NAK, error)
+
+
+def test_there_is_one_session_and_a_directory_can_hold_it(client):
+    assert client.one(ftp.OPEN_RO, b"etc") == (ftp.ACK, b"\x00\x10\x00\x00")
+    assert client.one(ftp.OPEN_RO, GENERAL) == (ftp.NAK, bytes((ftp.NO_SESSIONS,)))
+    assert client.one(ftp.READ, size=80) == (ftp.NAK, b"\x02\x15")
+    assert client.one(ftp.BURST, size=80) == (ftp.NAK, b"\x02\x15")
+    assert client.one(ftp.RESET) == (ftp.ACK, b"")
+    assert client.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
+
+
+def test_a_session_of_one_link_is_not_anothers():
+    sim = VehicleSim()
+    ground, onboard = Client(sim, "gcs"), Client(sim, "api")
+    assert ground.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
+    assert onboard.one(ftp.READ, size=10) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
+    assert onboard.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
+
+
+def test_a_burst_sends_the_file_and_its_end(client):
+    client.one(ftp.OPEN_RO, metadata.PARAMETERS.encode())
+    answers = client.ask(ftp.BURST, size=239, wait_s=0.5)
+    *chunks, (last, error) = answers
+    assert (last[2], error) == (ftp.NAK, bytes((ftp.END_OF_FILE,)))
+    assert [header[0] for header, _ in answers] == list(
+        range(answers[0][0][0], answers[0][0][0] + len(answers))
+    )
+    content = b"".join(data for _, data in chunks)
+    assert b'"MPC_XY_VEL_MAX"' in lzma.decompress(content)
+
+
+def test_a_long_burst_stops_and_says_so(client):
+    client.one(ftp.CREATE, b"long")
+    for n in range(200):
+        client.ask(ftp.WRITE, bytes(239), offset=239 * n, wait_s=0.004)
+    client.one(ftp.TERMINATE)
+    client.one(ftp.OPEN_RO, b"long")
+    answers = client.ask(ftp.BURST, size=239, wait_s=0.5)
+    assert [header[5] for header, _ in answers] == [0] * 167 + [1]
+    (*_, (last, _)) = client.ask(ftp.BURST, size=239, offset=168 * 239)
+    assert last[2] == ftp.NAK
+
+
+def test_the_same_request_again_gets_the_same_answer_and_is_not_done_twice(client):
+    client.one(ftp.CREATE, b"a", sequence=500)
+    client.one(ftp.WRITE, b"x", sequence=502)
+    again = client.ask(ftp.WRITE, b"different", sequence=502)
+    assert again[0][0][2] == ftp.ACK
+    assert again[0][1] == b"\x01\0\0\0"
+    client.one(ftp.TERMINATE, sequence=504)
+    client.one(ftp.OPEN_RO, b"a", sequence=506)
+    assert client.one(ftp.READ, size=50, sequence=508) == (ftp.ACK, b"x")
+
+
+def test_another_component_is_not_answered(client):
+    assert client.ask(ftp.LIST, b"/", component=99) == []
+
+
+def test_a_directory_longer_than_one_message_is_listed_by_offset(client):
+    for n in range(40):
+        client.one(ftp.MAKE_DIRECTORY, f"directory_{n:02}".encode(), wait_s=0.004)
+    seen = []
+    while True:
+        kind, data = client.one(ftp.LIST, b"/", offset=len(seen))
+        if kind == ftp.NAK:
+            break
+        seen += data.split(b"\0")[:-1]
+    assert data == bytes((ftp.END_OF_FILE,))
+    assert [entry for entry in seen if entry.startswith(b"D")] == [
+        f"Ddirectory_{n:02}".encode() for n in range(40)
+    ]

@@ -1,0 +1,92 @@
+"""The document that tells a ground station what the numbers of EVENT mean.
+
+Ids, names, arguments and enumerations are facts of PX4 v1.16 (`data/event_facts.json`). The sentences are
+ours: some written below, the others spelt out from the event's name and its arguments.
+Format: MAVLink's events metadata schema, version 2.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from vehicle_sim.parameters import DATA_FILE
+
+FACTS_FILE = DATA_FILE.parent / "event_facts.json"
+UNSPOKEN_ARGUMENTS = 2
+"""The first two arguments of a check (modes, component) are for the ground station, not for its sentence."""
+
+MESSAGES: dict[str, str] = {
+    "commander_armed_by": "Armed ({1})",
+    "commander_disarmed_by": "Disarmed ({1})",
+    "commander_arm_denied_resolve_failures": "Arming refused: see the checks that failed",
+    "commander_disarm_denied_not_landed": "Disarming refused: the vehicle is in the air",
+    "commander_modeswitch_not_avail": "Mode {1} is not available now",
+    "commander_takeoff_detected": "In the air",
+    "commander_landing_detected": "On the ground",
+    "commander_rtl": "Returning",
+    "commander_gcs_lost": "Connection to the ground station lost",
+    "commander_dl_regained": "Connection to the ground station is back",
+    "check_modes_cannot_takeoff": "This mode cannot take off",
+    "check_modes_mission": "No mission that can be flown",
+    "check_modes_offboard_signal": "No offboard setpoints arrive",
+    "check_modes_manual_control": "No manual control",
+    "check_modes_local_pos": "No local position estimate",
+    "check_modes_global_pos": "No global position estimate",
+    "check_battery_low": "Battery {3} is low",
+    "check_battery_critical": "Battery {3} is critical",
+    "check_battery_emergency": "Battery {3} is nearly empty",
+    "check_failure_detector_roll": "Roll angle beyond the limit",
+    "check_failure_detector_pitch": "Pitch angle beyond the limit",
+    "check_failure_detector_motor": "A motor failed",
+    "check_gf_violation_custom_gf": "Outside of the fence",
+    "check_gf_violation_max_hor_dist": "Farther from home than allowed",
+    "check_gf_violation_max_alt": "Higher than allowed",
+    "check_rc_dl_no_dllink": "No connection to a ground station",
+    "check_wind_too_high": "Wind above the limit",
+    "check_flight_time_limit": "Flight time is over",
+    "check_mission_failure": "The mission cannot be flown",
+    "mission_execute": "Mission begins",
+    "mission_finished": "Mission is done",
+    "mission_finished_loiter": "Mission is done, holding",
+}
+
+
+def definitions() -> dict[str, Any]:
+    """The whole document."""
+    facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
+    return {"version": 2, "components": {number: _component(each) for number, each in facts.items()}}
+
+
+def _component(facts: dict[str, Any]) -> dict[str, Any]:
+    groups: dict[str, dict[str, dict[str, Any]]] = {}
+    for event_id, (name, group, arguments) in facts["events"].items():
+        event: dict[str, Any] = {"name": name, "message": _message(name, group, arguments)}
+        if arguments:
+            event["arguments"] = [{"name": argument, "type": kind} for argument, kind in arguments]
+        groups.setdefault(group, {"events": {}})["events"][event_id] = event
+    enums = {
+        name: {
+            "type": enum["type"],
+            "is_bitfield": enum["is_bitfield"],
+            "entries": {
+                str(value): {"name": entry, "description": _words(entry)} for value, entry in enum["entries"]
+            },
+        }
+        for name, enum in facts["enums"].items()
+    }
+    kept = ("namespace", "navigation_mode_groups", "supported_protocols")
+    return {"enums": enums, "event_groups": groups, **{key: facts[key] for key in kept if key in facts}}
+
+
+def _message(name: str, group: str, arguments: list[tuple[str, str]]) -> str:
+    written = MESSAGES.get(name)
+    if written is not None:
+        return written
+    spoken = range(0 if group == "default" else UNSPOKEN_ARGUMENTS, len(arguments))
+    values = ", ".join(f"{{{index + 1}}}" for index in spoken)
+    return f"{_words(name)}: {values}" if values else _words(name)
+
+
+def _words(name: str) -> str:
+    return name.removeprefix("check_").replace("_", " ").capitalize()

@@ -1,0 +1,95 @@
+"""The component metadata that a PX4 serves by FTP: what its parameters, events and outputs are called.
+
+Names, groups, types, defaults, ranges, units and labels are facts of PX4 v1.16 (`data/parameter_facts.json`);
+descriptions are left out, and an event's message is the sentence this simulator says beside it.
+Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import zlib
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+from vehicle_sim.parameters import DATA_FILE, load_defaults
+from vehicle_sim.storage.event_definitions import definitions
+from vehicle_sim.storage.outputs import actuators
+
+FACTS_FILE = DATA_FILE.parent / "parameter_facts.json"
+FOLDER = "etc/extras"
+GENERAL = f"{FOLDER}/component_general.json.xz"
+PARAMETERS = f"{FOLDER}/parameters.json.xz"
+EVENTS = f"{FOLDER}/all_events.json.xz"
+ACTUATORS = f"{FOLDER}/actuators.json.xz"
+
+TYPE_PARAMETERS, TYPE_EVENTS, TYPE_ACTUATORS = 1, 4, 5
+"""COMP_METADATA_TYPE of the MAVLink definitions."""
+
+
+def crc32(data: bytes) -> int:
+    """As MAVLink wants it: the reflected CRC-32 polynomial, start value and final XOR zero."""
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def _compressed(content: object) -> bytes:
+    text = json.dumps(content, separators=(",", ":"), sort_keys=True)
+    return lzma.compress(text.encode(), check=lzma.CHECK_CRC32)
+
+
+@lru_cache(maxsize=1)
+def parameters() -> dict[str, Any]:
+    """The parameter document: one entry a live parameter."""
+    facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
+    entries: list[dict[str, Any]] = []
+    for default in load_defaults():
+        entry = {"category": "Standard", **facts[default.name], "name": default.name}
+        entry["type"] = "Int32" if default.type == "INT32" else "Float"
+        if "values" in entry:
+            entry["values"] = [{"value": v, "description": label} for v, label in entry["values"]]
+        if "bitmask" in entry:
+            entry["bitmask"] = [{"index": i, "description": label} for i, label in entry["bitmask"]]
+        entries.append(entry)
+    return {"version": 1, "parameters": entries}
+
+
+@lru_cache(maxsize=1)
+def _parameters_file() -> bytes:
+    return _compressed(parameters())
+
+
+@lru_cache(maxsize=1)
+def _events_file() -> bytes:
+    return _compressed(definitions())
+
+
+@lru_cache(maxsize=1)
+def _actuators_file() -> bytes:
+    return _compressed(actuators())
+
+
+@lru_cache(maxsize=1)
+def _general_text() -> bytes:
+    of: tuple[tuple[int, str, Callable[[], bytes]], ...] = (
+        (TYPE_PARAMETERS, PARAMETERS, _parameters_file),
+        (TYPE_EVENTS, EVENTS, _events_file),
+        (TYPE_ACTUATORS, ACTUATORS, _actuators_file),
+    )
+    types = [{"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32(make())} for kind, path, make in of]
+    return json.dumps({"version": 1, "metadataTypes": types}).encode()
+
+
+def general_crc() -> int:
+    """What COMPONENT_METADATA and COMPONENT_INFORMATION carry: of the general document as it unpacks."""
+    return crc32(_general_text())
+
+
+BUILT_IN: dict[str, Callable[[], bytes]] = {
+    GENERAL: lambda: lzma.compress(_general_text(), check=lzma.CHECK_CRC32),
+    PARAMETERS: _parameters_file,
+    EVENTS: _events_file,
+    ACTUATORS: _actuators_file,
+}
+"""The files by path, made when first asked for."""
