@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
+from gcs_server.clock import Clock
 from gcs_server.vehicle.samples import Sample, Vector3
 
 T = TypeVar("T")
@@ -23,6 +24,8 @@ class SceneVehicle(Protocol):
     """A vehicle as far as it can be drawn; `gcs_server.vehicle.vehicle.Vehicle` is one."""
 
     id: str
+    clock: Clock
+    """Of its samples: the recording's own where it is replayed."""
 
     @property
     def identity(self) -> IdentityFacts: ...

@@ -53,7 +53,7 @@ class Scene:
         self._clock = clock
         self._on_click = on_click
         self._host = ViserHost()
-        self._tracks = Tracks(fleet, clock, offboard)
+        self._tracks = Tracks(fleet, offboard)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._stages: dict[int, tuple[str, Stage]] = {}
         self._router = scene_router(self._host, self._set_view, self._click)

@@ -10,7 +10,6 @@ import weakref
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 
-from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.scene.clicks import ground_point
 from gcs_server.scene.frames import Vector3
@@ -31,8 +30,10 @@ class Track:
     """Of one vehicle."""
 
     vehicle: weakref.ref[SceneVehicle]
+    looked_s: float
+    """When it was looked at, by the clock of its samples."""
     owed_since_s: float | None
-    """Since then its trail is yet to be made up; None: it is whole."""
+    """Since then, by the same clock, its trail is yet to be made up; None: it is whole."""
     smoother: Smoother = field(default_factory=Smoother)
     trail: Trail = field(default_factory=Trail)
 
@@ -44,8 +45,8 @@ class Tracks:
         offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
     """
 
-    def __init__(self, fleet: SceneFleet, clock: Clock, offboard: OffboardTargets | None) -> None:
-        self._fleet, self._clock, self._offboard = fleet, clock, offboard
+    def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None) -> None:
+        self._fleet, self._offboard = fleet, offboard
         self._placement = Placement()
         self._tracks: dict[str, Track] = {}
         self._looked_s = float("-inf")
@@ -58,29 +59,20 @@ class Tracks:
         """
         vehicles = self._fleet.all()
         self._forget_gone(vehicles)
-        if now_s - self._looked_s > REMEMBERED_S:
-            self._tracks.clear()
-        elif now_s - self._looked_s > AWAY_AFTER_S:
-            for track in self._tracks.values():
-                if track.owed_since_s is None:
-                    track.owed_since_s = self._looked_s
-        self._looked_s = now_s
+        away, self._looked_s = now_s - self._looked_s > AWAY_AFTER_S, now_s
         places: dict[str, Place] = {}
         for vehicle in vehicles:
-            track = self._tracks.get(vehicle.id)
-            if track is None:
-                track = Track(weakref.ref(vehicle), now_s - REMEMBERED_S)
-                self._tracks[vehicle.id] = track
+            track = self._track(vehicle, away=away)
             place = places[vehicle.id] = self._placement.place(vehicle)
             if place.known and track.owed_since_s is None:
                 track.trail.add(place.position_enu_m)
             asked = self._offboard(vehicle.id) if self._offboard is not None else None
             target = OffboardTarget(*asked) if asked is not None else None
-            track.smoother.step(pose_of(vehicle, place, target, now_s), dt_s)
+            track.smoother.step(pose_of(vehicle, place, target, track.looked_s), dt_s)
         owing = [v for v in vehicles if self._tracks[v.id].owed_since_s is not None]
         if owing:
             vehicle = next((v for v in owing if v.id in wanted), owing[0])
-            self._make_up(vehicle, places[vehicle.id], now_s)
+            self._make_up(vehicle, places[vehicle.id])
         return {vehicle.id: self._tracks[vehicle.id] for vehicle in vehicles}
 
     def on_ground(
@@ -119,10 +111,21 @@ class Tracks:
         if not self._tracks:
             self._placement.reset()
 
-    def _make_up(self, vehicle: SceneVehicle, place: Place, now_s: float) -> None:
+    def _track(self, vehicle: SceneVehicle, *, away: bool) -> Track:
+        now_s = vehicle.clock.monotonic_s()
+        track = self._tracks.get(vehicle.id)
+        if track is None or now_s - track.looked_s > REMEMBERED_S:
+            track = Track(weakref.ref(vehicle), now_s, now_s - REMEMBERED_S)
+            self._tracks[vehicle.id] = track
+        elif away and track.owed_since_s is None:
+            track.owed_since_s = track.looked_s
+        track.looked_s = now_s
+        return track
+
+    def _make_up(self, vehicle: SceneVehicle, place: Place) -> None:
         track = self._tracks[vehicle.id]
         since_s, track.owed_since_s = track.owed_since_s, None
         if since_s is not None and place.known:
-            since_unix_s = self._clock.unix_s() - (now_s - since_s)
+            since_unix_s = vehicle.clock.unix_s() - (track.looked_s - since_s)
             for point in self._placement.past(vehicle, place, since_unix_s):
                 track.trail.add(point)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from gcs_server.clock import Clock, SystemClock
 from gcs_server.errors import UnknownVehicle
 from gcs_server.vehicle.samples import (
     Attitude,
@@ -47,6 +48,7 @@ class FakeVehicle:
     identity: FakeIdentity = field(default_factory=FakeIdentity)
     values: dict[str, object] = field(default_factory=dict)
     received_monotonic_s: float = 0.0
+    clock: Clock = field(default_factory=SystemClock)
     past: list[Sample] = field(default_factory=list)
     asked: int = 0
     """How often the history was asked for."""

@@ -7,7 +7,7 @@ import asyncio
 import httpx
 import msgspec
 import pytest
-from scene_fakes import FakeFleet, FakeVehicle, StillClock, flying
+from scene_fakes import FakeFleet, FakeVehicle, flying
 from scene_running import CAMERA, eventually, open_stream
 
 from gcs_server.errors import Refused
@@ -35,7 +35,7 @@ def test_what_is_no_ground_is_none(eye_z_m, ray):
 
 
 def test_the_ground_is_that_of_the_chosen_vehicles_home():
-    tracks = Tracks(FakeFleet([flying("1"), flying("2")]), StillClock(), None)
+    tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None)
     tracks.look(1000.0, 0.03)
     vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.on_ground("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
     assert vehicle == "2"
@@ -45,10 +45,9 @@ def test_the_ground_is_that_of_the_chosen_vehicles_home():
 
 
 def test_without_a_place_on_earth_it_is_refused_in_words():
-    clock = StillClock()
     with pytest.raises(Refused, match="no vehicle yet"):
-        Tracks(FakeFleet(), clock, None).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
-    tracks = Tracks(FakeFleet([FakeVehicle()]), clock, None)
+        Tracks(FakeFleet(), None).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+    tracks = Tracks(FakeFleet([FakeVehicle()]), None)
     tracks.look(1000.0, 0.03)
     with pytest.raises(Refused, match="told its position"):
         tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))

@@ -86,8 +86,14 @@ def test_a_failure_is_raised_and_the_next_run_draws_again(running):
             first = next(iter(running.scene._stages.values()))[1]
             good = running.fleet.vehicles[0].values["attitude"]
             running.fleet.vehicles[0].values["attitude"] = None
-            running.fleet.all, kept = _broken, running.fleet.all
-            await asyncio.sleep(0.1)
+            broken: list[str] = []
+
+            def all_broken():
+                broken.append("called")
+                raise HTTPException(500, "fleet broke")
+
+            running.fleet.all, kept = all_broken, running.fleet.all
+            await eventually(lambda: broken)
             running.fleet.all = kept
             running.fleet.vehicles[0].values["attitude"] = good
             await eventually(
@@ -95,7 +101,3 @@ def test_a_failure_is_raised_and_the_next_run_draws_again(running):
             )
 
     asyncio.run(look())
-
-
-def _broken():
-    raise HTTPException(500, "fleet broke")

@@ -32,9 +32,11 @@ def test_with_nobody_looking_no_vehicle_is_looked_at(monkeypatch):
 
 
 def test_the_trail_is_there_at_the_first_look():
-    clock, vehicle = StillClock(), flying()
+    clock = StillClock()
+    vehicle = flying()
+    vehicle.clock = clock
     flew_north(vehicle, clock, 100)
-    tracks = Tracks(FakeFleet([vehicle]), clock, None)
+    tracks = Tracks(FakeFleet([vehicle]), None)
     (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
     assert points(track) == [pytest.approx((0.0, -float(ago), 10.0)) for ago in range(100, 0, -1)]
     tracks.look(clock.monotonic_s() + 0.03, 0.03)
@@ -43,8 +45,10 @@ def test_the_trail_is_there_at_the_first_look():
 
 
 def test_a_gap_is_filled_and_nothing_drawn_twice():
-    clock, vehicle = StillClock(), flying()
-    tracks = Tracks(FakeFleet([vehicle]), clock, None)
+    clock = StillClock()
+    vehicle = flying()
+    vehicle.clock = clock
+    tracks = Tracks(FakeFleet([vehicle]), None)
     vehicle.values["local_position"] = local(-60.0, 0.0, -10.0)
     vehicle.values["global_position"] = None
     for _ in range(2):
@@ -59,8 +63,10 @@ def test_a_gap_is_filled_and_nothing_drawn_twice():
 
 
 def test_after_a_long_time_the_trail_begins_anew():
-    clock, vehicle = StillClock(), flying()
-    tracks = Tracks(FakeFleet([vehicle]), clock, None)
+    clock = StillClock()
+    vehicle = flying()
+    vehicle.clock = clock
+    tracks = Tracks(FakeFleet([vehicle]), None)
     for _ in range(2):
         (first,) = tracks.look(clock.monotonic_s(), 0.03).values()
     clock.now_s += 1000.0
@@ -72,7 +78,7 @@ def test_after_a_long_time_the_trail_begins_anew():
 def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
     clock = StillClock()
     vehicles = [flying(str(i)) for i in range(1, 6)]
-    tracks = Tracks(FakeFleet(vehicles), clock, None)
+    tracks = Tracks(FakeFleet(vehicles), None)
     tracks.look(clock.monotonic_s(), 0.03, {"4"})
     assert [v.asked for v in vehicles] == [0, 0, 0, 1, 0]
     for _ in range(6):
@@ -82,7 +88,7 @@ def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
 
 def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first():
     clock, fleet = StillClock(), FakeFleet([flying("1")])
-    tracks = Tracks(fleet, clock, None)
+    tracks = Tracks(fleet, None)
     for _ in range(2):
         tracks.look(clock.monotonic_s(), 0.03)
     far = flying("1")
@@ -96,10 +102,25 @@ def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first
 
 def test_global_positions_make_a_trail_where_there_are_no_local_ones():
     clock = StillClock()
-    vehicle = FakeVehicle(values={"global_position": glob(47.0, 8.0, 500.0)})
+    vehicle = FakeVehicle(clock=clock, values={"global_position": glob(47.0, 8.0, 500.0)})
     vehicle.past = [
         Sample("global_position", None, clock.unix_s() - ago, 0.0, glob(47.0 - ago * 1e-5, 8.0, 500.0))
         for ago in (3, 2, 1)
     ]
-    (track,) = Tracks(FakeFleet([vehicle]), clock, None).look(clock.monotonic_s(), 0.03).values()
+    (track,) = Tracks(FakeFleet([vehicle]), None).look(clock.monotonic_s(), 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
+
+
+def test_a_replayed_vehicles_trail_is_made_up_in_its_recordings_time():
+    long_ago, vehicle = StillClock(5.0), flying()
+    vehicle.clock = long_ago
+    flew_north(vehicle, long_ago, 4)
+    tracks = Tracks(FakeFleet([vehicle]), None)
+    (track,) = tracks.look(9e5, 0.03).values()
+    assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
+    long_ago.now_s += 2.0  # half speed, while nobody looked
+    vehicle.past.append(
+        Sample("local_position", None, long_ago.unix_s() - 1, long_ago.now_s - 1, local(1.0, 0.0, -10.0))
+    )
+    tracks.look(9e5 + 4.0, 0.03)
+    assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1, 1])
