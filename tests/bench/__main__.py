@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from . import consumers, latency, reference_flights, simulator, stream
+from . import consumers, latency, page, reference_flights, simulator, slow_browser, stream
 
 SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "latency": ("Round trips and latency", latency.table),
@@ -13,6 +13,8 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "simulator": ("Simulated PX4", simulator.table),
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
+    "slow_browser": ("A browser that does not read", slow_browser.table),
+    "page": ("The page in a browser", page.table),
 }
 
 

@@ -23,6 +23,17 @@ def cpu_share(pid: int, window_s: float) -> float:
     return (cpu_s(pid) - before) / (time.monotonic() - began_s)
 
 
+def resident_mb(pid: int) -> float:
+    """Memory that a process holds (VmRSS of proc(5) status)."""
+    rows = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(row.split()[1]) for row in rows if row.startswith("VmRSS")) / 1000
+
+
+def load_average() -> str:
+    """Of the last minute: what else the machine does stands beside what is measured."""
+    return f"{os.getloadavg()[0]:.1f}"
+
+
 def udp_drops(port: int) -> int:
     """Datagrams that the kernel threw away because the reader of `port` was too slow."""
     wanted = f":{port:04X}"

@@ -1,0 +1,214 @@
+"""The page in a real Chromium with ten vehicles in the air: what is loaded, its CPU, its heap, its frames.
+
+There is no graphics card here: WebGL is drawn by the processor, in Chromium's GPU process. So that process is
+told apart, and the page is measured once more without the 3D view.
+"""
+
+from __future__ import annotations
+
+import gzip
+import sys
+import tempfile
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+import httpx
+from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
+
+from tests.station import answers, free_port, running, server_command, vehicle, wait_until
+from tools.ensure_browser import installed_chromium
+
+from .process import cpu_share, load_average, quantiles_ms
+
+VEHICLES = 10
+WARM_UP_S = 15.0
+FRAMES_S = 15.0
+SHOWN_S = 180.0
+MAP_ONLY_S = 60.0
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+PARTS: tuple[str, ...] = ("first load", "map", "3D view")
+
+_FRAMES = """ms => new Promise(done => {
+  const intervals = [];
+  let last = performance.now();
+  const end = last + ms;
+  const frame = now => {
+    intervals.push(now - last);
+    last = now;
+    if (now < end) requestAnimationFrame(frame); else done(intervals.slice(1));
+  };
+  requestAnimationFrame(frame);
+})"""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One run of the page."""
+
+    title: str
+    page_share: float
+    """Of one core: tasks of the page's main thread, its frames' included."""
+    script_share: float
+    renderer_share: float
+    gpu_share: float
+    server_share: float
+    heap_start_mb: float
+    heap_end_mb: float
+    """After a garbage collection, as the one before."""
+    frames_s: list[float]
+    load: str
+
+
+@contextmanager
+def flying(*, scene: bool) -> Generator[tuple[str, int]]:
+    """Ten simulated vehicles hovering at ten metres: the page's address, and the server's process id."""
+    udp, http = free_port(), free_port()
+    url = f"http://127.0.0.1:{http}"
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data:
+        command = server_command(http, [f"udpin://127.0.0.1:{udp}"], data)
+        with (
+            running([*command, *(() if scene else ("--no-scene",))]) as process,
+            vehicle(udp, instances=VEHICLES),
+            httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
+        ):
+            wait_until(lambda: answers(url), "the server's start")
+            wait_until(lambda: len(_ids(api)) == VEHICLES, f"{VEHICLES} vehicles")
+            for vehicle_id in _ids(api):
+                path = f"/vehicles/{vehicle_id}"
+                wait_until(lambda path=path: api.post(f"{path}/arm").is_success, f"arming {vehicle_id}", 60)
+                api.post(f"{path}/takeoff", json={"alt_home_m": 10}).raise_for_status()
+            yield url, process.pid
+
+
+def _ids(api: httpx.Client) -> list[str]:
+    return [v["id"] for v in api.get("/vehicles").raise_for_status().json()]
+
+
+def _part(path: str) -> str | None:
+    """Which part of the page a file belongs to; None: no file of it."""
+    if path.startswith("/api/"):
+        return None
+    if path.startswith("/scene/"):
+        return "3D view"
+    return "map" if "map-engine" in path or "maplibre" in path else "first load"
+
+
+def _weighs(url: str) -> int:
+    """Bytes of a file as gzip makes it; what is compressed in itself as it is."""
+    body = httpx.get(url).raise_for_status().content
+    return min(len(body), len(gzip.compress(body, 6)))
+
+
+def _sizes(url: str, asked: set[str]) -> dict[str, int]:
+    """Bytes by part of the page, of the files that a browser asked for."""
+    sizes = dict.fromkeys(PARTS, 0)
+    for file in asked:
+        part = _part(urlsplit(file).path)
+        if part is not None and file.startswith(f"{url}/"):
+            sizes[part] += _weighs(file)
+    return sizes
+
+
+def _metrics(cdp: CDPSession) -> dict[str, float]:
+    return {m["name"]: m["value"] for m in cdp.send("Performance.getMetrics")["metrics"]}
+
+
+def _processes_s(browser: CDPSession) -> dict[str, float]:
+    """Processor time by kind of process [s]."""
+    used: dict[str, float] = {}
+    for process in browser.send("SystemInfo.getProcessInfo")["processInfo"]:
+        used[process["type"]] = used.get(process["type"], 0.0) + process["cpuTime"]
+    return used
+
+
+def _heap_mb(cdp: CDPSession) -> float:
+    for _ in range(2):
+        cdp.send("HeapProfiler.collectGarbage")
+    return _metrics(cdp)["JSHeapUsedSize"] / 1e6
+
+
+def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s: float) -> Measured:
+    cdp, all_cdp = page.context.new_cdp_session(page), browser.new_browser_cdp_session()
+    cdp.send("Performance.enable")
+    page.wait_for_timeout(WARM_UP_S * 1000)
+    heap_start_mb = _heap_mb(cdp)
+    before, used, began_s = _metrics(cdp), _processes_s(all_cdp), time.monotonic()
+    # The page runs on its own: nothing is asked of it meanwhile.
+    server_share = cpu_share(server_pid, window_s)
+    after, now_used = _metrics(cdp), _processes_s(all_cdp)
+    took_s, load = time.monotonic() - began_s, load_average()
+    heap_end_mb = _heap_mb(cdp)
+    frames_ms: list[float] = page.evaluate(_FRAMES, FRAMES_S * 1000)
+
+    def share(name: str) -> float:
+        return (after[name] - before[name]) / took_s
+
+    def process_share(kind: str) -> float:
+        return (now_used.get(kind, 0.0) - used.get(kind, 0.0)) / took_s
+
+    return Measured(
+        title,
+        share("TaskDuration"),
+        share("ScriptDuration"),
+        process_share("renderer"),
+        process_share("GPU"),
+        server_share,
+        heap_start_mb,
+        heap_end_mb,
+        [ms / 1000 for ms in frames_ms],
+        load,
+    )
+
+
+def _row(one: Measured) -> str:
+    grown_mb = one.heap_end_mb - one.heap_start_mb
+    cells = (
+        one.title,
+        one.load,
+        f"{one.page_share:.0%} ({one.script_share:.0%})",
+        f"{one.renderer_share:.0%}",
+        f"{one.gpu_share:.0%}",
+        f"{one.server_share:.1%}",
+        f"{one.heap_start_mb:.1f} → {one.heap_end_mb:.1f} ({grown_mb:+.1f})",
+        quantiles_ms(one.frames_s),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _open(browser: Browser, url: str, asked: set[str]) -> Page:
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.on("request", lambda request: asked.add(request.url) if request.method == "GET" else None)
+    page.goto(url)
+    page.locator("canvas").first.wait_for(state="visible", timeout=30_000)
+    page.wait_for_timeout(5000)
+    return page
+
+
+def table() -> Iterator[str]:
+    """Rows of Markdown, as they become known."""
+    sizes: dict[str, int] = {}
+    rows: list[Measured] = []
+    with sync_playwright() as playwright:
+        for scene, title, window_s in ((True, "3D and map", SHOWN_S), (False, "map only", MAP_ONLY_S)):
+            print(f"page: {title}, {window_s:.0f} s", file=sys.stderr, flush=True)
+            browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(FLAGS))
+            with flying(scene=scene) as (url, server_pid):
+                asked: set[str] = set()
+                page = _open(browser, url, asked)
+                sizes = _sizes(url, asked) if scene else sizes
+                rows.append(_measure(f"{title}, {window_s:.0f} s", browser, page, server_pid, window_s))
+                browser.close()
+    yield "| loaded | gzipped kB |"
+    yield "|---|---|"
+    for part in PARTS:
+        yield f"| {part} | {sizes[part] / 1000:.0f} |"
+    yield f"\n{VEHICLES} vehicles hovering, 1440 × 900; shares of one core.\n"
+    yield (
+        "| shown | load average | page's main thread (script) | renderer processes "
+        "| GPU process (software WebGL) | server | heap after GC, MB | frame interval ms: p50 / p99 / max |"
+    )
+    yield "|---|---|---|---|---|---|---|---|"
+    yield from map(_row, rows)

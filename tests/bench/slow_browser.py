@@ -1,0 +1,91 @@
+"""What a browser costs that is open and does not read: nothing is the answer that is wanted."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import msgspec
+import viser
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from tests.station import free_port, running, server
+
+from .process import cpu_share, load_average, resident_mb
+
+VEHICLES = 10
+WARM_UP_S = 4.0
+WINDOW_S = 20.0
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (-3.0, 0.0, 1.0),
+    "fov": 0.8,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 100,
+    "image_width": 100,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+CASES = (("nobody", 0, 0), ("one that reads", 1, 0), ("one that reads, one that does not", 1, 1))
+
+
+def _open(url: str) -> tuple[ClientConnection, ClientConnection]:
+    """A page's two streams: everything at 20 Hz, and the 3D view."""
+    base = url.replace("http://", "ws://")
+    telemetry = connect(f"{base}/api/v1/telemetry", max_size=None, max_queue=1)
+    telemetry.send(json.dumps({"type": "subscribe", "vehicles": "*", "topics": "*", "rate_hz": 20}))
+    scene = connect(
+        f"{base}/scene/",
+        max_size=None,
+        max_queue=1,
+        subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+    )
+    scene.send(msgspec.msgpack.encode(CAMERA))
+    return telemetry, scene
+
+
+def _read(connection: ClientConnection) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        for _ in connection:
+            pass
+
+
+def _measure(readers: int, sleepers: int) -> tuple[float, float, float]:
+    """The server's (CPU share, memory at the start, at the end [MB])."""
+    port = free_port()
+    seconds = str(WARM_UP_S * 2 + WINDOW_S + 1)
+    with server([f"udpin://127.0.0.1:{port}"]) as (url, process), contextlib.ExitStack() as open_ones:
+        command = [sys.executable, "-m", "tests.bench.feed", str(port), str(VEHICLES), seconds]
+        with running(command, stdout=subprocess.PIPE) as feed:
+            assert feed.stdout is not None
+            feed.stdout.readline()  # it has encoded its frames and begins
+            time.sleep(WARM_UP_S)
+            for index in range(readers + sleepers):
+                for stream in _open(url):
+                    open_ones.callback(stream.socket.close)  # no farewell: who does not read hears none
+                    if index < readers:
+                        threading.Thread(target=_read, args=(stream,), daemon=True).start()
+            time.sleep(WARM_UP_S)
+            start_mb = resident_mb(process.pid)
+            share = cpu_share(process.pid, WINDOW_S)
+            return share, start_mb, resident_mb(process.pid)
+
+
+def table() -> Iterator[str]:
+    """Rows of Markdown, as they become known."""
+    yield f"{VEHICLES} × 100 msg/s; each browser has the telemetry of all at 20 Hz and the 3D view.\n"
+    yield f"| looks on | load average | server CPU | memory MB, over {WINDOW_S:.0f} s |"
+    yield "|---|---|---|---|"
+    for name, readers, sleepers in CASES:
+        share, start_mb, end_mb = _measure(readers, sleepers)
+        grown = f"{start_mb:.0f} → {end_mb:.0f} ({end_mb - start_mb:+.1f})"
+        yield f"| {name} | {load_average()} | {share:.1%} | {grown} |"
