@@ -1,0 +1,33 @@
+"""A click into a 3D view reaches the telemetry sockets as the event that the page waits for."""
+
+from __future__ import annotations
+
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.scene import SceneClick
+from gcs_server.settings import Settings
+
+
+def test_a_click_in_3d_is_told_with_its_views_token_and_not_kept(tmp_path):
+    settings = Settings(links=(), sim=0, data=tmp_path, scene=False, record=False)
+    app = create_app(settings, static=tmp_path)
+    with (
+        TestClient(app, base_url="http://localhost") as client,
+        client.websocket_connect("ws://localhost/api/v1/telemetry") as socket,
+    ):
+        assert socket.receive_json()["type"] == "hello"
+        click = SceneClick("page-1", "1", 47.4, 8.5, 488.0, 0.5, 0.9)
+        client.portal.call(app.state.server._scene_clicked, click)
+        event = socket.receive_json()["event"]
+        assert app.state.server.fleet.events.since() == []
+    told = {key: event[key] for key in ("kind", "view", "vehicle", "lat_deg", "lon_deg", "alt_amsl_m")}
+    assert told == {
+        "kind": "scene_click",
+        "view": "page-1",
+        "vehicle": "1",
+        "lat_deg": 47.4,
+        "lon_deg": 8.5,
+        "alt_amsl_m": 488.0,
+    }
+    assert (event["view_x"], event["view_y"], event["text"]) == (0.5, 0.9, "")
