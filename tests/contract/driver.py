@@ -30,6 +30,15 @@ STATE_MESSAGES = frozenset(
 LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVENT_SEQUENCE"}
 """Streams that are part of the dialogues of these names."""
 TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES
+AIR_MISSION: list[dict[str, Any]] = [
+    {"seq": n, "frame": frame, "command": command, "current": n == 0, "autocontinue": 1, "param4": math.nan,
+     "x": x, "y": y, "z": z, "mission_type": 0}
+    for n, (frame, command, x, y, z) in enumerate(
+        ((6, 22, 473977420, 85455940, 10.0), (6, 16, 473979220, 85455940, 10.0),
+         (6, 16, 473979220, 85458600, 12.0), (2, 20, 0, 0, 0.0))
+    )
+]  # fmt: skip
+"""What the recorded vehicle carried in the group "air": up, two waypoints, back."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
 REQUESTED_MODES = {
     "altctl": (2, 0), "acro": (5, 0), "offboard": (6, 0), "mission": (4, 4), "rtl": (4, 5), "land": (4, 6),
@@ -252,9 +261,18 @@ SUMMARY, HEALTH = 27825120, 18691879
 class Player:
     """Replays one session in its order, on a new vehicle where the old one cannot be brought back."""
 
-    def __init__(self) -> None:
+    def __init__(self, listen: tuple[str, ...] = ()) -> None:
         self._vehicle: Vehicle | None = None
+        self._listen = listen
+        """Streams to keep besides the usual."""
         self._set_before: frozenset[str] = frozenset()
+        self._cleared = False
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The one of the last dialogue."""
+        assert self._vehicle is not None
+        return self._vehicle
 
     def play(self, dialogue: Dialogue) -> Answer:
         """Bring about the starting state, send, listen."""
@@ -274,6 +292,7 @@ class Player:
             now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
             answer.set_before = self._set_before - now_set
             self._set_before |= now_set
+            self._cleared |= _sends(dialogue, "MISSION_CLEAR_ALL")
             return answer
         finally:
             for name, value in kept.items():
@@ -296,9 +315,12 @@ class Player:
             vehicle = self._vehicle = Vehicle(
                 dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats
             )
+            vehicle.wanted |= {layout_id(name) for name in self._listen}
             vehicle.run(3.0)
             if "right after" in words:
                 return vehicle
+            if dialogue.get("group") == "air" and not self._cleared:
+                _upload(vehicle, AIR_MISSION)
             if "GPS_CTRL" not in words:
                 vehicle.run_until(vehicle.ready, 15)
                 vehicle.run(2.5)
@@ -400,13 +422,17 @@ def _stock(vehicle: Vehicle, dialogue: Dialogue) -> None:
     plan = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_ITEM_INT"]
     if not counts or len(plan) != counts[0]["count"]:
         return
+    _upload(vehicle, plan)
+    vehicle.run(2.5)
+
+
+def _upload(vehicle: Vehicle, plan: list[dict[str, Any]]) -> None:
     kind = plan[0]["mission_type"]
     target = {"target_system": vehicle.system_id, "target_component": 1, "mission_type": kind}
     vehicle.send("MISSION_COUNT", {"count": len(plan), **target})
     for item in plan:
         fields = {key: value_of(value) for key, value in item.items() if key != "target_system"}
         vehicle.send("MISSION_ITEM_INT", fields | target)
-    vehicle.run(2.5)
 
 
 def layout_id(name: str) -> int:

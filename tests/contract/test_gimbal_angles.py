@@ -4,9 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pytest
-from sim_station import Station
-from test_simulator_dialogues import _gimbal_owner, load, replay
+from driver import Player, Vehicle, load
 
 ANGLE_TOLERANCE_DEG = 1.5
 """The recording reads while the vehicle's heading drifts by a degree or two."""
@@ -31,13 +29,14 @@ KNOWN: dict[str, str] = {
 }
 
 
-def pointing(s: Station) -> dict[str, float]:
-    mount, device = s.last["MOUNT_ORIENTATION"], s.last["GIMBAL_DEVICE_ATTITUDE_STATUS"]
+def pointing(vehicle: Vehicle) -> dict[str, float]:
+    _, mount = vehicle.last["gcs", "MOUNT_ORIENTATION"]
+    _, device = vehicle.last["gcs", "GIMBAL_DEVICE_ATTITUDE_STATUS"]
     return {
-        "device_flags": device.flags,
-        "mount_roll": mount.roll,
-        "mount_pitch": mount.pitch,
-        "mount_yaw": mount.yaw,
+        "device_flags": device["flags"],
+        "mount_roll": mount["roll"],
+        "mount_pitch": mount["pitch"],
+        "mount_yaw": mount["yaw"],
     }
 
 
@@ -52,19 +51,16 @@ def differences(real: dict[str, Any], ours: dict[str, float]) -> list[str]:
     return wrong
 
 
-@pytest.mark.parametrize("group", ["gimbal"])
-def test_the_gimbal_points_where_the_real_one_does(shared: Path, group: str) -> None:
-    s = Station()
-    s.run_until(lambda: s.ready, 15)
+def test_the_gimbal_points_where_the_real_one_does(shared: Path) -> None:
+    player = Player(listen=("MOUNT_ORIENTATION",))
     wrong: dict[str, list[str]] = {}
     compared = 0
-    for dialogue in load(shared, group):
-        _gimbal_owner(s, dialogue)
-        replay(s, dialogue, dialogue["window_s"] - READ_BEFORE_END_S)
+    for dialogue in load(shared / "px4" / "dialogues" / "gimbal.jsonl"):
+        player.play({**dialogue, "window_s": dialogue["window_s"] - READ_BEFORE_END_S, "received": []})
         if "gimbal_after" not in dialogue:
             continue
         compared += 1
-        found = differences(dialogue["gimbal_after"], pointing(s))
+        found = differences(dialogue["gimbal_after"], pointing(player.vehicle))
         if found:
             wrong[dialogue["id"]] = found
     assert compared > 35

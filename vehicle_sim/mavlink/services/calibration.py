@@ -24,6 +24,8 @@ INFO, CRITICAL = 6, 2
 """MAV_SEVERITY."""
 ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK = 1, 2, 4
 """param5."""
+PRIORITY = 50
+"""Of a calibrated sensor whose priority nobody chose."""
 PENDING = "[cal] pending: back front left right up down"
 STILL = "[cal] hold vehicle still on a pending side"
 REST = "[cal] detected rest position, hold still..."
@@ -214,7 +216,10 @@ class CalibrationService:
         )  # fmt: skip
 
     def _tell(self, prefix: str) -> None:
-        self._params.tell([name for name in self._context.body.parameters.names if name.startswith(prefix)])
+        store = self._context.body.parameters
+        if store.get(f"{prefix}PRIO") < 0:
+            store.set(f"{prefix}PRIO", PRIORITY)
+        self._params.tell([name for name in store.names if name.startswith(prefix)])
 
     def _say(self, text: str, severity: int = INFO) -> None:
         self._announcer.text(severity, text)

@@ -26,6 +26,8 @@ VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
 UID = 0x4954_414C_4449_4E4F
 """What every PX4 built for Linux reports, on every instance: it tells no two vehicles apart."""
+SILENT_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
+"""Configured, though nothing on board ever gives them a value to send."""
 NOT_ON_REQUEST = frozenset({"GPS_RAW_INT", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"})
 """PX4 denies these although it streams them: no newer sample at the moment of the request."""
 
@@ -83,7 +85,7 @@ class RequestService:
         return ACCEPTED
 
     def set_interval(self, command: Command) -> int:
-        """-1 off, 0 default, else microseconds; any other way of saying off is off too."""
+        """-1 off, 0 (or NaN) default, else microseconds; any other way of saying off is off too."""
         if command.p7 != 0.0 and math.isfinite(command.p7):
             return FAILED
         msg_id = int(command.p1) & 0xFFFF if math.isfinite(command.p1) else 0
@@ -99,7 +101,7 @@ class RequestService:
             return FAILED
         link, now_us = self._link(command), self._context.body.time_boot_us()
         interval = command.p2
-        if interval == 0.0:
+        if interval == 0.0 or math.isnan(interval):
             link.restore_interval(layout.name, now_us)
         elif not math.isfinite(interval) or interval < 0.0:
             link.set_interval(msg_id, 0, now_us)
@@ -111,7 +113,8 @@ class RequestService:
         """MESSAGE_INTERVAL, 0 for what is not streamed, before the acknowledgement."""
         msg_id = int(command.p1) if math.isfinite(command.p1) else 0
         link = self._link(command)
-        link.send("MESSAGE_INTERVAL", message_id=msg_id & 0xFFFF, interval_us=link.interval_us(msg_id))
+        interval_us = link.interval_us(msg_id) or SILENT_US.get(msg_id, 0)
+        link.send("MESSAGE_INTERVAL", message_id=msg_id & 0xFFFF, interval_us=interval_us)
         return ACCEPTED
 
     # --- messages on request ---------------------------------------------------------------------------
