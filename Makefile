@@ -6,13 +6,14 @@ BIN := $(VENV)/bin
 # CI and Docker may bring an environment of their own; here one is made in .venv.
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-clients bench lint web types wheel clean setup
+.PHONY: help run test test-clients bench screenshots lint web types wheel clean setup
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
 	@echo "make test          the whole suite: lint, Python, page, browser"
 	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy)"
 	@echo "make bench         print the table of measurements"
+	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only fly,lost\")"
 	@echo "make web           build the page;  make types: generate its API types from the server's schema"
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
 	@echo "make clean         remove what the other targets made"
@@ -87,6 +88,9 @@ test-clients: $(VENV)/.clients web
 
 bench: $(VENV)/.clients
 	@$(BIN)/python -m tests.bench
+
+screenshots: $(VENV)/.tested $(VENV)/.browser web
+	@$(BIN)/python -m tests.e2e.screenshots $(ARGS)
 
 wheel: $(VENV)/bin/python
 	@$(BIN)/pip wheel --quiet --no-deps --wheel-dir dist .

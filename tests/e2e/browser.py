@@ -25,6 +25,8 @@ ARGUMENTS = [
 PATIENCE_MS = 20_000
 """Chromium draws in software here, and the machine may do other things besides."""
 
+MOST_TABS = 80
+
 TELL_CSP = """
 addEventListener('securitypolicyviolation', (e) =>
   console.error(`policy: ${e.effectiveDirective} stopped ${e.blockedURI}`));
@@ -96,13 +98,24 @@ class Watched:
 
 @contextlib.contextmanager
 def opened(
-    browser: Browser, url: str, *, theme: Any = "dark", size: tuple[int, int] = (1440, 900)
+    browser: Browser,
+    url: str,
+    *,
+    theme: Any = "dark",
+    size: tuple[int, int] = (1440, 900),
+    scene: bool = True,
 ) -> Iterator[Page]:
-    """The page in a fresh window, watched until it is closed."""
+    """The page in a fresh window, watched until it is closed.
+
+    Without `scene` the page finds no 3D view, as on a server without one: drawing it in software takes most
+    of a small machine, and most tests are about something else.
+    """
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     watched = Watched(page, url)
+    if not scene:
+        page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))
     try:
         page.goto(url)
         yield page
@@ -152,9 +165,28 @@ def shown(where: Locator, label: str) -> float:
 
 def scene(page: Page) -> Frame:
     """The 3D view's own document."""
-    frame = page.get_by_title("3D view").element_handle().content_frame()
+    frame = page.get_by_title("3D view", exact=True).element_handle().content_frame()
     assert frame is not None
     return frame
+
+
+def in_both_themes(page: Page) -> list[str]:
+    """`serious_violations` of what is shown now, dark and light; the page is dark before and after."""
+    found = serious_violations(page)
+    page.emulate_media(color_scheme="light")
+    found += [f"light: {one}" for one in serious_violations(page)]
+    page.emulate_media(color_scheme="dark")
+    return found
+
+
+def tab_to(page: Page, name: str) -> None:
+    """Presses Tab until the button or field of that name has the keyboard."""
+    wanted = "() => document.activeElement.ariaLabel ?? document.activeElement.textContent.trim()"
+    for _ in range(MOST_TABS):
+        page.keyboard.press("Tab")
+        if page.evaluate(wanted) == name:
+            return
+    pytest.fail(f"{MOST_TABS} times Tab did not reach {name!r}")
 
 
 def serious_violations(page: Page) -> list[str]:

@@ -92,6 +92,7 @@ export class ActionController {
     }
     this.asked = { action, place, facts, goal, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
+    this.left_s = this.asked.confirmation.left_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.askReturnHeight(facts.id);
   }

@@ -1,0 +1,238 @@
+"""`make screenshots`: the page in each of its states, light and dark, as small pictures in docs/images.
+
+A station of its own with simulated vehicles is flown through the states; the pictures are what a person sees.
+States that fail are named at the end, the others are kept. `--only offboard,lost` takes some of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Browser, Page
+
+from gcs_server.client import SyncGcs, SyncVehicle
+from tests.e2e.browser import REPOSITORY, chromium, hold_space
+from tests.station import free_port, server, vehicle, wait_until
+from tools import build_page
+
+IMAGES = REPOSITORY / "docs" / "images"
+LARGEST_BYTES = 100_000
+QUALITIES = (85, 78, 70, 60, 50)
+SIZE, TABLET = (1440, 900), (1024, 768)
+SETTLE_S = 1.6
+"""Both views draw themselves anew after a change of theme, in software."""
+SPEED = 3
+
+
+@dataclass
+class Set:
+    """Where the pictures are taken."""
+
+    browser: Browser
+    page: Page
+    url: str
+    drone: SyncVehicle
+    simulator: subprocess.Popen[bytes]
+    port: int
+    folder: Path
+    stack: contextlib.ExitStack
+
+
+def save(page: Page, path: Path) -> None:
+    """The window as WebP, as good as fits into the limit."""
+    session = page.context.new_cdp_session(page)
+    data = b""
+    for quality in QUALITIES:
+        answer = session.send("Page.captureScreenshot", {"format": "webp", "quality": quality})
+        data = base64.b64decode(answer["data"])
+        if len(data) <= LARGEST_BYTES:
+            break
+    path.write_bytes(data)
+    session.detach()
+    print(f"  {path.name}: {len(data) / 1000:.0f} kB", flush=True)
+
+
+def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
+    """One state in both themes; `keep` brings back what would have expired meanwhile."""
+    schemes: tuple[Any, ...] = ("dark", "light")
+    for theme in schemes:
+        page.emulate_media(color_scheme=theme)
+        time.sleep(SETTLE_S)
+        keep()
+        time.sleep(0.3)
+        save(page, folder / f"{name}-{theme}.webp")
+    page.emulate_media(color_scheme="dark")
+
+
+def pill(page: Page) -> str:
+    """What the vehicle does, in the page's words."""
+    return page.locator(".pill b").inner_text()
+
+
+def until_pill(page: Page, *words: str) -> None:
+    """Waits until the page says one of them."""
+    wait_until(lambda: pill(page) in words, " or ".join(words), 60)
+
+
+def flying(at: Set) -> None:
+    """Under way in Hold, with a trail behind it."""
+    home = at.drone.topic("home")
+    at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
+    time.sleep(2.5)
+    shoot(at.page, at.folder, "fly")
+
+
+def confirmation(at: Set) -> None:
+    """Return is asked for and not yet confirmed."""
+    shoot(at.page, at.folder, "confirm", lambda: at.page.keyboard.press("r"))
+    at.page.keyboard.press("Escape")
+
+
+def offboard(at: Set) -> None:
+    """The server streams, the target has been nudged ahead."""
+    page = at.page
+    page.keyboard.press("o")
+    hold_space(page)
+    until_pill(page, "Offboard")
+    card = page.get_by_label("Offboard", exact=True)
+    card.get_by_role("button", name="5 m", exact=True).click()
+
+    def ahead() -> None:
+        card.get_by_role("button", name="N 5 m more").click()
+        card.get_by_role("button", name="E 5 m more").click()
+
+    shoot(page, at.folder, "offboard", ahead)
+
+
+def gimbal(at: Set) -> None:
+    """The camera is steered from here."""
+    page = at.page
+    card = page.get_by_label("Gimbal", exact=True)
+    card.scroll_into_view_if_needed()
+    card.get_by_role("button", name="Take").click()
+    card.get_by_role("button", name="Release").wait_for()
+    box = card.locator("svg[role=img]").last.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] * 0.6)
+    shoot(page, at.folder, "gimbal")
+
+
+def refused(at: Set) -> None:
+    """The vehicle does not disarm in the air and says why."""
+    page = at.page
+    page.keyboard.press("Shift+A")
+    hold_space(page)
+    page.locator(".place").get_by_role("alert").wait_for()
+    shoot(page, at.folder, "refused")
+    page.keyboard.press("Escape")
+
+
+def tablet(at: Set) -> None:
+    """A touch screen, held in two hands."""
+    context = at.browser.new_context(
+        viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme="dark"
+    )
+    page = context.new_page()
+    page.goto(at.url)
+    wait_until(lambda: pill(page) not in ("", "No vehicle state"), "the vehicle on the tablet")
+    time.sleep(3)
+    shoot(page, at.folder, "tablet")
+    context.close()
+
+
+def two(at: Set) -> None:
+    """A second vehicle is heard and flies."""
+    at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", "--speed", str(SPEED)]))
+    with SyncGcs(at.url, client="pictures") as gcs:
+        second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
+        second.takeoff(8)
+        time.sleep(4)
+        shoot(at.page, at.folder, "two")
+        second.land()
+
+
+def lost(at: Set) -> None:
+    """The simulator is stopped: nothing is heard of the vehicle."""
+    os.killpg(at.simulator.pid, signal.SIGSTOP)
+    try:
+        until_pill(at.page, "Lost")
+        time.sleep(3)
+        shoot(at.page, at.folder, "lost")
+    finally:
+        os.killpg(at.simulator.pid, signal.SIGCONT)
+
+
+STATES: tuple[Callable[[Set], None], ...] = (
+    flying,
+    confirmation,
+    gimbal,
+    offboard,
+    refused,
+    tablet,
+    two,
+    lost,
+)
+
+
+@contextlib.contextmanager
+def airborne(folder: Path) -> Iterator[Set]:
+    """A station with one vehicle in the air and the page open on it."""
+    port = free_port()
+    with contextlib.ExitStack() as stack:
+        url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{port}"]))
+        simulator = stack.enter_context(vehicle(port, more=["--speed", str(SPEED)]))
+        gcs = stack.enter_context(SyncGcs(url, client="pictures"))
+        browser = stack.enter_context(chromium())
+        page = browser.new_context(
+            viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme="dark"
+        ).new_page()
+        page.goto(url)
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=60)
+        drone.takeoff(12)
+        until_pill(page, "Holding")
+        yield Set(browser, page, url, drone, simulator, port, folder, stack)
+
+
+def main() -> int:
+    """Takes the pictures; the number of states that failed is the exit code."""
+    names = [state.__name__ for state in STATES]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the pictures")
+    parser.add_argument("--only", default="", help=f"of {', '.join(names)}")
+    options = parser.parse_args()
+    wanted = [name for name in options.only.split(",") if name] or names
+    unknown = sorted(set(wanted) - set(names))
+    if unknown:
+        parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(names)}")
+    options.out.mkdir(parents=True, exist_ok=True)
+    build_page.build(REPOSITORY)
+    failed: list[str] = []
+    with airborne(options.out) as at:
+        for state in STATES:
+            if state.__name__ not in wanted:
+                continue
+            print(state.__name__, flush=True)
+            try:
+                state(at)
+            except Exception as error:  # the other pictures are still worth taking
+                failed.append(state.__name__)
+                print(f"  failed: {error}", file=sys.stderr, flush=True)
+                at.page.keyboard.press("Escape")
+    if failed:
+        print(f"not taken: {', '.join(failed)}", file=sys.stderr)
+    return len(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""Two vehicles on one page: which one is meant, why one does not arm, one that is lost and comes back."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, slide
+from tests.e2e.conftest import SPEED
+from tests.station import free_port, server, vehicle, wait_until
+from tools import build_page
+
+pytestmark = pytest.mark.browser
+
+SECOND = ["--first-instance", "101", "--speed", str(SPEED)]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, more=["--speed", str(SPEED)]),
+        vehicle(port, more=SECOND) as second,
+        SyncGcs(url, client="e2e") as gcs,
+        opened(browser, url, scene=False) as page,
+    ):
+        one = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        two = gcs.wait_for_vehicle("102", ready=True, timeout_s=40)
+        pill, chips = page.locator(".pill b"), page.get_by_label("Vehicles").get_by_role("button")
+        expect(chips).to_have_count(2)
+        expect(chips.nth(1)).to_contain_text("simulated")
+
+        # Refused on the ground, and why, where the button is.
+        two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 1})
+        page.keyboard.press("2")
+        expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
+        page.get_by_role("button", name="Arm", exact=True).click()
+        expect(page.get_by_role("alertdialog")).to_contain_text("Arm 102 Quad")
+        slide(page)
+        refusal = page.locator(".place").get_by_role("alert")
+        expect(refusal).to_contain_text("Arming: The vehicle refused")
+        expect(refusal).to_contain_text("102 Quad")
+        expect(refusal).to_contain_text("It says: Arming denied: Resolve system health failures first")
+        assert in_both_themes(page) == []
+        assert not two.status()["armed"]
+        two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
+        gcs.wait_for_vehicle("102", ready=True, timeout_s=20)
+
+        # The one that is chosen flies, the other stays.
+        page.keyboard.press("t")
+        hold_space(page)
+        wait_until(lambda: two.status()["armed"], "the second vehicle's take-off", 20)
+        assert not one.status()["armed"]
+        chips.nth(0).click()
+        expect(pill).to_have_text("Ready")
+        page.keyboard.press("2")
+
+        # Silence: said at once in words and shape, and what was known is not shown as live.
+        os.killpg(second.pid, signal.SIGSTOP)
+        try:
+            expect(pill).to_have_text("Lost", timeout=15_000)
+            expect(chips.nth(1)).to_contain_text("lost")
+            expect(chips.nth(0)).not_to_contain_text("lost")
+            expect(page.get_by_label("Values", exact=True)).to_contain_text(" old")
+            assert in_both_themes(page) == []
+            page.keyboard.press("h")
+            expect(refusal).to_contain_text("has not been heard")
+            expect(refusal).to_contain_text("Check its link")
+        finally:
+            os.killpg(second.pid, signal.SIGCONT)
+        expect(chips.nth(1)).not_to_contain_text("lost", timeout=15_000)
+        expect(page.get_by_label("Messages", exact=True)).to_contain_text("Link is back")
+        page.keyboard.press("h")
+        expect(pill).to_have_text("Holding")
+        two.land()
+        two.until_disarmed()
