@@ -17,7 +17,9 @@ from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
+from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.payload.gimbal import Gimbal
 
@@ -39,6 +41,8 @@ class Autopilot:
         self.commander = Commander(
             body, self.announcer, self._row, self.navigator, self.offboard, self.own_commands
         )
+        self.sticks = Sticks(body)
+        self._manual = Manual(body, self._row, self.sticks, self.home)
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()
         self.gimbal = Gimbal(body)
@@ -49,6 +53,7 @@ class Autopilot:
 
     def update(self) -> None:
         """One tick."""
+        self._take_over()
         self._detect_landing()
         self.commander.update(landed=self.land_detector.landed)
         self._ramp()
@@ -58,7 +63,8 @@ class Autopilot:
     def _detect_landing(self) -> None:
         belief = self.body.belief
         target, i = self.body.simulation.target, self.body.row
-        thrust = float(target.thrust[i]) if self.takeoff.may_thrust else 0.0
+        direct = int(self.body.simulation.setpoints.level[i]) < ControlLevel.TRAJECTORY
+        thrust = float(target.thrust[i]) if self.takeoff.may_thrust or direct else 0.0
         self.land_detector.update(
             self.body.time_s,
             Motion(
@@ -87,7 +93,22 @@ class Autopilot:
     def _forget_limits(self, _name: str, _value: float) -> None:
         self._landing_limits = None
 
+    @property
+    def _by_sticks(self) -> bool:
+        return self.commander.active in STICK_MODES and self.sticks.valid
+
+    def _take_over(self) -> None:
+        """A pilot who moves the sticks in an automatic mode flies in Position from then on."""
+        commander = self.commander
+        if not commander.armed or commander.landed or commander.active in STICK_MODES:
+            self.sticks.moved = False
+        elif self.sticks.takes_over(offboard=commander.active is NavState.OFFBOARD):
+            self.announcer.text(6, "Pilot took over using sticks\t")
+            commander.set_mode(NavState.POSITION)
+
     def _descends(self) -> bool:
+        if self._by_sticks:
+            return self._manual.descends(self.commander.active)
         if self.commander.active is not NavState.OFFBOARD:
             return self.navigator.descends(self.commander.active)
         setpoint = self.offboard.setpoint
@@ -99,7 +120,9 @@ class Autopilot:
 
     def _ramp(self) -> None:
         parameter, active = self.body.parameter, self.commander.active
-        if active is NavState.OFFBOARD:
+        if self._by_sticks:
+            climbs = self._manual.wants_to_climb()
+        elif active is NavState.OFFBOARD:
             climbs = self.offboard.wants_to_climb(self.body.belief.position_ned_m[2])
         else:
             climbs = self.navigator.wants_to_climb(active)
@@ -133,12 +156,16 @@ class Autopilot:
                 self.body.parameter("MPC_TILTMAX_LND")
             ),
         )  # fmt: skip
-        if direct:
+        if self._by_sticks and commander.active in DIRECT_MODES:
+            self._manual.run(commander.active)
+        elif direct:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif on_ground:
             # PX4 presses the vehicle down until it may climb and once it touches.
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
+        elif self._by_sticks:
+            self._manual.run(commander.active)
         elif commander.active is NavState.OFFBOARD:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()

@@ -1,0 +1,187 @@
+"""Flying by MANUAL_CONTROL: what the sticks mean in each mode, and when they count."""
+
+import math
+
+import numpy as np
+import pytest
+from sim_station import POSITION, Station
+
+ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
+NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
+
+
+class Pilot(Station):
+    """A station with a joystick, 20 messages a second."""
+
+    def __init__(self, **fleet):
+        super().__init__(sensor_noise=False, **fleet)
+        self.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
+        self.next_s = 0.0
+
+    def fly(self, seconds, **sticks):
+        self.sticks |= sticks
+        self.run(seconds, self.send_sticks)
+
+    def send_sticks(self):
+        if self.now_s >= self.next_s:
+            self.send("MANUAL_CONTROL", target=self.system_id, **self.sticks)
+            self.next_s = self.now_s + 0.05
+
+    def reposition(self):
+        """Back over home at 10 m, nose to north."""
+        home = self.sim.simulation.home
+        self.send(
+            "COMMAND_INT",
+            target_system=self.system_id,
+            target_component=1,
+            command=192,
+            param1=-1.0,
+            param2=1.0,
+            param4=0.0,
+            x=round(home.lat_deg * 1e7),
+            y=round(home.lon_deg * 1e7),
+            z=home.alt_amsl_m + 10.0,
+        )
+        self.fly(1.0)
+        self.run_until(self.still_at_home, 60, lambda: self.fly(0.02))
+
+    def still_at_home(self):
+        truth = self.sim.simulation.truth
+        off = np.abs(truth.position_ned_m[0] - (0.0, 0.0, -10.0)).max()
+        return off < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
+
+    def switch(self, mode):
+        self.command(176, 1, NUMBERS[mode])
+        self.fly(0.3)
+        assert self.flown_mode == mode
+
+    @property
+    def velocity(self):
+        return self.sim.simulation.truth.velocity_ned_m_s[0]
+
+    @property
+    def euler(self):
+        belief = self.sim.autopilots[0].body.belief
+        return belief.roll_rad, belief.pitch_rad, belief.yaw_ned_rad
+
+
+@pytest.fixture(scope="module")
+def flown():
+    station = Pilot()
+    station.fly_to(10.0)
+    return station
+
+
+@pytest.fixture
+def pilot(flown):
+    """In Hold at 10 m, sticks at rest; one flight serves all tests."""
+    flown.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
+    flown.fly(0.5)
+    flown.command(176, 1, 4, 3)
+    flown.fly(2.5)
+    flown.reposition()
+    return flown
+
+
+def test_position_flies_forward_at_the_stick_s_speed_and_stops_where_it_is_let_go(pilot):
+    pilot.switch(POSITION)
+    pilot.fly(8.0, x=1000)
+    assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL less what drag takes"
+    assert abs(pilot.velocity[1]) < 0.3
+    pilot.fly(10.0, x=0)
+    stood = pilot.sim.simulation.truth.position_ned_m[0].copy()
+    pilot.fly(5.0)
+    assert np.abs(pilot.sim.simulation.truth.position_ned_m[0] - stood).max() < 0.5
+    assert pilot.height_m == pytest.approx(10.0, abs=0.7)
+
+
+def test_a_stick_within_the_dead_zone_does_nothing(pilot):
+    pilot.switch(POSITION)
+    pilot.fly(4.0, x=90, y=-90, r=90, z=545)
+    assert np.abs(pilot.velocity).max() < 0.1
+
+
+def test_throttle_climbs_and_the_middle_holds_the_height(pilot):
+    pilot.switch(ALTITUDE)
+    pilot.fly(3.0, z=1000)
+    assert -pilot.velocity[2] == pytest.approx(3.0, abs=0.5), "MPC_Z_VEL_MAX_UP"
+    pilot.fly(4.0, z=500)
+    stood_m = pilot.height_m
+    pilot.fly(4.0)
+    assert pilot.height_m == pytest.approx(stood_m, abs=0.2)
+
+
+def test_altitude_leans_by_the_stick_and_nobody_holds_the_place(pilot):
+    pilot.switch(ALTITUDE)
+    pilot.fly(2.0, y=1000)
+    assert math.degrees(pilot.euler[0]) == pytest.approx(35.0, abs=3.0), "MPC_MAN_TILT_MAX"
+    assert pilot.velocity[1] > 3.0
+    pilot.fly(1.0, y=0)
+    assert abs(math.degrees(pilot.euler[0])) < 3.0
+    assert pilot.velocity[1] > 0.5, "it drifts on"
+
+
+def test_yaw_stick_turns_clockwise_and_the_heading_is_held(pilot):
+    pilot.switch(POSITION)
+    pilot.fly(1.0, r=500)
+    assert pilot.euler[2] > math.radians(10.0)
+    pilot.fly(2.0, r=0)
+    held = pilot.euler[2]
+    pilot.fly(3.0)
+    assert pilot.euler[2] == pytest.approx(held, abs=math.radians(1.0))
+
+
+def test_stabilized_takes_attitude_from_the_stick_and_thrust_from_the_throttle(pilot):
+    pilot.switch(STABILIZED)
+    pilot.fly(1.5, x=500)
+    assert math.degrees(pilot.euler[1]) == pytest.approx(-17.5, abs=1.5)
+    assert float(pilot.sim.simulation.target.thrust[0]) == pytest.approx(0.49, abs=0.01)
+    pilot.fly(0.3, x=0, z=1000)
+    assert float(pilot.sim.simulation.target.thrust[0]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_acro_takes_body_rates(pilot):
+    pilot.switch(ACRO)
+    pilot.fly(0.4, y=300)
+    rates = pilot.sim.simulation.truth.rates_frd_rad_s[0]
+    assert math.degrees(rates[0]) == pytest.approx(30.0, abs=4.0), "30 % of MC_ACRO_R_MAX"
+
+
+def test_take_off_and_landing_by_throttle():
+    pilot = Pilot()
+    pilot.run_until(lambda: pilot.ready, 15)
+    pilot.fly(0.5, z=0)
+    pilot.switch(POSITION)
+    pilot.command(400, 1)
+    pilot.fly(2.0)
+    assert pilot.armed
+    assert pilot.height_m < 0.05, "throttle down: it stays"
+    pilot.fly(6.0, z=900)
+    assert pilot.height_m > 2.0
+    pilot.fly(2.0, z=500)
+    pilot.run_until(lambda: not pilot.armed, 60, lambda: pilot.fly(0.02, z=0))
+    assert pilot.height_m < 0.05
+
+
+def test_sticks_that_fall_silent_are_a_loss_and_the_stick_mode_is_left(pilot):
+    pilot.switch(POSITION)
+    began_s = pilot.now_s
+    pilot.run(3.0)
+    assert pilot.flown_mode != POSITION, "NAV_RCL_ACT"
+    assert any("Failsafe" in text for text in pilot.texts(began_s))
+
+
+def test_moving_a_stick_in_hold_takes_over_and_resting_ones_do_not(pilot):
+    pilot.fly(2.0)
+    assert pilot.flown_mode != POSITION
+    pilot.fly(0.5, x=600)
+    assert pilot.flown_mode == POSITION
+    assert any("took over" in text for text in pilot.texts())
+
+
+def test_sticks_of_other_vehicles_and_disabled_ones_are_not_heard(pilot):
+    before_s = pilot.sim.autopilots[0].sticks.heard_at_s
+    pilot.send("MANUAL_CONTROL", target=99, x=0, y=0, z=500, r=0)
+    pilot.sim.autopilots[0].body.parameters.set("COM_RC_IN_MODE", 4)
+    pilot.send("MANUAL_CONTROL", target=pilot.system_id, x=0, y=0, z=500, r=0)
+    assert pilot.sim.autopilots[0].sticks.heard_at_s == before_s

@@ -1,0 +1,117 @@
+"""The pilot's sticks as MANUAL_CONTROL brings them: dead zone, expo, when they count, when they take over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vehicle_sim.autopilot.body import Body
+
+FULL = 1000.0
+INVALID = 32767
+JOYSTICK_MODES = frozenset({1, 2, 3, 5, 6, 7})
+"""COM_RC_IN_MODE in which MANUAL_CONTROL is heard; in the others only a receiver, or nothing."""
+OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2
+"""Bits of COM_RC_OVERRIDE."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deflection:
+    """Where the sticks are, each -1..1: nose down (forward), right, clockwise, throttle up."""
+
+    forward: float = 0.0
+    right: float = 0.0
+    yaw: float = 0.0
+    throttle: float = 0.0
+
+
+class Sticks:
+    """The sticks of one vehicle."""
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+        self.raw = Deflection()
+        self.heard_at_s = -math.inf
+        self.moved = False
+        """A stick moved faster than COM_RC_STICK_OV a second; whoever acts on it clears it."""
+
+    def hear(self, x: int, y: int, z: int, r: int) -> bool:
+        """One MANUAL_CONTROL; False where sticks do not count or an axis is missing."""
+        if self._body.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or INVALID in (x, y, z, r):
+            return False
+        new = Deflection(_unit(x / FULL), _unit(y / FULL), _unit(r / FULL), _unit(2.0 * z / FULL - 1.0))
+        now_s = self._body.time_s
+        since_s = now_s - self.heard_at_s
+        if self.valid and since_s > 0.0:
+            fastest = 0.01 * self._body.parameter("COM_RC_STICK_OV")
+            changes = (new.forward - self.raw.forward, new.right - self.raw.right, new.yaw - self.raw.yaw)
+            self.moved = self.moved or any(abs(change) / since_s > fastest for change in changes)
+        self.raw, self.heard_at_s = new, now_s
+        return True
+
+    @property
+    def valid(self) -> bool:
+        """Whether the sticks were heard within COM_RC_LOSS_T."""
+        return self._body.time_s - self.heard_at_s < max(0.0, self._body.parameter("COM_RC_LOSS_T"))
+
+    def takes_over(self, *, offboard: bool) -> bool:
+        """Whether the pilot has moved a stick that COM_RC_OVERRIDE lets end this automatic flight."""
+        moved, self.moved = self.moved, False
+        bit = OVERRIDE_OFFBOARD if offboard else OVERRIDE_AUTO
+        return moved and self.valid and bool(self._body.choice("COM_RC_OVERRIDE") & bit)
+
+    def shaped(self) -> Deflection:
+        """With dead zone and expo, as the position and altitude modes take them."""
+        parameter = self._body.parameter
+        zone = parameter("MPC_HOLD_DZ")
+        level, vertical, turn = (
+            parameter(name) for name in ("MPC_XY_MAN_EXPO", "MPC_Z_MAN_EXPO", "MPC_YAW_EXPO")
+        )
+        raw = self.raw
+        return Deflection(
+            _expo(_dead(raw.forward, zone), level),
+            _expo(_dead(raw.right, zone), level),
+            _expo(_dead(raw.yaw, zone), turn),
+            _expo(_dead(raw.throttle, zone), vertical),
+        )
+
+    def acro_rates_rad_s(self) -> tuple[float, float, float]:
+        """Body rates that Acro asks for: MC_ACRO_*."""
+        parameter, raw = self._body.parameter, self.raw
+        expo, super_expo = parameter("MC_ACRO_EXPO"), parameter("MC_ACRO_SUPEXPO")
+        expo_y, super_y = parameter("MC_ACRO_EXPO_Y"), parameter("MC_ACRO_SUPEXPOY")
+        fastest = [math.radians(parameter(f"MC_ACRO_{axis}_MAX")) for axis in "RPY"]
+        return (
+            _super_expo(raw.right, expo, super_expo) * fastest[0],
+            _super_expo(-raw.forward, expo, super_expo) * fastest[1],
+            _super_expo(raw.yaw, expo_y, super_y) * fastest[2],
+        )
+
+    def thrust(self, hover_thrust: float) -> float:
+        """Collective thrust of Stabilized: by MPC_THR_CURVE, the middle hovers (0) or is half (1)."""
+        parameter = self._body.parameter
+        throttle = 0.5 * (self.raw.throttle + 1.0)
+        lowest, highest = parameter("MPC_MANTHR_MIN"), parameter("MPC_THR_MAX")
+        if self._body.choice("MPC_THR_CURVE") != 0:
+            return lowest + throttle * (highest - lowest)
+        if throttle < 0.5:
+            return lowest + 2.0 * throttle * (hover_thrust - lowest)
+        return hover_thrust + (2.0 * throttle - 1.0) * (highest - hover_thrust)
+
+
+def _unit(value: float) -> float:
+    return max(-1.0, min(1.0, value))
+
+
+def _dead(value: float, zone: float) -> float:
+    if abs(value) <= zone or zone >= 1.0:
+        return 0.0
+    return (value - math.copysign(zone, value)) / (1.0 - zone)
+
+
+def _expo(value: float, part: float) -> float:
+    return (1.0 - part) * value + part * value**3
+
+
+def _super_expo(value: float, part: float, super_part: float) -> float:
+    return _expo(value, part) * (1.0 - super_part) / (1.0 - abs(value) * super_part)

@@ -1,0 +1,214 @@
+"""Flying with sticks: Position, Altitude, Stabilized and Acro as PX4 turns deflections into set points."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.sticks import Sticks
+from vehicle_sim.autopilot.trajectory import Axis, wrap_pi
+from vehicle_sim.frames import GRAVITY_M_S2
+
+DIRECT_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
+"""Flown by attitude or rates, on the ground too; PX4's Manual of a multicopter is Stabilized."""
+STICK_MODES = DIRECT_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
+
+TAKEOFF_THROTTLE = 0.3
+"""So far above the middle the throttle lifts a standing vehicle."""
+BRAKE_BOOST = 2.0
+BRAKE_BOOST_TIME_CONSTANT_S = 0.8
+DRAG_ACCELERATION_FACTOR = 2.0
+"""Twice MPC_ACC_HOR is asked for at first, since drag takes half of it on the way to full speed."""
+STANDS_M_S = 0.01
+
+
+class Manual:
+    """The flight tasks of one vehicle's stick modes."""
+
+    def __init__(self, body: Body, row: SetpointRow, sticks: Sticks, home: Home) -> None:
+        self._body = body
+        self._home = home
+        self._row = row
+        self._sticks = sticks
+        self._mode: NavState | None = None
+        self._velocity_m_s = (0.0, 0.0)
+        self._acceleration_m_s2 = (0.0, 0.0)
+        self._lock_m: tuple[float, float] | None = None
+        self._height_lock_m: float | None = None
+        self._z = Axis()
+        self._brake_boost = 1.0
+        self._yaw_rad: float | None = None
+        self._yaw_rate_rad_s = 0.0
+        self._ran_at_s = -math.inf
+
+    # --- asked by the take-off state and the land detector -------------------------------------------------
+
+    def wants_to_climb(self) -> bool:
+        """Whether the throttle would lift a standing vehicle."""
+        return self._sticks.raw.throttle > TAKEOFF_THROTTLE
+
+    def descends(self, mode: NavState) -> bool:
+        """Whether the pilot goes down, so that contact may be landing."""
+        return mode in DIRECT_MODES or self._sticks.shaped().throttle < 0.0
+
+    # --- each tick -----------------------------------------------------------------------------------------
+
+    def run(self, mode: NavState) -> None:
+        """One tick of a stick mode."""
+        self._begin(mode)
+        if mode is NavState.ACRO:
+            thrust = 0.5 * (self._sticks.raw.throttle + 1.0)
+            self._row.rates(self._sticks.acro_rates_rad_s(), thrust)
+        elif mode in DIRECT_MODES:
+            self._stabilize()
+        else:
+            self._fly(mode)
+
+    def _begin(self, mode: NavState) -> None:
+        """Start from how the vehicle moves when the mode, or flying by it, begins."""
+        now_s, belief = self._body.time_s, self._body.belief
+        if mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
+            vn, ve, vd = belief.velocity_ned_m_s
+            self._mode, self._velocity_m_s, self._acceleration_m_s2 = mode, (vn, ve), (0.0, 0.0)
+            self._lock_m = self._height_lock_m = self._yaw_rad = None
+            self._z.reset(belief.position_ned_m[2], vd)
+            self._brake_boost, self._yaw_rate_rad_s = 1.0, 0.0
+        self._ran_at_s = now_s
+
+    def _stabilize(self) -> None:
+        """Attitude by right stick, heading by rate, thrust by throttle."""
+        parameter, raw = self._body.parameter, self._sticks.raw
+        limit = math.radians(parameter("MPC_MAN_TILT_MAX"))
+        roll, pitch = raw.right * limit, -raw.forward * limit
+        tilt = math.hypot(roll, pitch)
+        scale = min(1.0, limit / tilt) if tilt > 0.0 else 1.0
+        angle = tilt * scale
+        part = math.sin(0.5 * angle) / tilt if tilt > 1e-6 else 0.0
+        qw, qx, qy = math.cos(0.5 * angle), roll * part, pitch * part
+        yaw_rad, yaw_rate = self._turn()
+        if math.isnan(yaw_rad):
+            yaw_rad = self._body.belief.yaw_ned_rad
+        c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+        hover = float(self._body.simulation.target.hover_thrust[self._body.row])
+        self._row.attitude(
+            (c * qw, c * qx - s * qy, c * qy + s * qx, s * qw), self._sticks.thrust(hover), yaw_rate
+        )
+
+    def _fly(self, mode: NavState) -> None:
+        yaw_rad, yaw_rate = self._turn()
+        z, vz = self._vertical(mode)
+        if mode is NavState.ALTITUDE:
+            north, east = self._heading_frame(*self._unit_stick())
+            lean = GRAVITY_M_S2 * math.tan(math.radians(self._body.parameter("MPC_MAN_TILT_MAX")))
+            self._row.trajectory(
+                (math.nan, math.nan, z), (math.nan, math.nan, vz), (north * lean, east * lean, math.nan),
+                yaw_rad, yaw_rate,
+            )  # fmt: skip
+            return
+        lock = self._horizontal(mode)
+        n, e = lock if lock is not None else (math.nan, math.nan)
+        (vn, ve), (an, ae) = self._velocity_m_s, self._acceleration_m_s2
+        self._row.trajectory((n, e, z), (vn, ve, vz), (an, ae, math.nan), yaw_rad, yaw_rate)
+
+    # --- heading -------------------------------------------------------------------------------------------
+
+    def _turn(self) -> tuple[float, float]:
+        """Heading to hold and rate: the stick asks for a rate, and where it rests the heading is locked."""
+        parameter = self._body.parameter
+        name = "MC_SLOW_DEF_YAWR" if self._mode is NavState.POSITION_SLOW else "MPC_MAN_Y_MAX"
+        wanted = self._sticks.shaped().yaw * math.radians(parameter(name))
+        tau_s = parameter("MPC_MAN_Y_TAU")
+        self._yaw_rate_rad_s += (wanted - self._yaw_rate_rad_s) * TICK_S / (TICK_S + max(0.0, tau_s))
+        turning = wanted != 0.0 or abs(self._yaw_rate_rad_s) > math.radians(1.0)
+        if turning:
+            self._yaw_rad = None
+            return math.nan, self._yaw_rate_rad_s
+        self._yaw_rate_rad_s = 0.0
+        if self._yaw_rad is None:
+            self._yaw_rad = self._body.belief.yaw_ned_rad
+        return self._yaw_rad, 0.0
+
+    def _heading_frame(self, forward: float, right: float) -> tuple[float, float]:
+        yaw = wrap_pi(self._yaw_rad if self._yaw_rad is not None else self._body.belief.yaw_ned_rad)
+        c, s = math.cos(yaw), math.sin(yaw)
+        return c * forward - s * right, s * forward + c * right
+
+    def _unit_stick(self) -> tuple[float, float]:
+        """The right stick, no longer than one."""
+        shaped = self._sticks.shaped()
+        length = max(1.0, math.hypot(shaped.forward, shaped.right))
+        return shaped.forward / length, shaped.right / length
+
+    # --- over the ground -----------------------------------------------------------------------------------
+
+    def _horizontal(self, mode: NavState) -> tuple[float, float] | None:
+        """Acceleration by stick less a drag that ends at full speed; where it stands, the place is held."""
+        parameter, belief = self._body.parameter, self._body.belief
+        full = max(0.1, parameter("MPC_VEL_MANUAL"))
+        fastest = min(full, parameter("MC_SLOW_DEF_HVEL")) if mode is NavState.POSITION_SLOW else full
+        hardest = DRAG_ACCELERATION_FACTOR * parameter("MPC_ACC_HOR") * fastest / full
+        stick = self._unit_stick()
+        resting = stick == (0.0, 0.0)
+        boost = BRAKE_BOOST if resting else 1.0
+        follow = TICK_S / (TICK_S + BRAKE_BOOST_TIME_CONSTANT_S)
+        self._brake_boost += follow * (boost - self._brake_boost)
+        if not resting and self._lock_m is not None:
+            # No jump where the position loop ends.
+            target, i = self._body.simulation.target, self._body.row
+            vn, ve, _ = target.velocity_ned_m_s[i].tolist()
+            self._velocity_m_s, self._lock_m = (vn, ve), None
+        vn, ve = self._velocity_m_s
+        speed = math.hypot(vn, ve)
+        drag = self._brake_boost * hardest / fastest
+        if 0.0 < speed < 1.0:
+            drag /= math.sqrt(speed)
+        north, east = self._heading_frame(*stick)
+        wanted = (north * hardest - drag * vn, east * hardest - drag * ve)
+        change = parameter("MPC_JERK_MAX") * TICK_S
+        before = self._acceleration_m_s2
+        an, ae = (old + max(-change, min(change, new - old)) for old, new in zip(before, wanted, strict=True))
+        vn += 0.5 * (before[0] + an) * TICK_S
+        ve += 0.5 * (before[1] + ae) * TICK_S
+        if resting and (math.hypot(vn, ve) < STANDS_M_S or self._reverses(vn, ve)):
+            vn = ve = an = ae = 0.0
+        self._velocity_m_s, self._acceleration_m_s2 = (vn, ve), (an, ae)
+        if resting and vn == 0.0 and ve == 0.0 and self._lock_m is None:
+            self._lock_m = belief.position_ned_m[0], belief.position_ned_m[1]
+        return self._lock_m
+
+    def _reverses(self, vn: float, ve: float) -> bool:
+        """Braking has passed the standstill."""
+        old_n, old_e = self._velocity_m_s
+        return vn * old_n + ve * old_e < 0.0
+
+    # --- height --------------------------------------------------------------------------------------------
+
+    def _vertical(self, mode: NavState) -> tuple[float, float]:
+        """Climb rate by throttle, smooth; height held where the throttle rests."""
+        parameter, belief = self._body.parameter, self._body.belief
+        throttle = self._sticks.shaped().throttle
+        up, down = parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_MAX_DN")
+        if mode is NavState.POSITION_SLOW:
+            slow = parameter("MC_SLOW_DEF_VVEL")
+            up, down = min(up, slow), min(down, slow)
+        height = self._home.position_ned_m[2] - belief.position_ned_m[2]
+        low, high = parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT1")
+        part = max(0.0, min(1.0, (height - low) / (high - low))) if high > low else 1.0
+        down = min(down, parameter("MPC_LAND_SPEED") + part * (down - parameter("MPC_LAND_SPEED")))
+        wanted = -throttle * (up if throttle > 0.0 else max(0.0, down))
+        rises = wanted < self._z.velocity_m_s
+        self._z.advance(
+            wanted, TICK_S,
+            acceleration_limit_m_s2=parameter("MPC_ACC_UP_MAX" if rises else "MPC_ACC_DOWN_MAX"),
+            jerk_limit_m_s3=parameter("MPC_JERK_MAX"),
+        )  # fmt: skip
+        if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDS_M_S:
+            self._height_lock_m = None
+            return math.nan, self._z.velocity_m_s
+        if self._height_lock_m is None:
+            self._height_lock_m = belief.position_ned_m[2]
+        return self._height_lock_m, 0.0
