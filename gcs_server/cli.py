@@ -33,6 +33,7 @@ examples:
   gcs serve --no-sim --link 'serial:///dev/ttyUSB0?baud=57600'   a telemetry radio
   gcs serve --link udpin://127.0.0.1:14650 --sim-args='--gcs-remote-port 14650 --gcs-local-port 18670'
                                            a simulated vehicle on other ports
+  gcs serve --host 0.0.0.0                 let other machines in, too: prints a link with the token they need
   gcs replay flight.tlog --speed 2         look at a recording
   gcs sim --help                           the simulated PX4 by itself
 

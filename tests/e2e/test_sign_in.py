@@ -1,0 +1,91 @@
+"""A person in a browser comes in: by the form, by the link, by a link on another site's page."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.e2e.browser import PATIENCE_MS, Watched, chromium, in_both_themes
+from tests.station import free_port, running, server_command, wait_until
+
+pytestmark = pytest.mark.browser
+
+ELSEWHERE = "http://elsewhere.example/"
+GREETING = """
+() => new Promise((done, fail) => {
+  const socket = new WebSocket(`ws://${location.host}/api/v1/telemetry`);
+  socket.onmessage = (event) => done(JSON.parse(event.data).type);
+  socket.onerror = () => fail(new Error('refused'));
+})
+"""
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Iterator[str]:
+    """A server that listens to other machines: the link that it printed."""
+    port, said = free_port(socket.SOCK_STREAM), tmp_path / "said.txt"
+    command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
+    with said.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT):
+        wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
+        yield said.read_text().partition("Ready: ")[2].split()[0]
+
+
+def visit(browser: Browser, link: str) -> tuple[Page, Watched]:
+    """A browser that has never been here."""
+    page = browser.new_context(color_scheme="dark").new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.route(
+        "**/scene/**", lambda route: route.fulfill(content_type="text/plain", body="")
+    )  # there is none
+    return page, Watched(page, link)
+
+
+def check(page: Page, watched: Watched, foreign: list[str]) -> None:
+    assert [text for text in watched.complaints if "status of 401" not in text] == []
+    assert watched.strangers == foreign
+    page.context.close()
+
+
+def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
+    token = link.partition("token=")[2]
+    home = f"http://{urlsplit(link).netloc}"
+    with chromium() as browser:
+        page, watched = visit(browser, link)
+        page.goto(f"{home}/docs?a=1")
+        field = page.get_by_label("Token")
+        expect(field).to_be_focused()
+        assert in_both_themes(page) == []
+        field.fill("a wrong one")
+        field.press("Enter")
+        expect(page.get_by_role("alert")).to_contain_text("not this server's token")
+        assert in_both_themes(page) == []
+        field.fill(token)
+        field.press("Enter")
+        page.wait_for_url(f"{home}/docs?a=1")
+        expect(page.get_by_role("heading", name="API")).to_be_visible()
+        check(page, watched, [])
+
+        page, watched = visit(browser, link)
+        page.goto(link)
+        assert page.url == f"{home}/", "the token stays in no address, so in no history and no picture"
+        assert page.evaluate(GREETING) == "hello"
+        assert page.evaluate("() => document.cookie") == "", "no script can read it"
+        check(page, watched, [])
+
+        # A browser brings a strict cookie on no way that begins at another site: our page asks once more.
+        page, watched = visit(browser, link)
+        there = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
+        page.route(f"{ELSEWHERE}**", lambda route: route.fulfill(content_type="text/html", body=there))
+        ways = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
+        for name, address, title in ways:
+            page.goto(ELSEWHERE)
+            page.locator(f"#{name}").click()
+            page.wait_for_url(address)
+            expect(page).to_have_title(title)
+        check(page, watched, [url for url in watched.strangers if url.startswith(ELSEWHERE)])
