@@ -7,24 +7,37 @@ import math
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.geofence import Breach
 from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.offboard import Offboard
 
 MANUAL_CONTROL_TIMEOUT_S = 0.5
 QUIET_AFTER_BOOT_S = 1.0
+BATTERY_TEXTS = {
+    "check_battery_low": "Low battery",
+    "check_battery_critical": "Critical battery",
+    "check_battery_emergency": "Emergency battery level",
+}
 _BATTERY_LEVELS = ((3, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
 
 
 class Checks:
     """Arming checks of one vehicle."""
 
-    def __init__(self, body: Body, announcer: Announcer, offboard: Offboard, home: Home) -> None:
+    def __init__(
+        self, body: Body, announcer: Announcer, offboard: Offboard, home: Home, monitors: Monitors
+    ) -> None:
         self._body = body
         self._announcer = announcer
         self._offboard = offboard
         self._home = home
         self.has_mission = False
+        self.fence: frozenset[Breach] = frozenset()
+        self.monitors = monitors
+        self.mission_failed = False
+        self._gcs_was_lost = False
         self.manual_control_at_s = -math.inf
         self.gcs_heard_at_s = -math.inf
         self._facts = self.facts(NavState.HOLD, terminated=False)
@@ -33,7 +46,7 @@ class Checks:
 
     def facts(self, mode: NavState, *, terminated: bool) -> health.Facts:
         """What the checks look at, for the mode asked for."""
-        body, belief = self._body, self._body.belief
+        body, belief, monitors = self._body, self._body.belief, self.monitors
         return health.Facts(
             mode=mode,
             valid_attitude=belief.valid_attitude,
@@ -46,6 +59,14 @@ class Checks:
             mission_required=bool(body.choice("COM_ARM_MIS_REQ")),
             battery_warning=self.battery_warning,
             terminated=terminated,
+            fence=self.fence,
+            roll_failure=monitors.roll_failure,
+            pitch_failure=monitors.pitch_failure,
+            motor_failure=monitors.motor_failure,
+            wind_too_high=monitors.wind_too_high,
+            wind_m_s=round(monitors.wind_m_s, 1) if monitors.wind_too_high else 0.0,
+            flight_time_over=monitors.flight_time_over,
+            mission_failed=self.mission_failed,
         )
 
     def manual_control(self) -> bool:
@@ -59,6 +80,17 @@ class Checks:
     def gcs_lost(self) -> bool:
         """Whether one was heard before, and is no more."""
         return math.isfinite(self.gcs_heard_at_s) and not self.gcs_alive()
+
+    def watch_ground_station(self) -> None:
+        """Say when the ground station is lost, and when it is back."""
+        lost = self.gcs_lost()
+        if lost == self._gcs_was_lost:
+            return
+        self._gcs_was_lost = lost
+        if lost:
+            self._announcer.both(4, "Connection to ground control station lost", "commander_gcs_lost")
+        else:
+            self._announcer.both(6, "GCS connection regained", "commander_dl_regained")
 
     @property
     def battery_warning(self) -> int:
@@ -91,5 +123,8 @@ class Checks:
         health.announce(self.report, self._announcer)
         new = {check.event for check in self.report.checks}
         old = {check.event for check in before.checks} if before else set[str]()
-        if "check_battery_low" in new - old:
-            self._announcer.text(0, "Low battery\t")
+        for event, text in BATTERY_TEXTS.items():
+            if event in new - old:
+                self._announcer.text(0, text + "\t")
+        if "check_rc_dl_no_dllink" in new - old and not math.isfinite(self.gcs_heard_at_s):
+            self._announcer.text(4, "Preflight Fail: No connection to the ground control station\t")

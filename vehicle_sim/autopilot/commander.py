@@ -71,14 +71,14 @@ class Commander:
         self._navigator = navigator
         self.offboard = offboard
         self.home = HomeKeeper(body, navigator.home)
-        self.checks = Checks(body, announcer, offboard, navigator.home)
+        self.monitors = Monitors(body, announcer)
+        self.checks = Checks(body, announcer, offboard, navigator.home, self.monitors)
         self.armed = False
         self.intended = NavState.HOLD
         self.active = NavState.HOLD
         self.landed = True
         self.terminated = False
         self.calibrating = False
-        self.monitors = Monitors(body, announcer)
         self._watch = FailsafeWatch(body, announcer, self.checks, offboard, navigator.fence, self.monitors)
         self._commands = commands
         commands.serve({RETURN: self._return, SET_HOME: self._set_home})
@@ -214,6 +214,9 @@ class Commander:
         navigator.watch(armed=self.armed, landed=landed)
         self.checks.has_mission = navigator.mission.valid(landed=landed)
         self.monitors.update(armed=self.armed, landed=landed)
+        self.checks.fence = navigator.fence.breached
+        self.checks.mission_failed = navigator.mission.failed
+        self.checks.watch_ground_station()
         self._check()
         self._run_failsafe()
         if self.armed and not self.terminated:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.geofence import Breach
 from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
 
 ALL_MODES = 0x807FFFFF
@@ -15,6 +16,8 @@ GLOBAL_POSITION_MASK = 0x38
 
 COMPONENT_REMOTE = 7
 COMPONENT_BATTERY = 11
+COMPONENT_REMOTE_LINK = 12
+COMPONENT_MOTORS = 8
 COMPONENT_LOCAL_POSITION = 17
 COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
@@ -48,6 +51,14 @@ class Facts:
     battery_warning: int
     """0 fine, 1 low, 2 critical, 3 emergency."""
     terminated: bool
+    fence: frozenset[Breach] = frozenset()
+    roll_failure: bool = False
+    pitch_failure: bool = False
+    motor_failure: bool = False
+    wind_too_high: bool = False
+    wind_m_s: float = 0.0
+    flight_time_over: bool = False
+    mission_failed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +72,9 @@ class Check:
     """Modes that cannot be armed in because of it."""
     blocks_running: int = 0
     text: str = ""
+    severity: int = 2
+    argument: float | None = None
+    """Its own argument, where the event has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,17 +123,60 @@ def examine(facts: Facts) -> Report:
         add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
     if not facts.manual_control:
         add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, STICKS_MASK, STICKS_MASK)
+    if facts.gcs_missing:
+        add("check_rc_dl_no_dllink", EVERY_MODE, COMPONENT_REMOTE_LINK, running=0)
+    checks += _failures(facts)
     if facts.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
-    elif facts.battery_warning >= 2:
+    elif facts.battery_warning == 2:
         add("check_battery_critical", EVERY_MODE, COMPONENT_BATTERY, running=0)
+    elif facts.battery_warning >= 3:
+        add("check_battery_emergency", EVERY_MODE, COMPONENT_BATTERY, running=0)
     can_arm = can_run = ALL_MODES
     for check in checks:
         can_arm &= ~check.blocks_arming
         can_run &= ~check.blocks_running
-    if facts.gcs_missing or not facts.valid_attitude:
+    if not facts.valid_attitude:
         can_arm = 0
     return Report(tuple(checks), can_arm, can_run)
+
+
+FENCE_EVENTS = {
+    Breach.DISTANCE: (
+        "check_gf_violation_max_hor_dist", "Geofence violation: exceeding maximum distance to Home"
+    ),
+    Breach.ALTITUDE: (
+        "check_gf_violation_max_alt", "Geofence violation: exceeding maximum altitude above Home"
+    ),
+    Breach.ZONE: ("check_gf_violation_custom_gf", "Geofence: approaching or outside geofence"),
+}  # fmt: skip
+
+
+def _failures(facts: Facts) -> list[Check]:
+    """What forbids arming in every mode and stops none that is flown."""
+    found: list[tuple[str, int, str]] = []
+    for breach in Breach:
+        if breach in facts.fence:
+            found.append((FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1]))
+    if facts.roll_failure:
+        text = "Preflight Fail: Attitude failure (roll)"
+        found.append(("check_failure_detector_roll", COMPONENT_SYSTEM, text))
+    if facts.pitch_failure:
+        text = "Preflight Fail: Attitude failure (pitch)"
+        found.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
+    if facts.motor_failure:
+        found.append(("check_failure_detector_motor", COMPONENT_MOTORS, "Motor failure detected"))
+    if facts.flight_time_over:
+        found.append(("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached"))
+    if facts.mission_failed:
+        text = "Preflight Fail: Mission cannot be completed"
+        found.append(("check_mission_failure", COMPONENT_SYSTEM, text))
+    checks = [Check(event, EVERY_MODE, component, EVERY_MODE, 0, text) for event, component, text in found]
+    if facts.wind_too_high:
+        checks.append(
+            Check("check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0, argument=facts.wind_m_s)
+        )
+    return checks
 
 
 def announce(report: Report, announcer: Announcer) -> None:
@@ -131,10 +188,14 @@ def announce(report: Report, announcer: Announcer) -> None:
         else:
             errors |= 1 << check.component
         if check.text:
-            announcer.text(2, check.text)
+            announcer.text(check.severity, check.text)
     announcer.event(
         "commander_arming_check_summary", "BIIII", 0, errors, warnings, report.can_arm, report.can_run
     )
     for check in report.checks:
-        announcer.event(check.event, "IB", check.modes & EVERY_MODE, check.component)
+        modes = check.modes & EVERY_MODE
+        if check.argument is None:
+            announcer.event(check.event, "IB", modes, check.component)
+        else:
+            announcer.event(check.event, "IBf", modes, check.component, check.argument)
     announcer.event("commander_health_summary", "BIII", 0, PRESENT, 0, 0)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from vehicle_sim.autopilot.modes import STANDARD_MODES, NavState, UnsupportedAutoMode, from_numbers
+from vehicle_sim.geodesy import is_place
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
@@ -21,16 +22,17 @@ from vehicle_sim.mavlink.services.command_types import (
 
 Handler = Callable[[Command], int | None]
 
-NO_ANSWER = frozenset({0, 203, 206, 214, 243, 311, 420, 521, 530, 531, 2003, 2511, 42600})
+NO_ANSWER = frozenset({0, 203, 206, 214, 243, 311, 521, 530, 531, 2003, 2511, 42600})
 """PX4 acknowledges none of these here: nobody handles them, or who does stays silent."""
 ALWAYS_ACCEPTED = frozenset({186, 2510})
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
 TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
-RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST, CALIBRATION = 401, 245, 246, 310, 241
+RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, EXTERNAL_WIND = 211, 43004
 FORCE = 21196
-GRIPPER_S = 0.33
+GRIPPER_S = 1.0
+"""PD_GRIPPER_TO: a gripper that tells nothing is taken to be done after it."""
 ALTITUDE_LIMIT_M = 100_000.0
 """Beyond it no message could carry the altitude."""
 ROI_COMMANDS = frozenset({195, 201})
@@ -76,7 +78,6 @@ class CommandService:
             STORAGE: self._storage,
             REBOOT: lambda c: ACCEPTED if c.p1 == 0.0 else DENIED,
             ACTUATOR_TEST: lambda c: DENIED if self._commander.armed else ACCEPTED,
-            CALIBRATION: lambda c: TEMPORARILY_REJECTED if self._commander.armed else FAILED,
             GRIPPER: self._gripper,
             EXTERNAL_WIND: self._external_wind,
             **others,
@@ -193,9 +194,7 @@ class CommandService:
         return result
 
     def _return(self, c: Command) -> int:
-        # PX4 says "Returning to launch" before the navigator says where to.
-        self._announcer.both(6, "Returning to launch", "commander_rtl")
-        return self._switch(NavState.RTL)
+        return ACCEPTED if self._commander.return_to_launch() else TEMPORARILY_REJECTED
 
     def _precision_land(self, c: Command) -> int:
         result = self._switch(NavState.PRECISION_LAND)
@@ -215,6 +214,11 @@ class CommandService:
         flags = int(c.p2) if math.isfinite(c.p2) else 0
         if not flags & REPOSITION_CHANGE_MODE or flags & REPOSITION_RELATIVE_YAW:
             return UNSUPPORTED
+        if self._leaves_fence(c):
+            self._announcer.both(
+                2, "Reposition is outside geofence", "navigator_reposition_outside_geofence"
+            )
+            return ACCEPTED
         result = self._switch(NavState.HOLD)
         if result == ACCEPTED and self._commander.armed:
             self._navigator.goto(c.p5, c.p6, c.p7, c.p4)
@@ -222,15 +226,14 @@ class CommandService:
                 self._navigator.path.cruise_m_s = c.p1
         return result
 
+    def _leaves_fence(self, c: Command) -> bool:
+        belief = self._context.body.belief
+        lat, lon = (c.p5, c.p6) if is_place(c.p5, c.p6) else (belief.lat_deg, belief.lon_deg)
+        alt = c.p7 if math.isfinite(c.p7) else belief.alt_amsl_m
+        return math.isfinite(lat) and not self._navigator.fence.allows(lat, lon, alt)
+
     def _change_speed(self, c: Command) -> int:
-        kind, speed = (int(c.p1) if math.isfinite(c.p1) else 0), c.p2
-        value = speed if math.isfinite(speed) and speed > 0.0 else math.nan
-        if kind in (0, 1):
-            self._navigator.path.cruise_m_s = value
-        elif kind == 2:
-            self._navigator.path.climb_m_s = value
-        elif kind == 3:
-            self._navigator.path.descent_m_s = value
+        self._navigator.change_speed(c.p1, c.p2)
         return ACCEPTED
 
     def _set_home(self, c: Command) -> int:
@@ -247,10 +250,10 @@ class CommandService:
         return DENIED
 
     def _mission_start(self, c: Command) -> int:
-        self._announcer.both(
-            2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
-        )
-        return DENIED
+        started = self._commander.start_mission(c.p1 if math.isfinite(c.p1) else 0.0)
+        if started is None:
+            return DENIED
+        return ACCEPTED if started else TEMPORARILY_REJECTED
 
     # --- the rest --------------------------------------------------------------------------------------
 

@@ -1,0 +1,78 @@
+"""A station that uploads plans: missions, fences and rally points about the vehicle's home."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sim_station import NAN, Station
+
+from vehicle_sim.geodesy import to_global
+
+MISSION_MODE, TERMINATION = 0x4040000, 0x0A0000
+
+
+class PlanStation(Station):
+    """`Station` with uploads; places are metres north and east of home."""
+
+    def ready_to_arm(self) -> None:
+        """Boot and settle."""
+        self.run_until(lambda: self.ready, 15)
+        self.run(1.0)
+
+    def item(
+        self,
+        command: int,
+        north_m: float = 0.0,
+        east_m: float = 0.0,
+        height_m: float = 10.0,
+        *,
+        p: Sequence[float] = (0.0, 0.0, 0.0, NAN),
+        frame: int = 6,
+    ) -> dict[str, Any]:
+        home = self.sim.autopilots[0].home
+        lat, lon = to_global(north_m, east_m, home.lat_deg, home.lon_deg)  # type: ignore[arg-type]
+        x, y = (0, 0) if frame == 2 else (round(float(lat) * 1e7), round(float(lon) * 1e7))
+        z = 0.0 if frame == 2 else height_m
+        return {
+            "command": command, "frame": frame, "x": x, "y": y, "z": z, "autocontinue": 1, "current": 0,
+            "param1": p[0], "param2": p[1], "param3": p[2], "param4": p[3],
+        }  # fmt: skip
+
+    def action(self, command: int, *p: float) -> dict[str, Any]:
+        """An item without a place."""
+        return self.item(command, p=(*p, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
+
+    def upload(self, items: Sequence[dict[str, Any]], kind: int = 0) -> int:
+        """The protocol's result."""
+        before = self.now_s
+        self.send("MISSION_COUNT", target_system=1, target_component=1, count=len(items), mission_type=kind)
+        for seq, item in enumerate(items):
+            self.send(
+                "MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, mission_type=kind, **item
+            )
+        self.run(0.1)
+        return self.heard("MISSION_ACK", since_s=before)[-1].type
+
+    def start(self) -> None:
+        self.command(300)
+        self.run(0.1)
+        assert self.acks(300)[-1] == 0
+        assert self.flown_mode == MISSION_MODE
+
+    @property
+    def mission(self) -> Any:
+        return self.sim.autopilots[0].navigator.mission
+
+    def reached(self) -> list[int]:
+        """Items told as reached, in order, each once."""
+        seen: list[int] = []
+        for message in self.heard("MISSION_ITEM_REACHED"):
+            if not seen or seen[-1] != message.seq:
+                seen.append(message.seq)
+        return seen
+
+    @property
+    def place(self) -> tuple[float, float]:
+        north, east, _ = self.sim.simulation.truth.position_ned_m[0].tolist()
+        return north, east
