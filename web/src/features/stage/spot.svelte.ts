@@ -132,7 +132,7 @@ export class SpotMenu {
     const level_m_s = await ask(SPEEDS.level_m_s);
     const up_m_s = await ask(SPEEDS.up_m_s);
     const down_m_s = await ask(SPEEDS.down_m_s);
-    if (level_m_s === null && up_m_s === null) {
+    if (level_m_s === null) {
       const { [id]: _gone, ...others } = this.speeds;
       this.speeds = others; // asked again the next time
     } else this.speeds = { ...this.speeds, [id]: { level_m_s, up_m_s, down_m_s } };
