@@ -3,6 +3,7 @@
 import { ActionController } from '../features/actions/controller.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
 import { OffboardControl } from '../features/offboard/control.svelte';
+import { ReplayControl } from '../features/replay/replay.svelte';
 import { SpotMenu } from '../features/stage/spot.svelte';
 import { stage } from '../features/stage/stage.svelte';
 import { links } from '../features/topbar/links.svelte';
@@ -16,10 +17,21 @@ export const actions = new ActionController(page.api, nowS, (facts) => offboard.
 
 export const gimbal = new GimbalControl(page.api, actions);
 
-export const spotMenu = new SpotMenu(page.api, actions, gimbal, nowS, (id) => page.factsOf(id));
+export const spotMenu = new SpotMenu(page.api, actions, gimbal, nowS);
+
+export const replay = new ReplayControl({
+  api: page.api,
+  replays: () => {
+    void page.tick;
+    return page.store.replays;
+  },
+  selectedId: () => page.selectedId,
+  select: (id) => page.select(id),
+});
 
 export function start(): void {
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
+  page.onTelemetry.push(() => replay.follow());
   page.onEvent.push((event) => actions.heard(event));
   page.onPaint.push(() => actions.paint(page.selectedId));
   page.onEvent.push((event) => spotMenu.clickedIn3d(event, stage.token, stage.size, page.facts));

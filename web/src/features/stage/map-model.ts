@@ -82,7 +82,7 @@ function label(facts: VehicleFacts): string {
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
-export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (id: string) => WantedOf): MapVehicle[] {
+export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (facts: VehicleFacts) => WantedOf): MapVehicle[] {
   const found: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);
@@ -91,7 +91,7 @@ export function mapVehicles(store: TelemetryStore, selectedId: string | null, wa
     if (facts.global === null) return;
     const { lat_deg, lon_deg } = facts.global.value;
     const here = { lat_deg, lon_deg };
-    const wanted = wantedOf(id);
+    const wanted = wantedOf(facts);
     const streamed = setpoint(facts, here);
     const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look)];
     found.push({

@@ -20,6 +20,8 @@ function tenths(value: number): number {
 
 export class SpotMenu {
   spot = $state.raw<Spot | null>(null);
+  /** Whose menu it is: heights and words are that vehicle's. */
+  vehicle = $state<string | null>(null);
   /** Height to fly there at, above home [m]. */
   go_home_m = $state(0);
   /** Height of the point to look at, above home [m]. */
@@ -33,17 +35,17 @@ export class SpotMenu {
     private readonly actions: ActionController,
     private readonly gimbal: GimbalControl,
     private readonly nowS: () => number,
-    private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
   open(spot: Spot, facts: VehicleFacts | null): void {
     if (facts === null) return;
     const home = homeAmsl_m(facts);
-    if (this.spot === null) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
+    if (this.spot === null || this.vehicle !== facts.id) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
     this.point_home_m = spot.ground_amsl_m === null || home === null ? 0 : tenths(spot.ground_amsl_m - home);
     this.actions.dismiss('stage');
     if (this.actions.asked?.place === 'stage') this.actions.cancel();
     this.spot = spot;
+    this.vehicle = facts.id;
     if (!facts.replayed && !facts.lost) void this.askSpeeds(facts.id);
   }
 
@@ -104,14 +106,13 @@ export class SpotMenu {
   }
 
   /** What a vehicle was asked to do by place, for the map to draw. */
-  wantedOf(id: string): WantedOf {
-    const facts = this.current(id);
-    const going = this.going.get(id);
-    if (going !== undefined && (facts === null || !stillGoing(going, facts, this.nowS()))) this.going.delete(id);
-    const roi = facts === null ? null : this.gimbal.roiOf(facts);
-    const home = facts === null ? null : homeAmsl_m(facts);
+  wantedOf(facts: VehicleFacts): WantedOf {
+    const going = this.going.get(facts.id);
+    if (going !== undefined && !stillGoing(going, facts, this.nowS())) this.going.delete(facts.id);
+    const roi = this.gimbal.roiOf(facts);
+    const home = homeAmsl_m(facts);
     const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
-    return { go: this.going.get(id) ?? null, look };
+    return { go: this.going.get(facts.id) ?? null, look };
   }
 
   private async send(what: string, facts: VehicleFacts, path: 'angles' | 'roi', body: object): Promise<void> {
