@@ -57,7 +57,7 @@ class LinkInfo:
     frames_unknown: int = 0
     """Frames of messages that the dialect does not have."""
     frames_lost: int = 0
-    """By the gaps in their sequence numbers."""
+    """By the gaps in their sequence numbers; not counted in a recording."""
     crc_errors: int = 0
     """Frames whose checksum is wrong."""
     bytes_skipped: int = 0

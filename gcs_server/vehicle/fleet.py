@@ -209,7 +209,13 @@ class Fleet(FrameSink):
         for callback in self._on_added:
             callback(vehicle)
         where = f"{endpoint.connection.name} ({endpoint.peer.name})"
-        self._tell("vehicle_added", f"Vehicle {vehicle_id} on {where}", vehicle_id)
+        self.events.add(
+            "vehicle_added",
+            self._clock.unix_s(),
+            f"Vehicle {vehicle_id} on {where}",
+            vehicle=vehicle_id,
+            data={"replayed": identity.replayed},
+        )
         if not identity.replayed:
             self._warn_of_twins(endpoint.system_id)
 

@@ -25,6 +25,10 @@ export class ApiClient {
     return this.call<T>('POST', path, body);
   }
 
+  delete(path: string): Promise<Outcome<null>> {
+    return this.call<null>('DELETE', path);
+  }
+
   private async call<T>(method: string, path: string, body?: object): Promise<Outcome<T>> {
     const headers: Record<string, string> = { 'X-Client': this.name, Accept: 'application/json' };
     if (body !== undefined) headers['Content-Type'] = 'application/json';

@@ -15,12 +15,15 @@ function list(answer: unknown, name: string): Raw[] {
 
 /** Reads the fleet into the store; returns the ids it has. */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<string[]> {
+  const before = new Map(store.vehicles);
   const answer = await api.get<unknown>('/vehicles');
   if (!answer.ok) return store.ids();
   const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
+  // A replay that was sent to another moment meanwhile has another vehicle under the same id: the answer is not its.
+  const same = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
   store.keepOnly(ids);
-  const samples = vehicles.flatMap((vehicle) => vehicleSamples(vehicle, store.nowUnixS()));
+  const samples = same.flatMap((vehicle) => vehicleSamples(vehicle, store.nowUnixS()));
   store.apply({ type: 'samples', samples });
   return ids;
 }
@@ -46,13 +49,13 @@ function vehicleSamples(vehicle: Raw, now_unix_s: number): WireSample[] {
 /** Reads a vehicle's last minutes (trail, flight time) and messages. */
 export async function loadPast(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
   const base = `/vehicles/${encodeURIComponent(id)}`;
-  const since = (store.nowUnixS() - PAST_S).toFixed(0);
+  const vehicle = store.vehicles.get(id);
+  const since = (store.nowUnixS(id) - PAST_S).toFixed(0);
   const [history, messages] = await Promise.all([
     api.get<unknown>(`${base}/history?topics=status,global_position&since_unix_s=${since}`),
     api.get<unknown>(`${base}/messages`),
   ]);
-  const vehicle = store.vehicles.get(id);
-  if (vehicle === undefined) return;
+  if (vehicle === undefined || store.vehicles.get(id) !== vehicle) return;
   if (history.ok) vehicle.applyHistory(list(history.value, 'samples') as unknown as WireSample[]);
   if (messages.ok) {
     for (const raw of list(messages.value, 'messages')) {

@@ -33,6 +33,8 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'U', what: 'Map north up', inScene: true },
   { keys: '1 … 9', what: 'Choose a vehicle; 0 is the tenth', inScene: true },
   { keys: 'Shift D', what: 'Light or dark', inScene: false },
+  { keys: 'Space', what: 'Replay: play or pause', inScene: false },
+  { keys: '← →', what: 'Replay: 5 s back or on, 30 s with Shift', inScene: false },
   { keys: '?', what: 'This sheet', inScene: true },
 ];
 

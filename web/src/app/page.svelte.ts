@@ -42,7 +42,7 @@ class Page {
       (frame) => {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
-        if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill();
+        if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill(frame.event.vehicle);
         if (frame.type === 'event') for (const callback of this.onEvent) callback(frame.event);
         for (const callback of this.onTelemetry) callback();
       },
@@ -88,14 +88,14 @@ class Page {
   /** The selected vehicle as of this frame. */
   readonly facts: VehicleFacts | null = $derived.by(() => {
     void this.tick;
-    return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS());
+    return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId));
   });
 
   /** Any vehicle as of this frame. */
   factsOf(id: string): VehicleFacts | null {
     void this.tick;
     const vehicle = this.store.vehicles.get(id);
-    return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS());
+    return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id));
   }
 
   /** Whether the server streams setpoints to a vehicle now. */
@@ -109,9 +109,10 @@ class Page {
     if (news) this.socket.resubscribe();
   }
 
-  private async backfill(): Promise<void> {
+  /** @param only the one that has just come: the others have their past already. */
+  private async backfill(only: string | null = null): Promise<void> {
     const ids = await loadFleet(this.api, this.store);
-    await Promise.all(ids.map((id) => loadPast(this.api, this.store, id)));
+    await Promise.all(ids.filter((id) => only === null || id === only).map((id) => loadPast(this.api, this.store, id)));
   }
 }
 

@@ -4,7 +4,7 @@
  */
 
 import { VehicleState } from './vehicle-state';
-import type { Frame, WireEvent, WireSample } from './wire';
+import type { Frame, Replay, WireEvent, WireSample } from './wire';
 
 export class TelemetryStore {
   readonly vehicles = new Map<string, VehicleState>();
@@ -12,6 +12,8 @@ export class TelemetryStore {
   revision = 0;
   /** What concerns no single vehicle: links, warnings; newest first. */
   stationEvents: WireEvent[] = [];
+  /** What is played now. */
+  replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;
   private offset_s: number | null = null;
 
@@ -20,9 +22,15 @@ export class TelemetryStore {
     this.localUnixS = localUnixS;
   }
 
-  /** The server's time now [unix s]. */
-  nowUnixS(): number {
-    return this.localUnixS() + (this.offset_s ?? 0);
+  /** The time now [unix s]: the server's, or for a replayed vehicle the moment of its recording. */
+  nowUnixS(vehicleId: string | null = null): number {
+    return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + (this.offset_s ?? 0);
+  }
+
+  /** The replay that shows a vehicle. */
+  replayOf(vehicleId: string | null): Replay | null {
+    if (vehicleId === null) return null;
+    return this.replays.find((replay) => replay.vehicles.includes(vehicleId)) ?? null;
   }
 
   ids(): string[] {
@@ -39,9 +47,12 @@ export class TelemetryStore {
   }
 
   apply(frame: Frame): void {
-    if (frame.type === 'hello') this.offset_s = frame.server_time_unix_s - this.localUnixS();
-    else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
+    if (frame.type === 'hello') {
+      this.offset_s = frame.server_time_unix_s - this.localUnixS();
+      this.replays = []; // of the connection before
+    } else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
     else if (frame.type === 'event') this.applyEvent(frame.event);
+    else if (frame.type === 'replays') this.replays = frame.replays;
     this.revision += 1;
   }
 
@@ -65,7 +76,9 @@ export class TelemetryStore {
       return;
     }
     if (event.kind === 'progress') return; // of one command only; who asked listens itself
-    if (event.vehicle !== null) this.vehicle(event.vehicle).say(event);
+    // A recording's messages are of its own time: that it was opened now is none of them.
+    if (event.vehicle !== null && event['replayed'] === true) this.vehicle(event.vehicle);
+    else if (event.vehicle !== null) this.vehicle(event.vehicle).say(event);
     else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);
   }
 }

@@ -1,5 +1,7 @@
 /** The telemetry socket's frames, checked at the door so that nothing behind it meets a wrong shape. */
 
+import type { components } from '../api/schema';
+
 export const SCHEMA_VERSION = 1;
 
 export interface WireSample {
@@ -9,6 +11,9 @@ export interface WireSample {
   received_unix_s: number;
   value: unknown;
 }
+
+/** A recording that is played: which moment, how fast, and whose vehicles. */
+export type Replay = components['schemas']['Replay'];
 
 export interface WireEvent {
   kind: string;
@@ -23,6 +28,7 @@ export type Frame =
   | { type: 'hello'; schema_version: number; server_time_unix_s: number }
   | { type: 'samples'; samples: WireSample[] }
   | { type: 'event'; event: WireEvent }
+  | { type: 'replays'; replays: Replay[] }
   | { type: 'error'; text: string };
 
 function isObject(value: unknown): value is Record<string, unknown> {
@@ -49,6 +55,13 @@ function toEvent(value: unknown): WireEvent | null {
   };
 }
 
+function isReplay(value: unknown): value is Replay {
+  return (
+    isObject(value) && typeof value['name'] === 'string' && Array.isArray(value['vehicles']) && typeof value['speed'] === 'number' &&
+    (value['position_unix_s'] === null || typeof value['position_unix_s'] === 'number')
+  );
+}
+
 /** One frame out of a socket message; null for what we do not know (a newer server may say more). */
 export function parseFrame(data: string): Frame | null {
   let raw: unknown;
@@ -67,6 +80,9 @@ export function parseFrame(data: string): Frame | null {
   if (raw['type'] === 'event') {
     const event = toEvent(raw['event']);
     return event === null ? null : { type: 'event', event };
+  }
+  if (raw['type'] === 'replays' && Array.isArray(raw['replays'])) {
+    return { type: 'replays', replays: raw['replays'].filter(isReplay) };
   }
   if (raw['type'] === 'error') {
     const text = raw['detail'] ?? raw['message'] ?? raw['text'];

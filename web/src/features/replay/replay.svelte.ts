@@ -1,0 +1,133 @@
+/** Recordings on the page: the list, the one that is shown, and steering it: one request under way, the newest wish next. */
+
+import type { ApiClient } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { Replay } from '../../live/wire';
+import { bounds, shownReplay, type Recording, type RecordingIndex } from './replays';
+
+interface Wish {
+  playing?: boolean;
+  speed?: number;
+  position_unix_s?: number;
+}
+
+export interface ReplayDeps {
+  api: ApiClient;
+  replays: () => readonly Replay[];
+  selectedId: () => string | null;
+  select: (id: string) => void;
+}
+
+export class ReplayControl {
+  listOpen = $state(false);
+  recordings = $state.raw<readonly Recording[] | null>(null);
+  /** Name of the recording that is being opened. */
+  opening = $state<string | null>(null);
+  problem = $state.raw<Problem | null>(null);
+  index = $state.raw<RecordingIndex | null>(null);
+  /** Moment asked for and not shown yet. */
+  wanted_unix_s = $state<number | null>(null);
+  /** The replay whose vehicle is to be chosen as soon as there is one. */
+  private awaited = $state<string | null>(null);
+  /** It has no vehicle now: just opened, or sent to a moment before the first was heard. */
+  private waiting = false;
+  private indexed: string | null = null;
+  private wish: Wish | null = null;
+  private underWay = false;
+
+  constructor(private readonly deps: ReplayDeps) {}
+
+  get shown(): Replay | null {
+    return shownReplay(this.deps.replays(), this.deps.selectedId(), this.awaited);
+  }
+
+  async list(): Promise<void> {
+    this.listOpen = true;
+    const answer = await this.deps.api.get<{ recordings: Recording[] }>('/recordings');
+    if (answer.ok) this.recordings = answer.value.recordings;
+    this.problem = answer.ok ? null : answer.problem;
+  }
+
+  async open(recording: string): Promise<void> {
+    this.opening = recording;
+    this.problem = null;
+    const answer = await this.deps.api.post<Replay>('/replays', { recording });
+    this.opening = null;
+    if (!answer.ok) {
+      this.problem = answer.problem;
+      return;
+    }
+    this.awaited = answer.value.name;
+    this.waiting = true;
+    this.listOpen = false;
+    this.follow();
+  }
+
+  async close(): Promise<void> {
+    const name = this.shown?.name;
+    if (name === undefined) return;
+    this.awaited = null;
+    const answer = await this.deps.api.delete(`/replays/${encodeURIComponent(name)}`);
+    if (!answer.ok) this.problem = answer.problem;
+  }
+
+  /** Called for each frame of telemetry: chooses the vehicle that was waited for, reads the marks of what is shown. */
+  follow(): void {
+    const replays = this.deps.replays();
+    const awaited = replays.find((r) => r.name === this.awaited);
+    const selected = this.deps.selectedId();
+    const first = awaited?.vehicles[0];
+    if (awaited !== undefined && first === undefined) this.waiting = true;
+    if (awaited !== undefined && first !== undefined) {
+      if (this.waiting && (selected === null || !awaited.vehicles.includes(selected))) this.deps.select(first);
+      else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.awaited = null; // another was chosen
+      this.waiting = false;
+    }
+    const shown = this.shown;
+    if (shown !== null) this.awaited = shown.name;
+    const key = shown === null || bounds(shown) === null ? null : shown.name;
+    if (key !== this.indexed) void this.readIndex(key);
+  }
+
+  play(playing: boolean): void {
+    this.steer({ playing });
+  }
+
+  speed(speed: number): void {
+    this.steer({ speed });
+  }
+
+  seek(unix_s: number): void {
+    this.wanted_unix_s = unix_s;
+    this.steer({ position_unix_s: unix_s });
+  }
+
+  private steer(wish: Wish): void {
+    this.wish = { ...this.wish, ...wish };
+    if (!this.underWay) void this.send();
+  }
+
+  private async send(): Promise<void> {
+    this.underWay = true;
+    while (this.wish !== null) {
+      const name = this.shown?.name;
+      const wish: Wish = this.wish;
+      this.wish = null;
+      if (name === undefined) break;
+      const answer = await this.deps.api.post<Replay>(`/replays/${encodeURIComponent(name)}`, wish);
+      this.problem = answer.ok ? null : answer.problem;
+    }
+    this.wanted_unix_s = null;
+    this.underWay = false;
+  }
+
+  private async readIndex(name: string | null): Promise<void> {
+    this.indexed = name;
+    this.index = null;
+    if (name === null) return;
+    const answer = await this.deps.api.get<RecordingIndex>(`/replays/${encodeURIComponent(name)}/index`);
+    if (this.indexed !== name) return;
+    if (answer.ok) this.index = answer.value;
+    else this.problem = answer.problem;
+  }
+}

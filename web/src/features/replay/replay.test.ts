@@ -1,0 +1,136 @@
+import { describe, expect, it, vi } from 'vitest';
+import { ApiClient } from '../../api/client';
+import { TelemetryStore } from '../../live/store';
+import { parseFrame, type Replay } from '../../live/wire';
+import { ReplayControl } from './replay.svelte';
+import { dateTime, keyTarget, marksOf, messageTicks, modeSpans, moments, neighbour, recordingWords, share, shownReplay, size, wordsAt, type RecordingIndex } from './replays';
+
+const replay = (over: Partial<Replay> = {}): Replay => ({
+  name: 'replay-a.tlog', recording: 'a.tlog', vehicles: ['1'], state: 'open', detail: '', playing: true, speed: 1,
+  position_unix_s: 150, begin_unix_s: 100, end_unix_s: 200, ...over,
+});
+const index: RecordingIndex = {
+  recording: 'a.tlog', begin_unix_s: 100, end_unix_s: 200, records: 9, bytes_skipped: 0,
+  vehicles: [{
+    system_id: 1, messages_left_out: 0,
+    modes: [
+      { begin_unix_s: 101, end_unix_s: 140, mode: 'hold', mode_label: 'Hold' },
+      { begin_unix_s: 140, end_unix_s: 200, mode: 'offboard', mode_label: 'Offboard' },
+    ],
+    armed: [{ begin_unix_s: 120, end_unix_s: 190 }],
+    messages: [
+      { unix_s: 130, severity: 6, text: 'Takeoff detected' },
+      { unix_s: 160, severity: 4, text: 'Wind is strong' },
+      { unix_s: 160.2, severity: 2, text: 'Battery empty' },
+    ],
+  }],
+};
+
+describe('the time bar', () => {
+  const marks = marksOf(index, '1~2');
+  it('places spans and messages between begin and end', () => {
+    expect(share(150, 100, 200)).toBe(0.5);
+    expect(share(250, 100, 200)).toBe(1);
+    expect(share(150, 100, 100)).toBe(0);
+    expect(modeSpans(marks, 100, 200).map((s) => [s.label, s.left, Number(s.width.toFixed(3))])).toEqual([['Hold', 0.01, 0.39], ['Offboard', 0.4, 0.6]]);
+    expect(messageTicks(marks, 100, 200).map((t) => [t.at.toFixed(3), t.tone])).toEqual([['0.300', 'neutral'], ['0.600', 'caution'], ['0.602', 'danger']]);
+    expect(marksOf(null, '1')).toBeNull();
+  });
+  it('says what was at a moment, the worst first', () => {
+    expect(wordsAt(marks, 160, 1)).toEqual({ mode: 'Offboard', armed: true, message: 'Critical: Battery empty' });
+    expect(wordsAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
+    expect(wordsAt(marks, 100, 1).mode).toBe('');
+  });
+  it('jumps between changes and warnings', () => {
+    const all = moments(marks);
+    expect(all).toEqual([101, 120, 140, 160, 160.2, 190]);
+    expect(neighbour(all, 140, 1)).toBe(160);
+    expect(neighbour(all, 140, -1)).toBe(120);
+    expect(neighbour(all, 199, 1)).toBeNull();
+  });
+  it('obeys the keys of a slider and stays within', () => {
+    expect(keyTarget('ArrowRight', false, 198, 100, 200)).toBe(200);
+    expect(keyTarget('ArrowLeft', true, 150, 100, 200)).toBe(120);
+    expect([keyTarget('Home', false, 150, 100, 200), keyTarget('End', false, 150, 100, 200)]).toEqual([100, 200]);
+    expect(keyTarget('x', false, 150, 100, 200)).toBeNull();
+  });
+  it('says dates, sizes and lengths', () => {
+    expect(dateTime(0)).toMatch(/^19(69|70)-\d\d-\d\d \d\d:\d\d:00$/);
+    expect([size(12), size(1_500), size(12_400_000), size(2e9)]).toEqual(['12 B', '1.5 kB', '12 MB', '2.0 GB']);
+    const words = recordingWords({ name: 'x.tlog', bytes: 2e6, started_unix_s: null, duration_s: null, vehicles: [], link: null, running: false, problem: null });
+    expect(words).toBe('– · no vehicle heard at its begin · 2.0 MB · x.tlog');
+  });
+});
+
+describe('which replay is shown', () => {
+  it('the chosen vehicle’s, or one that waits for its first', () => {
+    const empty = replay({ name: 'b', vehicles: [] });
+    expect(shownReplay([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
+    expect(shownReplay([replay()], '2', null)).toBeNull();
+    expect(shownReplay([empty], '2', 'b')?.name).toBe('b');
+    expect(shownReplay([empty], '2', null)).toBeNull();
+    expect(shownReplay([empty], null, null)?.name).toBe('b');
+  });
+});
+
+describe('a recording’s time', () => {
+  it('is the vehicle’s, and the station’s stays the station’s', () => {
+    const store = new TelemetryStore(() => 5000);
+    store.apply({ type: 'replays', replays: [replay()] });
+    expect(store.nowUnixS('1')).toBe(150);
+    expect(store.nowUnixS('2')).toBe(5000);
+    expect(store.nowUnixS()).toBe(5000);
+    store.apply({ type: 'event', event: { kind: 'vehicle_added', vehicle: '1', unix_s: 5000, severity: 6, text: 'Vehicle 1 on replay', replayed: true } });
+    expect(store.vehicle('1').messages).toEqual([]);
+    store.apply({ type: 'replays', replays: [] });
+    expect(store.nowUnixS('1')).toBe(5000);
+  });
+  it('comes over the socket, checked', () => {
+    expect(parseFrame(JSON.stringify({ type: 'replays', replays: [replay(), { name: 3 }] }))).toEqual({ type: 'replays', replays: [replay()] });
+  });
+});
+
+describe('steering', () => {
+  function control(replays: Replay[]) {
+    const asked: { method: string; path: string; body: unknown }[] = [];
+    let release: (() => void) | null = null;
+    const api = new ApiClient('test', async (path, init) => {
+      asked.push({ method: init.method ?? '', path, body: init.body === undefined ? null : JSON.parse(init.body as string) });
+      if (release === null && init.method === 'POST') await new Promise<void>((done) => (release = done));
+      return new Response(JSON.stringify(path.endsWith('/index') ? index : replays[0]), { status: 200 });
+    });
+    const select = vi.fn();
+    const made = new ReplayControl({ api, replays: () => replays, selectedId: () => '1', select });
+    return { made, asked, select, go: () => release?.() };
+  }
+
+  it('sends one wish at a time, and only the newest of those that came meanwhile', async () => {
+    const { made, asked, go } = control([replay()]);
+    made.seek(110);
+    made.seek(120);
+    made.seek(130);
+    made.speed(4);
+    expect(made.wanted_unix_s).toBe(130);
+    await vi.waitFor(() => expect(asked).toHaveLength(1));
+    go();
+    await vi.waitFor(() => expect(made.wanted_unix_s).toBeNull());
+    expect(asked.map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
+    expect(asked[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
+  });
+  it('reads the marks once and chooses the vehicle of what was opened', async () => {
+    const other = replay({ name: 'replay-b', vehicles: ['7'] });
+    const { made, asked, select, go } = control([other]);
+    const opening = made.open('b.tlog');
+    await vi.waitFor(() => expect(asked).toHaveLength(1));
+    go();
+    await opening;
+    expect(select).toHaveBeenCalledWith('7');
+  });
+  it('says why it could not', async () => {
+    const api = new ApiClient('test', async () => new Response(JSON.stringify({ title: 'Recording unusable', detail: 'b.tlog: The file is empty.', code: 'recording_unusable', status: 409 }), { status: 409 }));
+    const made = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
+    await made.open('b.tlog');
+    expect(made.problem?.detail).toContain('empty');
+    expect(made.opening).toBeNull();
+  });
+});

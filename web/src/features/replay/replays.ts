@@ -1,0 +1,144 @@
+/** Recordings and the time bar as plain values: where a moment lies on it, what is marked there, how it is said. */
+
+import type { components } from '../../api/schema';
+import type { Replay } from '../../live/wire';
+import { duration, timeOfDay } from '../../ui/format';
+
+type Schemas = components['schemas'];
+export type Recording = Schemas['RecordedFlight'];
+export type RecordingIndex = Schemas['RecordingIndex'];
+export type VehicleMarks = RecordingIndex['vehicles'][number];
+type Said = VehicleMarks['messages'][number];
+
+export const SPEEDS: readonly number[] = [0.25, 0.5, 1, 2, 4, 8, 16, 50];
+export const STEP_S = 5;
+export const LONG_STEP_S = 30;
+/** MAV_SEVERITY up to which a message is marked on the bar and can be jumped to: a warning. */
+const SERIOUS = 4;
+
+/** Begin and end of a replay that can be steered; null while it is being read. */
+export function bounds(replay: Replay): { begin_s: number; end_s: number } | null {
+  return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
+}
+
+/** Where a moment lies between begin and end, 0 to 1. */
+export function share(unix_s: number, begin_s: number, end_s: number): number {
+  return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
+}
+
+/** The marks of the vehicle shown: an id like `1~2` is a second vehicle that claims system 1. */
+export function marksOf(index: RecordingIndex | null, vehicleId: string | null): VehicleMarks | null {
+  if (index === null) return null;
+  const system = Number(vehicleId?.split('~')[0] ?? NaN);
+  return index.vehicles.find((v) => v.system_id === system) ?? index.vehicles[0] ?? null;
+}
+
+export interface Span {
+  left: number;
+  width: number;
+  label: string;
+  mode: string;
+  begin_s: number;
+}
+
+export function modeSpans(marks: VehicleMarks | null, begin_s: number, end_s: number): Span[] {
+  return (marks?.modes ?? []).map((m) => {
+    const left = share(m.begin_unix_s, begin_s, end_s);
+    return { left, width: share(m.end_unix_s, begin_s, end_s) - left, label: m.mode_label, mode: m.mode, begin_s: m.begin_unix_s };
+  });
+}
+
+export interface Tick {
+  at: number;
+  tone: 'danger' | 'caution' | 'neutral';
+  text: string;
+}
+
+export function messageTicks(marks: VehicleMarks | null, begin_s: number, end_s: number): Tick[] {
+  return (marks?.messages ?? []).map((m) => ({ at: share(m.unix_s, begin_s, end_s), tone: tone(m.severity), text: m.text }));
+}
+
+export function tone(severity: number): Tick['tone'] {
+  return severity <= 3 ? 'danger' : severity === SERIOUS ? 'caution' : 'neutral';
+}
+
+const SEVERITIES = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
+
+function said(message: Said): string {
+  return message.severity <= SERIOUS ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
+}
+
+/** What was at a moment, in words: mode, and the most severe message within `near_s` of it. */
+export function wordsAt(marks: VehicleMarks | null, unix_s: number, near_s: number): { mode: string; armed: boolean; message: string } {
+  const within = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
+  const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
+  const close = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= near_s);
+  const most = close.reduce<Said | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
+  return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : said(most) };
+}
+
+/** Moments worth jumping to: changes of mode, arming, and what was said with a warning or worse. */
+export function moments(marks: VehicleMarks | null): number[] {
+  if (marks === null) return [];
+  const all = [
+    ...marks.modes.map((m) => m.begin_unix_s),
+    ...marks.armed.flatMap((a) => [a.begin_unix_s, a.end_unix_s]),
+    ...marks.messages.filter((m) => m.severity <= SERIOUS).map((m) => m.unix_s),
+  ];
+  return [...new Set(all)].sort((a, b) => a - b);
+}
+
+/** The next moment after `unix_s`, or the one before it; null where there is none. */
+export function neighbour(all: readonly number[], unix_s: number, way: 1 | -1): number | null {
+  const margin_s = 0.3;
+  return (way === 1 ? all.find((t) => t > unix_s + margin_s) : all.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
+}
+
+/** What a key on the bar asks for: a moment; null for a key that is none of its. */
+export function keyTarget(key: string, shift: boolean, at_s: number, begin_s: number, end_s: number): number | null {
+  const step = shift ? LONG_STEP_S : STEP_S;
+  switch (key) {
+    case 'ArrowLeft': case 'ArrowDown': return Math.max(begin_s, at_s - step);
+    case 'ArrowRight': case 'ArrowUp': return Math.min(end_s, at_s + step);
+    case 'PageDown': return Math.max(begin_s, at_s - LONG_STEP_S);
+    case 'PageUp': return Math.min(end_s, at_s + LONG_STEP_S);
+    case 'Home': return begin_s;
+    case 'End': return end_s;
+    default: return null;
+  }
+}
+
+/** Date and time of day of a moment, by this machine's zone: 2026-07-11 14:02:31. */
+export function dateTime(unix_s: number): string {
+  const d = new Date(unix_s * 1000);
+  const two = (n: number): string => String(n).padStart(2, '0');
+  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${timeOfDay(unix_s)}`;
+}
+
+/** 12.4 MB. */
+export function size(bytes: number): string {
+  if (bytes < 1000) return `${bytes} B`;
+  const units = ['kB', 'MB', 'GB'];
+  let value = bytes / 1000;
+  while (value >= 999.5 && units.length > 1) {
+    value /= 1000;
+    units.shift();
+  }
+  return `${value.toFixed(value < 9.95 ? 1 : 0)} ${units[0]}`;
+}
+
+export function vehicleWords(vehicles: readonly number[]): string {
+  if (vehicles.length === 0) return 'no vehicle heard at its begin';
+  return `${vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${vehicles.join(', ')}`;
+}
+
+/** One line below a recording's date. */
+export function recordingWords(r: Recording): string {
+  return [duration(r.duration_s), vehicleWords(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
+}
+
+/** The replay to show the bar of: the chosen vehicle's, or one that has no vehicle yet and is waited for. */
+export function shownReplay(replays: readonly Replay[], selectedId: string | null, awaited: string | null): Replay | null {
+  const own = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
+  return own ?? replays.find((r) => r.vehicles.length === 0 && (r.name === awaited || selectedId === null)) ?? null;
+}
