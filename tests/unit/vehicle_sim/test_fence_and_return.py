@@ -1,0 +1,132 @@
+"""The fence and the ways home, on bytes and a fake clock."""
+
+import math
+
+import pytest
+from plan_station import PlanStation
+from sim_station import HOLD, LAND, NAN, OFFBOARD, RTL
+
+from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside
+
+SQUARE = ((-10, -10), (-10, 10), (10, 10), (10, -10))
+LIMITS = Cylinder(0.0, 0.0, 100.0, 50.0, 30.0)
+DEGREE_M = 111_194.9
+
+
+def flying(height_m: float = 3.0, **parameters: float) -> PlanStation:
+    station = PlanStation(parameters={"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
+    station.ready_to_arm()
+    station.fly_to(height_m)
+    return station
+
+
+def fly_out(s: PlanStation, speed_m_s: float = 4.0) -> None:
+    """Offboard to the north until something stops it."""
+
+    def stream() -> None:
+        s.send(
+            "SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
+            type_mask=3527, vx=speed_m_s,
+        )  # fmt: skip
+
+    s.run(1.1, stream)
+    s.command(176, 1, 6)
+    s.run_until(lambda: s.flown_mode == OFFBOARD, 1, stream)
+    s.run_until(lambda: s.flown_mode != OFFBOARD, 12, stream)
+
+
+def test_inside_and_outside_of_zones_and_the_cylinder() -> None:
+    square = ((0.0, 0.0), (0.0, 1e-3), (1e-3, 1e-3), (1e-3, 0.0))
+    hole = Zone(False, ((5e-4, 5e-4),), 20.0)
+    fence = (Zone(True, square), hole)
+    assert inside(fence, 1e-4, 1e-4)
+    assert not inside(fence, 5e-4, 5e-4), "the hole"
+    assert not inside(fence, 2e-3, 5e-4), "beside the square"
+    assert inside((hole,), 2e-3, 5e-4), "an exclusion alone allows the rest"
+    assert inside((*fence, Zone(True, ((2e-3, 0.0),), 30.0)), 2e-3, 0.0), "one inclusion is enough"
+    assert breaches((), LIMITS, 0.0, 49 / DEGREE_M, 129.0) == frozenset()
+    assert breaches((), LIMITS, 0.0, 51 / DEGREE_M, 131.0) == {Breach.DISTANCE, Breach.ALTITUDE}
+
+
+def test_beyond_the_fence_the_vehicle_holds_then_returns() -> None:
+    s = flying(GF_ACTION=3, RTL_RETURN_ALT=5.0, RTL_DESCEND_ALT=4.0)
+    assert s.upload([s.item(5001, *corner, p=(4, 0, 0, 0)) for corner in SQUARE], kind=1) == 0
+    s.send(
+        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
+        param4=NAN, x=s.item(16, 30)["x"], y=s.item(16, 30)["y"], z=3.0,
+    )  # fmt: skip
+    s.run(0.1)
+    assert (s.acks(192), s.texts()[-1]) == ([0], "Reposition is outside geofence\t")
+    out_s = s.now_s
+    fly_out(s)
+    assert s.flown_mode == HOLD
+    assert s.place[0] == pytest.approx(10, abs=1.5)
+    assert s.texts(out_s) == [
+        "Geofence: approaching or outside geofence",
+        "Failsafe activated: entering Hold for 1 seconds\t",
+    ]
+    assert "commander_failsafe_enter_generic_hold" in s.events(out_s)
+    s.run_until(lambda: s.flown_mode == RTL, 1.5)
+    s.run_until(lambda: not s.armed, 40)
+    assert math.hypot(*s.place) < 1.5
+    s.run(1.1)
+    assert s.mode == OFFBOARD, "the mode that was asked for last"
+
+
+@pytest.mark.parametrize(("action", "mode"), [(2, HOLD), (5, LAND), (4, 0x0A0000)])
+def test_the_height_limit_acts_as_asked(action: int, mode: int) -> None:
+    s = flying(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
+    s.run(1)
+    s.sim.autopilots[0].body.parameters.set("GF_MAX_VER_DIST", 1.5)
+    s.run(0.5)
+    assert s.flown_mode == mode
+    assert any("maximum altitude" in text for text in s.texts())
+
+
+def test_a_fence_that_only_warns_lets_go_and_an_operator_takes_over() -> None:
+    s = flying(2.5, GF_ACTION=1, GF_MAX_VER_DIST=1.5)
+    s.run(1)
+    assert s.flown_mode == HOLD
+    assert "commander_failsafe_enter_generic_warn" in s.events()
+    s.sim.autopilots[0].body.parameters.set("GF_ACTION", 5)
+    s.run(1.6)
+    assert s.flown_mode == LAND
+    s.command(176, 1, 4, 3)
+    s.run(0.5)
+    assert s.flown_mode == HOLD, "who chooses a mode has it, though the fence is still broken"
+
+
+def test_the_nearest_rally_point_is_returned_to() -> None:
+    s = flying(RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=3.0)
+    assert s.upload([s.item(5100, 14, 0, 0, frame=3), s.item(5100, 0, 40, 0, frame=3)], kind=2) == 0
+    s.send(
+        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
+        param4=NAN, x=s.item(16, 10)["x"], y=s.item(16, 10)["y"], z=3.0,
+    )  # fmt: skip
+    s.run(6)
+    s.command(20)
+    s.run_until(lambda: not s.armed, 40)
+    assert s.place == pytest.approx((14, 0), abs=1.5)
+
+
+def test_rally_points_in_a_frame_px4_does_not_know_are_told_of() -> None:
+    s = PlanStation(sensor_noise=False)
+    s.ready_to_arm()
+    s.upload([s.item(5100, 10, 0, 10, frame=6)], kind=2)
+    s.run(1.0)
+    assert s.texts()[-1] == "RTL: unsupported MAV_FRAME\t"
+
+
+def test_a_return_may_stay_in_the_air_and_may_follow_the_mission_back() -> None:
+    s = flying(RTL_TYPE=2, RTL_LAND_DELAY=-1.0, RTL_DESCEND_ALT=2.5)
+    s.upload([s.item(22, height_m=3), s.item(16, 8, 0, 3), s.item(16, 8, 8, 3), s.item(17, 12, 8, 3)])
+    s.start()
+    s.run_until(lambda: s.mission.current == 3, 25)
+    s.run(1.5)
+    s.command(20)
+    track: list[tuple[float, float]] = []
+    s.run_until(lambda: "RTL: completed, loitering\t" in s.texts(), 40, lambda: track.append(s.place))
+    assert min(math.dist(place, (8, 0)) for place in track) < 2.5, "by way of the waypoint it came by"
+    s.run(2)
+    assert (s.flown_mode, s.armed) == (RTL, True)
+    assert math.hypot(*s.place) < 2.5
