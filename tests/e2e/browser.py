@@ -81,8 +81,8 @@ class Watched:
         page.on("websocket", lambda socket: self._asked(socket.url))
 
     def _console(self, message: ConsoleMessage) -> None:
-        # A refusal is an answer; Chromium counts its 409 as an error.
-        if message.type == "error" and "status of 409" not in message.text:
+        # A refusal is an answer; Chromium counts its 409 or 503 as an error.
+        if message.type == "error" and not re.search("status of (409|503)", message.text):
             self.complaints.append(message.text)
 
     def _asked(self, url: str) -> None:

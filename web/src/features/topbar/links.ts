@@ -29,12 +29,21 @@ function lostPercent(link: LinkLine): string {
   return all === 0 ? UNKNOWN : `${fixed((link.frames_lost / all) * 100, 1)} %`;
 }
 
+/** As many as can be read; the rest as a number. */
+const PEERS_SHOWN = 4;
+
+function peersText(peers: readonly string[]): string {
+  if (peers.length === 0) return UNKNOWN;
+  const more = peers.length - PEERS_SHOWN;
+  return [...peers.slice(0, PEERS_SHOWN), ...(more > 0 ? [`and ${more} more`] : [])].join('\n');
+}
+
 /** A line for each thing the station counts of a link. */
 function counted(link: LinkLine, several: boolean): [string, string][] {
   const lines: [string, string][] = several ? [['', link.name]] : [['Link', link.name]];
   lines.push(
     ['State', join([STATES[link.state] ?? link.state, link.detail])],
-    ['Peers', link.peers.length === 0 ? UNKNOWN : link.peers.join(', ')],
+    ['Peers', peersText(link.peers)],
     ['Frames', `${link.frames_received} in, ${link.frames_lost} lost (${lostPercent(link)})`],
     ['CRC errors', String(link.crc_errors)],
     ['Bytes', join([`${bytesText(link.bytes_received)} in`, `${bytesText(link.bytes_sent)} out`])],
