@@ -1,0 +1,208 @@
+"""Failsafes: the state machine by itself, and what a flight then looks like."""
+
+import math
+
+import pytest
+from plan_station import TERMINATION, PlanStation
+from sim_station import HOLD, LAND, RTL
+
+from vehicle_sim.autopilot.demands import Conditions, demands
+from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Decision, Demand, Failsafe, Takeover
+from vehicle_sim.autopilot.modes import NavState
+
+GCS = Demand("gcs", Action.RTL, Cause.GCS_LOSS, Clear.ON_MODE_CHANGE)
+LOW = Demand("battery low", Action.WARN, Cause.BATTERY_LOW)
+LANDS = Demand("battery emergency", Action.LAND, Cause.BATTERY_EMERGENCY)
+
+
+class Machine:
+    """A failsafe with a hand-driven clock."""
+
+    def __init__(self) -> None:
+        self.failsafe, self.now_s, self.intended = Failsafe(), 0.0, NavState.HOLD
+        self.can: frozenset[NavState] | None = None
+
+    def after(self, seconds: float, *wrong: Demand) -> Decision:
+        self.now_s += seconds
+        return self.failsafe.update(
+            self.now_s, wrong, intended=self.intended, delay_s=5.0,
+            can_run=lambda mode: self.can is None or mode in self.can,
+        )  # fmt: skip
+
+
+def test_holds_for_the_delay_then_acts_and_goes_on_when_the_reason_is_gone() -> None:
+    m = Machine()
+    assert m.after(0.0, GCS) == Decision(Action.HOLD, Cause.GCS_LOSS, Action.RTL)
+    assert m.after(4.9, GCS).action is Action.HOLD
+    assert m.after(0.2, GCS) == Decision(Action.RTL, Cause.GCS_LOSS)
+    assert m.after(1.0).action is Action.RTL, "a return goes on with the link back"
+    m.failsafe.mode_chosen()
+    assert m.after(0.1).action is Action.NONE
+
+
+def test_something_worse_does_not_begin_the_delay_again() -> None:
+    m = Machine()
+    assert m.after(0.0, LOW).action is Action.WARN
+    assert m.after(1.0, LOW, GCS).pending is Action.RTL
+    assert m.after(3.0, LOW, GCS, LANDS).pending is Action.LAND
+    assert m.after(2.1, LOW, GCS, LANDS) == Decision(Action.LAND, Cause.BATTERY_EMERGENCY)
+
+
+def test_who_takes_over_has_the_vehicle_until_something_new_goes_wrong() -> None:
+    m = Machine()
+    m.after(0.0, GCS)
+    m.failsafe.mode_chosen()
+    assert m.after(6.0, GCS).action is Action.NONE
+    assert m.after(0.1, GCS, LANDS).action is Action.HOLD
+    final = Demand("attitude", Action.TERMINATE, clear=Clear.NEVER, takeover=Takeover.NEVER)
+    assert m.after(0.1, final).action is Action.TERMINATE
+    m.failsafe.mode_chosen()
+    assert m.after(0.1).action is Action.TERMINATE
+
+
+def test_what_cannot_run_gives_way_and_who_lands_already_is_let_land() -> None:
+    m = Machine()
+    m.can = frozenset()
+    assert m.after(0.0, GCS).action is Action.DESCEND
+    m = Machine()
+    m.intended = NavState.LAND
+    assert m.after(0.0, Demand("fence", Action.RTL)).action is Action.WARN
+
+
+@pytest.mark.parametrize(
+    ("conditions", "action", "cause"),
+    [
+        ({"gcs_lost": True, "gcs_loss_action": 0}, Action.NONE, Cause.GENERIC),
+        ({"gcs_lost": True, "gcs_loss_action": 1}, Action.HOLD, Cause.GCS_LOSS),
+        ({"gcs_lost": True, "gcs_loss_action": 2}, Action.RTL, Cause.GCS_LOSS),
+        ({"gcs_lost": True, "gcs_loss_action": 5}, Action.TERMINATE, Cause.GCS_LOSS),
+        ({"gcs_lost": True, "gcs_loss_action": 6}, Action.DISARM, Cause.GCS_LOSS),
+        ({"gcs_lost": True, "gcs_loss_action": 2, "gcs_loss_except": 2}, Action.NONE, Cause.GENERIC),
+        ({"manual_lost": True, "manual_loss_action": 2}, Action.RTL, Cause.MANUAL_CONTROL_LOSS),
+        ({"manual_lost": True, "manual_loss_action": 3}, Action.LAND, Cause.MANUAL_CONTROL_LOSS),
+        ({"manual_lost": True, "manual_loss_action": 2, "manual_loss_except": 2}, Action.NONE, Cause.GENERIC),
+        ({"battery_warning": 1, "low_battery_action": 3}, Action.WARN, Cause.BATTERY_LOW),
+        ({"battery_warning": 2, "low_battery_action": 0}, Action.WARN, Cause.BATTERY_LOW),
+        ({"battery_warning": 2, "low_battery_action": 2}, Action.LAND, Cause.BATTERY_CRITICAL),
+        ({"battery_warning": 2, "low_battery_action": 3}, Action.RTL, Cause.BATTERY_CRITICAL),
+        ({"battery_warning": 3, "low_battery_action": 3}, Action.LAND, Cause.BATTERY_EMERGENCY),
+        ({"fence_breached": True, "fence_action": 0}, Action.NONE, Cause.GENERIC),
+        ({"fence_breached": True, "fence_action": 2}, Action.HOLD, Cause.GENERIC),
+        ({"wind_too_high": True, "wind_action": 3}, Action.RTL, Cause.GENERIC),
+        ({"flight_time_over": True}, Action.RTL, Cause.GENERIC),
+        ({"motor_failure": True, "motor_action": 0}, Action.WARN, Cause.GENERIC),
+        ({"motor_failure": True, "motor_action": 2}, Action.LAND, Cause.GENERIC),
+        ({"attitude_failure": True}, Action.WARN, Cause.GENERIC),
+        ({"attitude_failure": True, "may_terminate": True}, Action.TERMINATE, Cause.GENERIC),
+        ({"attitude_failure": True, "just_armed": True}, Action.DISARM, Cause.GENERIC),
+        ({"position_lost": True}, Action.DESCEND, Cause.GENERIC),
+    ],
+)
+def test_each_reason_asks_for_what_its_parameter_says(conditions, action, cause) -> None:
+    found = demands(Conditions(mode=NavState.HOLD, **conditions))
+    worst = max(found, key=lambda demand: demand.action, default=Demand("none", Action.NONE))
+    assert (worst.action, worst.cause) == (action, cause)
+
+
+def test_sticks_keep_the_altitude_where_the_position_is_lost() -> None:
+    lost = {"mode": NavState.POSITION, "position_lost": True}
+    assert demands(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
+    assert demands(Conditions(**lost, sticks=True, position_loss_lands=True))[0].action is Action.DESCEND
+    assert demands(Conditions(**lost))[0].action is Action.DESCEND
+
+
+def flying(height_m: float = 3.0, **parameters: float) -> PlanStation:
+    station = PlanStation(parameters={"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
+    station.ready_to_arm()
+    station.fly_to(height_m)
+    return station
+
+
+def test_a_lost_link_returns_also_when_it_comes_back() -> None:
+    s = flying(NAV_DLL_ACT=2, COM_DL_LOSS_T=5, RTL_RETURN_ALT=4.0)
+    s.heartbeats = False
+    since_s = s.now_s
+    s.run_until(lambda: s.flown_mode == RTL, 8)
+    assert s.events(since_s).index("commander_gcs_lost") < s.events(since_s).index(
+        "commander_failsafe_enter_hold"
+    )
+    assert "commander_failsafe_enter" in s.events(since_s)
+    s.heartbeats, s._next_heartbeat_s = True, s.now_s
+    s.run(0.5)
+    assert "GCS connection regained\t" in s.texts()
+    assert s.flown_mode == RTL
+    s.run_until(lambda: not s.armed, 25)
+
+
+def test_an_empty_battery_warns_returns_and_lands() -> None:
+    s = flying(COM_LOW_BAT_ACT=3, SIM_BAT_ENABLE=0)
+    battery = s.sim.simulation
+    battery.set_battery_remaining(0, 0.14)
+    s.run(0.1)
+    assert s.texts()[-2:] == ["Low battery\t", "Failsafe activated\t"]
+    battery.set_battery_remaining(0, 0.06)
+    s.run(0.1)
+    assert "Critical battery\t" in s.texts()
+    assert s.texts()[-1] == "Failsafe activated: entering Hold for 1 seconds\t"
+    battery.set_battery_remaining(0, 0.04)
+    s.run(1.1)
+    assert "Emergency battery level\t" in s.texts()
+    assert (s.flown_mode, s.last["CURRENT_MODE"].intended_custom_mode) == (LAND, HOLD)
+    s.run_until(lambda: not s.armed, 25)
+
+
+def test_a_flight_longer_than_allowed_returns() -> None:
+    s = flying(COM_FLT_TIME_MAX=14)
+    s.run_until(lambda: s.flown_mode == RTL, 15)
+    assert "Approaching max flight time (system will RTL in 10 seconds)\t" in s.texts()
+    assert "check_flight_time_limit" in s.events()
+
+
+def test_the_wind_is_felt_and_too_much_of_it_lands() -> None:
+    s = flying(EKF2_DRAG_CTRL=1, COM_WIND_WARN=2.0, COM_WIND_MAX=4.0, COM_WIND_MAX_ACT=5)
+    monitors = s.sim.autopilots[0].commander.monitors
+    assert monitors.wind_m_s < 0.5
+    s.sim.simulation.set_wind([0.0, -6.0, 0.0])
+    s.run_until(lambda: s.flown_mode == LAND, 12)
+    assert any(text.startswith("High wind speed detected") for text in s.texts())
+    s.run(3)
+    assert monitors.wind_m_s == pytest.approx(6.0, abs=1.5)
+
+
+def test_without_position_the_vehicle_sinks_where_it_is() -> None:
+    s = flying()
+    s.command(420, 4, 1, 0)
+    s.run(0.1)
+    assert s.acks(420) == [0]
+    s.run_until(lambda: "commander_failsafe_enter_generic" in s.events(), 12)
+    assert s.sim.autopilots[0].commander.active is NavState.DESCEND
+    s.run_until(lambda: not s.armed, 20)
+
+
+@pytest.mark.parametrize("may_terminate", [False, True])
+def test_a_motor_that_stops_is_noticed_and_the_vehicle_falls(may_terminate: bool) -> None:
+    s = flying(4.0, CBRK_FLIGHTTERM=0 if may_terminate else 121212)
+    s.run(3.0)
+    s.command(420, 101, 1, 3)
+    s.run(0.3)
+    assert s.acks(420) == [0]
+    assert s.sim.simulation.truth.rotor_thrust[0, 2] < 0.01
+    assert "check_failure_detector_motor" in s.events()
+    s.run(2.5)
+    assert s.height_m < 0.5
+    terminated = s.flown_mode == TERMINATION
+    assert terminated is may_terminate, "CBRK_FLIGHTTERM"
+
+
+def test_failures_that_nobody_listens_to_get_no_answer() -> None:
+    s = PlanStation(sensor_noise=False)
+    s.ready_to_arm()
+    s.command(420, 0, 1, 0)
+    s.command(420, 4, 7, 0)
+    s.run(0.1)
+    assert s.acks(420) == [3], "the gyro is silent, a GPS cannot be intermittent"
+    s.sim.autopilots[0].body.parameters.set("SYS_FAILURE_EN", 0)
+    s.command(420, 4, 1, 0)
+    s.run(0.1)
+    assert s.acks(420) == [3]
+    assert math.isfinite(s.sim.autopilots[0].body.belief.lat_deg)
