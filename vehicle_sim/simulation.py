@@ -20,6 +20,7 @@ from vehicle_sim.estimator.estimator import Estimator
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.physics.battery import Batteries
 from vehicle_sim.physics.rigid_body import RigidBodies
+from vehicle_sim.physics.wind import Wind
 from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.state import (
     BatteryState,
@@ -47,6 +48,7 @@ FloatArray = NDArray[np.float64]
 STEP_S = 0.004
 """PX4's SIH runs at 250 Hz."""
 BATTERY_EVERY_STEPS = 5
+WIND_EVERY_STEPS = 5
 
 
 class Simulation:
@@ -94,6 +96,7 @@ class Simulation:
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
         self._bodies = RigidBodies(count, STEP_S)
+        self._wind = Wind(count, STEP_S * WIND_EVERY_STEPS, seed=seed)
         self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
         self._sensors = SensorSuite(count, STEP_S, self.home, seed=seed, noise=sensor_noise)
         self._estimator = Estimator(count, STEP_S)
@@ -151,6 +154,8 @@ class Simulation:
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
         self._cascade.update(self.setpoints, self._estimator.state)
+        if self._wind.gusty and self._steps % WIND_EVERY_STEPS == 0:
+            self._bodies.wind_ned_m_s[:] = self._wind.step()
         self._bodies.step(self._cascade.motor_signal * self.motor_health)
         if self._steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
@@ -183,9 +188,23 @@ class Simulation:
         """Let the GPS receiver of vehicle `i` repeat its last fix, or measure again."""
         self._sensors.set_gps_stuck(i, stuck)
 
+    def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
+        """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
+        self._sensors.set_gps_offset(i, offset_ned_m)
+
     def set_wind(self, wind_ned_m_s: FloatArray) -> None:
         """Steady wind, (3,) for all or (N, 3)."""
-        self._bodies.wind_ned_m_s[:] = np.asarray(wind_ned_m_s, dtype=float)
+        self._wind.steady_ned_m_s[:] = np.asarray(wind_ned_m_s, dtype=float)
+        self._bodies.wind_ned_m_s[:] = self._wind.steady_ned_m_s
+
+    def set_gusts(self, sigma_m_s: float) -> None:
+        """Gusts of this strength (one sigma, an axis) on top of the steady wind; 0 ends them.
+
+        Raises:
+            ValueError: negative or no number.
+        """
+        self._wind.set_gusts(sigma_m_s)
+        self._bodies.wind_ned_m_s[:] = self._wind.steady_ned_m_s
 
     def reload_parameters(self, i: int) -> str | None:
         """Take over the parameters of vehicle `i` after a change (gains, limits, airframe, battery).

@@ -133,6 +133,8 @@ class EstimateState:
     """(N,)."""
     innovation_ratio_mag: FloatArray
     """(N,)."""
+    gps_rejected: BoolArray
+    """(N,) the newest GPS sample lay outside its gate and was not fused."""
     valid_attitude: BoolArray
     """(N,)."""
     valid_velocity: BoolArray

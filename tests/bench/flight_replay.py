@@ -29,9 +29,12 @@ Script = Generator[None, None, None]
 OFFBOARD, HOLD, ORBIT = 0x60000, 0x3040000, 0x1030000
 RECORD_EVERY_STEPS = 2
 GIVE_UP_S = 150.0
-HOVER_S = 25.05
-"""So long the hover thrust estimate takes to forget the climb, as it had in the recordings; and at this phase
-PX4 tells its controllers of a new kind of set point 0.45 s after it came, as it did there."""
+HOVER_S = 25.5
+"""So long the hover thrust estimate takes to forget the climb, as it had in the recordings."""
+OVERLAP_S = {"rate_yaw_pulse": 0.05, "att_pitch_m10_yaw_30": 0.3}
+USUAL_OVERLAP_S = 0.45
+"""How long both controllers flew after the kind of set point changed. PX4 tells its controllers of it twice a
+second, at a phase that no message shows: it is read off each recording, as the place and the height are."""
 NAN = math.nan
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
 """Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
@@ -196,7 +199,7 @@ class _Pilot:
         end_s = self.now_s + 3.0
         goal = (0.0, 0.0, -height)
         yield from self._until(lambda: self.now_s > end_s and self._calm(goal), "holding", stream)
-        end_s = self.now_s + HOVER_S
+        end_s = self.now_s + HOVER_S - OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
         yield from self._until(lambda: self.now_s > end_s, "holding", stream)
 
     def _orbit(self, height: float) -> Script:

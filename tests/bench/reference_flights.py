@@ -166,7 +166,9 @@ def compare(recording: Recording, replay: Replay) -> Comparison:
     size = _size(was)
     real_shape, sim_shape = _shape(grid, was, size), _shape(grid, now, size)
     lag_s = sim_shape.first_motion_s - real_shape.first_motion_s
-    lag_s = 0.0 if math.isnan(lag_s) or manoeuvre.primary == "armed" else lag_s
+    # Gyro noise hides the first motion of a rate; nothing moves where nothing was asked.
+    unclear = math.isnan(lag_s) or quantity is RATE or manoeuvre.primary == "armed"
+    lag_s = 0.0 if unclear else lag_s
     common = grid[(grid + lag_s >= replay.t_s[0]) & (grid + lag_s <= min(end_s, float(replay.t_s[-1])))]
 
     def rms(axes: tuple[str, ...], *, from_zero: bool) -> float:

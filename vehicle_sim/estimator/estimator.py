@@ -42,6 +42,8 @@ _GRAVITY_FUSION = 4
 """Bit of EKF2_IMU_CTRL."""
 _GRAVITY_GATE = 0.25
 """A sample that leans more than this part of EKF2_GRAV_NOISE is not gravity alone."""
+REJECTED_LIMIT_S = 7.0
+"""After so long outside its gate GPS is believed and the estimate reset to it (PX4's reset timeout)."""
 _BARO_BIAS_GAIN = 0.005
 _VERTICAL_SPEED_FACTOR = 1.5
 """GPS velocity is taken to be this much worse vertically."""
@@ -78,6 +80,7 @@ class Estimator:
         self._gps_wait_s = np.zeros(count)
         self._no_aid_s = np.full(count, math.inf)
         self._no_aid_limit_s = np.zeros(count)
+        self._rejected_s = np.zeros((count, 3))
         self._gps_noise = np.zeros((count, 2))
         self._gates = np.ones((count, 2))
         self._fake_variance = np.zeros(count)
@@ -128,6 +131,7 @@ class Estimator:
             self._delta_velocity,
             self._residual,
             self._gps_good_s,
+            self._rejected_s,
             self._baro_bias_m,
         ):
             rows[i] = 0.0
@@ -235,22 +239,27 @@ class Estimator:
             [1.0, 1.0, _VERTICAL_SPEED_FACTOR**2]
         )
         velocity = np.where(aided[:, None], sensors.gps_velocity_ned_m_s, channels.state[:, :, VELOCITY])
-        returned = aided & ~(self._no_aid_s < self._no_aid_limit_s)
+        returned = aided & (
+            ~(self._no_aid_s < self._no_aid_limit_s) | (self._rejected_s > REJECTED_LIMIT_S).any(axis=1)
+        )
         if returned.any():
+            self._rejected_s[returned] = 0.0
             channels.reset_motion(returned, position, velocity, position_variance, velocity_variance)
             self._residual[returned] = 0.0
             self._baro_bias_m[returned] = (sensors.baro_alt_amsl_m + position[:, 2])[returned]
         channels.predict_covariance(interval_s)
         before = channels.state[:, :, :2].copy()
-        position_innovation = position - channels.state[:, :, POSITION]
-        total = channels.fuse(POSITION, position_innovation, position_variance)
-        ratio = np.abs(position_innovation) / (self._gates[:, :1] * np.sqrt(total))
+        ratio = self._fuse_gated(POSITION, position, position_variance, self._gates[:, :1])
         state.innovation_ratio_position[:] = ratio[:, :2].max(axis=1)
         state.innovation_ratio_height[:] = ratio[:, 2]
-        velocity_innovation = velocity - channels.state[:, :, VELOCITY]
-        total = channels.fuse(VELOCITY, velocity_innovation, velocity_variance)
-        ratio = np.abs(velocity_innovation) / (self._gates[:, 1:] * np.sqrt(total))
+        taken = state.innovation_ratio_position <= 1.0
+        ratio = self._fuse_gated(VELOCITY, velocity, velocity_variance, self._gates[:, 1:])
         state.innovation_ratio_velocity[:] = ratio.max(axis=1)
+        taken_speed = state.innovation_ratio_velocity <= 1.0
+        for k, good in enumerate((taken, taken_speed, state.innovation_ratio_height <= 1.0)):
+            self._rejected_s[:, k] = np.where(good, 0.0, self._rejected_s[:, k] + interval_s)
+        np.copyto(state.gps_rejected, aided & ~(taken & taken_speed))
+        aided &= taken | taken_speed
         self._fuse_gravity()
         self._residual -= channels.state[:, :, :2] - before
         self._no_aid_s[aided] = 0.0
@@ -261,6 +270,26 @@ class Estimator:
         state.horizontal_accuracy_m[:] = np.sqrt(variance[:, :2, POSITION].sum(axis=1))
         state.vertical_accuracy_m[:] = np.sqrt(variance[:, 2, POSITION])
         state.speed_accuracy_m_s[:] = np.sqrt(variance[:, :2, VELOCITY].sum(axis=1))
+
+    def _fuse_gated(
+        self, row: int, measured: FloatArray, variance: FloatArray, gate: FloatArray
+    ) -> FloatArray:
+        """Fuse GPS unless its innovation lies outside the gate; a bad horizontal axis spoils the other.
+
+        Returns:
+            Innovation over gate (N, 3); above 1 it was rejected.
+        """
+        channels = self.channels
+        innovation = measured - channels.state[:, :, row]
+        total = channels.covariance[:, :, row, row] + variance
+        ratio = np.abs(innovation) / (gate * np.sqrt(total))
+        good = ratio <= 1.0
+        if not good.all():
+            good[:, :2] = good[:, :2].all(axis=1, keepdims=True)
+            variance = np.where(good, variance, np.inf)
+            innovation = np.where(good, innovation, 0.0)
+        channels.fuse(row, innovation, variance)
+        return ratio
 
     def _set_origins(self, sensors: SensorState, fixed: BoolArray) -> None:
         """After EKF2_REQ_GPS_H of good GPS the local origin is where GPS says we are."""

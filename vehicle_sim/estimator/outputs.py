@@ -30,7 +30,7 @@ def blank_estimate(count: int) -> EstimateState:
             values[field.name] = np.zeros((count, 3))
         elif field.name == "q_ned_frd":
             values[field.name] = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1))
-        elif field.name.startswith("valid_"):
+        elif field.name.startswith("valid_") or field.name == "gps_rejected":
             values[field.name] = np.zeros(count, dtype=np.bool_)
         else:
             values[field.name] = np.full(count, np.nan if field.name in _UNKNOWN_UNTIL_ORIGIN else 0.0)

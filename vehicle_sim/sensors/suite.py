@@ -83,6 +83,7 @@ class SensorSuite:
         self._steps = 0
         self._gps_enabled = np.ones(count, dtype=np.bool_)
         self._gps_stuck = np.zeros(count, dtype=np.bool_)
+        self._gps_offset_ned_m = np.zeros((count, 3))
         self._satellites = np.full(count, 10, dtype=np.int64)
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
@@ -135,6 +136,10 @@ class SensorSuite:
         """Let the receiver of vehicle `i` repeat its last fix for ever, or measure again."""
         self._gps_stuck[i] = stuck
 
+    def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
+        """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
+        self._gps_offset_ned_m[i] = offset_ned_m
+
     def sample(self, truth: TruthState, matrix: FloatArray, armed: BoolArray) -> None:
         """Take this step's samples.
 
@@ -174,7 +179,7 @@ class SensorSuite:
 
     def _sample_gps(self, truth: TruthState) -> None:
         state = self.state
-        position = truth.position_ned_m + self._white(GPS_POSITION_NOISE_M)
+        position = truth.position_ned_m + self._white(GPS_POSITION_NOISE_M) + self._gps_offset_ned_m
         lat, lon = to_global(
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )

@@ -10,6 +10,9 @@ from vehicle_sim.mavlink.messages.family import NAN, Family
 STANDARD_TEMPERATURE_DEG_C = 15.0
 """HIGHRES_IMU carries the air temperature PX4 assumes, not the barometer's own."""
 
+GPS_GLITCH = 1024
+"""Bit of ESTIMATOR_STATUS_FLAGS."""
+
 
 class SensorMessages(Family):
     """Builders of the raw and scaled measurements."""
@@ -93,6 +96,7 @@ class SensorMessages(Family):
         armed = self._autopilot.commander.armed and not self._autopilot.commander.landed
         flags = 1 | (0b100100 if b.valid_altitude else 0) | (0b11010 if b.valid_position else 0)
         flags |= 0b1100000 | (768 if b.valid_position else 0) | (0 if armed else 128)
+        flags |= GPS_GLITCH if e.gps_rejected[i] else 0
         return pack(
             "ESTIMATOR_STATUS",
             time_usec=self._body.time_boot_us(),

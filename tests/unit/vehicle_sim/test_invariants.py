@@ -1,0 +1,154 @@
+"""What any quadrotor's physics and any estimator must keep, whatever the numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vehicle_sim import frames
+from vehicle_sim.simulation import ControlLevel, Simulation
+
+MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S = 1.0, 5.0, 1.0
+"""SIH_MASS, SIH_T_MAX, SIH_KDV as they are by default; the test below says if they change."""
+
+
+def run(sim, seconds):
+    for _ in range(round(seconds / sim.dt_s)):
+        sim.step()
+
+
+def hovering(count=1, *, noise=False, seed=0):
+    sim = Simulation(count, sensor_noise=noise, seed=seed, start_ned_m=np.zeros((count, 3)))
+    run(sim, 1.0)
+    sim.setpoints.armed[:] = True
+    sim.setpoints.level[:] = ControlLevel.TRAJECTORY
+    sim.setpoints.position_ned_m[:] = (0.0, 0.0, -10.0)
+    sim.setpoints.yaw_ned_rad[:] = 0.0
+    run(sim, 12.0)
+    return sim
+
+
+def test_the_airframe_is_the_recordings():
+    get = Simulation().parameters[0].get
+    values = [get(name) for name in ("SIH_MASS", "SIH_T_MAX", "SIH_KDV")]
+    assert values == pytest.approx([MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S])
+
+
+def test_a_fall_loses_exactly_the_energy_that_drag_takes():
+    sim = Simulation(start_ned_m=np.array([[0.0, 0.0, -300.0]]), sensor_noise=False)
+    lost_j = 0.0
+    for _ in range(1000):
+        velocity = sim.truth.velocity_ned_m_s[0].copy()
+        sim.step()
+        lost_j += DRAG_N_PER_M_S * float(velocity @ velocity) * sim.dt_s
+    fallen_m = 300.0 + float(sim.truth.position_ned_m[0, 2])
+    speed = float(np.linalg.norm(sim.truth.velocity_ned_m_s[0]))
+    gained_j = MASS_KG * frames.GRAVITY_M_S2 * fallen_m - 0.5 * MASS_KG * speed**2
+    assert gained_j == pytest.approx(lost_j, rel=0.01)
+
+
+def test_what_stands_does_not_drift():
+    sim = Simulation(seed=3)
+    run(sim, 30.0)
+    assert np.array_equal(sim.truth.position_ned_m[0], np.zeros(3))
+    assert np.abs(sim.estimate.position_ned_m[0, :2]).max() < 1.5
+    assert np.abs(frames.euler_of(sim.estimate.q_ned_frd)[0, :2]).max() < math.radians(2.0)
+
+
+def test_a_hover_without_noise_does_not_drift():
+    sim = hovering()
+    run(sim, 10.0)
+    before = sim.truth.position_ned_m[0].copy()
+    run(sim, 10.0)
+    assert np.abs(sim.truth.position_ned_m[0] - before).max() < 0.05
+
+
+def test_a_vehicle_sinking_under_thrust_stops_on_the_ground():
+    sim = hovering()
+    sim.setpoints.position_ned_m[:] = np.nan
+    sim.setpoints.velocity_ned_m_s[:] = (0.0, 0.0, 0.3)
+    sim.setpoints.climb_limit_m_s[:] = np.nan
+    sim.setpoints.position_ned_m[:, 2] = -0.5
+    run(sim, 6.0)
+    sim.setpoints.position_ned_m[:, 2] = np.nan
+    run(sim, 6.0)
+    assert sim.truth.position_ned_m[0, 2] <= 0.01
+
+
+def test_four_directions_answer_alike():
+    sim = hovering(4)
+    steps = np.array([[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, -5.0, 0.0]])
+    start = sim.truth.position_ned_m.copy()
+    sim.setpoints.position_ned_m[:] = steps + np.array([0.0, 0.0, -10.0])
+    way = []
+    for _ in range(500):
+        sim.step()
+        way.append(((sim.truth.position_ned_m - start) * steps).sum(axis=1) / 25.0)
+    way = np.array(way)
+    assert way.max() > 0.5
+    assert np.abs(way - way[:, :1]).max() < 0.02
+
+
+def test_thrust_and_torque_go_past_the_rate_controller():
+    sim = hovering()
+    sim.setpoints.level[:] = ControlLevel.THRUST_TORQUE
+    sim.setpoints.thrust[:] = 0.49
+    sim.setpoints.torque_frd[:] = (0.0, 0.0, 0.05)
+    run(sim, 0.5)
+    p, q, r = sim.truth.rates_frd_rad_s[0]
+    assert r > 0.1, "clockwise"
+    assert max(abs(p), abs(q)) < 0.02
+    sim.setpoints.torque_frd[:] = (np.nan, 0.02, 0.0)
+    run(sim, 0.2)
+    assert sim.truth.rates_frd_rad_s[0, 1] > 0.2, "nose up; no number is no torque"
+    assert abs(sim.truth.rates_frd_rad_s[0, 0]) < 0.05
+
+
+def test_motors_go_past_the_mixer_and_no_number_stops_them():
+    sim = hovering()
+    sim.setpoints.level[:] = ControlLevel.MOTORS
+    sim.setpoints.motors[:] = (0.25, np.nan, -0.5, 2.0)
+    sim.step()
+    sim.step()
+    assert sim.motors_us[0] == pytest.approx([1250.0, 900.0, 900.0, 2000.0])
+    run(sim, 0.5)
+    assert sim.truth.rotor_thrust[0] == pytest.approx([0.25, 0.0, 0.0, 1.0], abs=0.01)
+
+
+def test_a_gps_glitch_is_rejected_and_believed_in_the_end():
+    sim = hovering(noise=True)
+    sim.set_gps_offset(0, np.array([60.0, 0.0, 0.0]))
+    run(sim, 3.0)
+    assert sim.estimate.gps_rejected[0]
+    assert sim.estimate.innovation_ratio_position[0] > 1.0
+    assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
+    assert sim.estimate.valid_position[0], "its speed is still believed"
+    run(sim, 5.0)
+    error = sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]
+    assert error == pytest.approx(60.0, abs=4.0), "reset to what GPS insists on"
+    assert not sim.estimate.gps_rejected[0]
+
+
+def test_a_glitch_that_passes_leaves_nothing_behind():
+    sim = hovering(noise=True)
+    sim.set_gps_offset(0, np.array([0.0, -40.0, 0.0]))
+    run(sim, 2.0)
+    sim.set_gps_offset(0, np.zeros(3))
+    run(sim, 2.0)
+    assert not sim.estimate.gps_rejected[0]
+    assert np.abs(sim.truth.position_ned_m[0] - (0.0, 0.0, -10.0)).max() < 1.5
+
+
+def test_gusts_shake_by_seed_and_end():
+    first, again, other = (hovering(seed=seed) for seed in (4, 4, 5))
+    for sim in (first, again, other):
+        sim.set_gusts(3.0)
+        run(sim, 6.0)
+    assert np.array_equal(first.truth.position_ned_m, again.truth.position_ned_m)
+    assert not np.array_equal(first.truth.position_ned_m, other.truth.position_ned_m)
+    assert np.abs(first.truth.velocity_ned_m_s).max() > 0.02
+    first.set_gusts(0.0)
+    run(first, 15.0)
+    assert np.abs(first.truth.velocity_ned_m_s).max() < 0.02
+    with pytest.raises(ValueError, match="gusts are -1"):
+        first.set_gusts(-1.0)
