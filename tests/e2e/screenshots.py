@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -146,7 +146,7 @@ def tablet(at: Set) -> None:
     page = context.new_page()
     page.goto(at.url)
     wait_until(lambda: pill(page) not in ("", "No vehicle state"), "the vehicle on the tablet")
-    time.sleep(3)
+    time.sleep(6)  # its 3D view loads anew
     shoot(page, at.folder, "tablet")
     context.close()
 
@@ -173,6 +173,21 @@ def lost(at: Set) -> None:
         os.killpg(at.simulator.pid, signal.SIGCONT)
 
 
+def replay(at: Set) -> None:
+    """The flight just flown, opened from the list and gone into half way."""
+    page = at.page
+    page.get_by_role("button", name="Recorded flights").click()
+    page.locator("section.list ol button").first.click()
+    slider = page.get_by_label("Replay", exact=True).get_by_role("slider").first
+    slider.wait_for()
+    box = slider.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
+    page.mouse.move(0, 0)
+    time.sleep(4)
+    shoot(page, at.folder, "replay")
+
+
 STATES: tuple[Callable[[Set], None], ...] = (
     flying,
     confirmation,
@@ -182,11 +197,12 @@ STATES: tuple[Callable[[Set], None], ...] = (
     tablet,
     two,
     lost,
+    replay,
 )
 
 
 @contextlib.contextmanager
-def airborne(folder: Path) -> Iterator[Set]:
+def airborne(folder: Path) -> Generator[Set]:
     """A station with one vehicle in the air and the page open on it."""
     port = free_port()
     with contextlib.ExitStack() as stack:
