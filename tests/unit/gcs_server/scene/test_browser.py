@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 
 import pytest
 
@@ -21,6 +22,14 @@ FLAGS = [
 def ground_distance_m(click) -> float:
     north_m = (click.lat_deg - 47.397742) * 111_177
     return math.hypot(north_m, (click.lon_deg - 8.545594) * 75_400)
+
+
+def wait_for(page, condition) -> None:
+    """Plain waiting would stop Playwright's own loop."""
+    end_s = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < end_s
+        page.wait_for_timeout(50)
 
 
 @pytest.mark.browser
@@ -56,13 +65,13 @@ def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
         page.mouse.down()
         page.mouse.move(low[0] + 60, low[1] - 10, steps=6)
         page.mouse.up()
-        page.wait_for_timeout(300)
-        turned = page.frames[1].evaluate("() => [...window.__viserMutable.camera.position]")
-        assert math.dist(was, turned) > 0.1  # a drag orbits and is no click
+        position = "() => [...window.__viserMutable.camera.position]"
+        # A drag orbits and is no click.
+        wait_for(page, lambda: math.dist(was, page.frames[1].evaluate(position)) > 0.1)
         assert running.clicks == []
-        page.mouse.click(*low)
         page.mouse.click(low[0], canvas["y"] + 3)  # the sky
-        page.wait_for_timeout(300)
+        page.mouse.click(*low)
+        wait_for(page, lambda: running.clicks)
         (click,) = running.clicks
         assert (click.view, click.vehicle) == ("frame", "1")
         assert click.alt_amsl_m == pytest.approx(488.0)
