@@ -38,7 +38,7 @@ AIR_MISSION: list[dict[str, Any]] = [
          (6, 16, 473979220, 85458600, 12.0), (2, 20, 0, 0, 0.0))
     )
 ]  # fmt: skip
-"""What the recorded vehicle carried in the group "air": up, two waypoints, back."""
+"""The recorded vehicle carried some mission in these groups: here up, two waypoints, back."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
 REQUESTED_MODES = {
     "altctl": (2, 0), "acro": (5, 0), "offboard": (6, 0), "mission": (4, 4), "rtl": (4, 5), "land": (4, 6),
@@ -267,6 +267,8 @@ class Player:
         """Streams to keep besides the usual."""
         self._set_before: frozenset[str] = frozenset()
         self._cleared = False
+        self._plan: list[dict[str, Any]] = []
+        """The mission stored last, for a vehicle that has to be a new one."""
 
     @property
     def vehicle(self) -> Vehicle:
@@ -293,6 +295,7 @@ class Player:
             answer.set_before = self._set_before - now_set
             self._set_before |= now_set
             self._cleared |= _sends(dialogue, "MISSION_CLEAR_ALL")
+            self._plan = _stored(dialogue) or self._plan
             return answer
         finally:
             for name, value in kept.items():
@@ -319,8 +322,10 @@ class Player:
             vehicle.run(3.0)
             if "right after" in words:
                 return vehicle
-            if dialogue.get("group") == "air" and not self._cleared:
+            if dialogue.get("group") in ("air", "fence") and not self._cleared:
                 _upload(vehicle, AIR_MISSION)
+            elif "stored" in words and self._plan:
+                _upload(vehicle, self._plan)
             if "GPS_CTRL" not in words:
                 vehicle.run_until(vehicle.ready, 15)
                 vehicle.run(2.5)
@@ -422,17 +427,29 @@ def _stock(vehicle: Vehicle, dialogue: Dialogue) -> None:
     plan = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_ITEM_INT"]
     if not counts or len(plan) != counts[0]["count"]:
         return
-    _upload(vehicle, plan)
+    _upload(vehicle, plan, floats="floats" in dialogue["precondition"])
     vehicle.run(2.5)
 
 
-def _upload(vehicle: Vehicle, plan: list[dict[str, Any]]) -> None:
+def _stored(dialogue: Dialogue) -> list[dict[str, Any]]:
+    """The mission that a dialogue uploads, where PX4 took it."""
+    items = {e["fields"]["seq"]: e["fields"] for e in dialogue["send"] if e["msg"] == "MISSION_ITEM_INT"}
+    took = any(e["msg"] == "MISSION_ACK" and e["fields"]["type"] == 0 for e in dialogue["received"])
+    mission = [items[seq] for seq in sorted(items)]
+    whole = [item["seq"] for item in mission] == list(range(len(mission)))
+    return mission if took and whole and mission and mission[0]["mission_type"] == 0 else []
+
+
+def _upload(vehicle: Vehicle, plan: list[dict[str, Any]], *, floats: bool = False) -> None:
     kind = plan[0]["mission_type"]
     target = {"target_system": vehicle.system_id, "target_component": 1, "mission_type": kind}
     vehicle.send("MISSION_COUNT", {"count": len(plan), **target})
     for item in plan:
         fields = {key: value_of(value) for key, value in item.items() if key != "target_system"}
-        vehicle.send("MISSION_ITEM_INT", fields | target)
+        if floats:
+            frame = {6: 3, 5: 0}.get(fields["frame"], fields["frame"])
+            fields |= {"x": fields["x"] / 1e7, "y": fields["y"] / 1e7, "frame": frame}
+        vehicle.send("MISSION_ITEM" if floats else "MISSION_ITEM_INT", fields | target)
 
 
 def layout_id(name: str) -> int:

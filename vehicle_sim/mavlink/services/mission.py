@@ -19,11 +19,13 @@ from vehicle_sim.mavlink.services.mission_items import ACCEPTED, ALL, CAPACITY, 
 RETRY_S = 0.26
 """As measured between repeated requests; configured are 0.25 s."""
 TIMEOUT_S = 5.0
-REACHED_EVERY_S = 1.0
+REACHED_EVERY_S, REACHED_FOR_S = 1.0, 10.0
 LOUD = 2
 """MAV_SEVERITY_CRITICAL."""
 ITEM_FIELDS = ("frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x",
                "y", "z")  # fmt: skip
+_INT_FRAMES, _FLOAT_FRAMES = {0: 5, 3: 6}, {5: 0, 6: 3}
+"""Items are given back in the frame of the form they are asked for in."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
 
@@ -65,7 +67,7 @@ class MissionService:
         self._ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
         self._flight = context.autopilot.navigator.mission
         self._told_reached = 0
-        self._reached_again_s = 0.0
+        self._reached_again_s = self._reached_until_s = 0.0
         self._exchanges: dict[str, _Exchange] = {}
         self.handlers = {
             "MISSION_REQUEST_LIST": self.request_list,
@@ -98,13 +100,17 @@ class MissionService:
         )  # fmt: skip
 
     def _send_reached(self) -> None:
-        """MISSION_ITEM_REACHED, at once and then every second."""
+        """MISSION_ITEM_REACHED, at once and then every second for a while."""
         flight, now_s = self._flight, self._context.body.time_s
         if flight.reached is None:
             self._told_reached = flight.reached_count
-        elif self._told_reached != flight.reached_count or now_s >= self._reached_again_s:
-            self._told_reached, self._reached_again_s = flight.reached_count, now_s + REACHED_EVERY_S
-            self._context.broadcast("MISSION_ITEM_REACHED", seq=flight.reached)
+            return
+        if self._told_reached != flight.reached_count:
+            self._told_reached, self._reached_until_s = flight.reached_count, now_s + REACHED_FOR_S
+        elif not self._reached_again_s <= now_s <= self._reached_until_s:
+            return
+        self._reached_again_s = now_s + REACHED_EVERY_S
+        self._context.broadcast("MISSION_ITEM_REACHED", seq=flight.reached)
 
     # --- download --------------------------------------------------------------------------------------
 
@@ -149,6 +155,8 @@ class MissionService:
             return
         exchange.seq = seq + 1
         fields = dict(plan[seq])
+        frames = _INT_FRAMES if exchange.as_int else _FLOAT_FRAMES
+        fields["frame"] = frames.get(fields["frame"], fields["frame"])
         if not exchange.as_int:
             fields["x"], fields["y"] = fields["x"] / 1e7, fields["y"] / 1e7
         link.send(
@@ -211,8 +219,6 @@ class MissionService:
             if result != ERROR:
                 self._say("IGN MISSION_ITEM: Invalid item", "mavlink_mission_mis_item_invalid")
             return
-        if not exchange.as_int:
-            fields["x"], fields["y"] = _scaled(fields["x"]), _scaled(fields["y"])
         exchange.items.append(fields)
         exchange.seq += 1
         if exchange.seq < exchange.count:
@@ -284,8 +290,11 @@ class MissionService:
         )  # fmt: skip
 
     def _store(self, kind: int, plan: list[dict[str, Any]]) -> None:
-        self._plans[kind] = plan
         self._ids[kind] = items.opaque_id(plan)
+        for item in plan:
+            if isinstance(item["x"], float):
+                item["x"], item["y"] = _scaled(item["x"]), _scaled(item["y"])
+        self._plans[kind] = plan
         self._context.autopilot.plans.store(kind, plan)
 
     def _ack(self, link: Link, to: tuple[int, int], result: int, kind: int) -> None:

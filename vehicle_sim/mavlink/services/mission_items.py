@@ -30,7 +30,7 @@ _DOES = frozenset(
 """Commands stored with the frame "mission"."""
 _LEAST_VERTICES = 3
 
-_CRC_ITEM = struct.Struct("<BHB4fiif")
+_CRC_ITEM, _CRC_FLOAT_ITEM = struct.Struct("<BHB4fiif"), struct.Struct("<BHB7f")
 _POLYNOMIAL = 0xEDB88320
 
 
@@ -72,10 +72,14 @@ def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
 
 
 def opaque_id(items: Sequence[Mapping[str, Any]]) -> int:
-    """PX4's id of a plan: a CRC32 over the items, neither started nor ended with ones; 0 for no items."""
+    """PX4's id of a plan: a CRC32 over the items, neither started nor ended with ones; 0 for no items.
+
+    Over the items as they came: places in 1e7 degrees, or in degrees where they came as floats.
+    """
     crc = 0
     for i in items:
-        packed = _CRC_ITEM.pack(
+        layout = _CRC_ITEM if isinstance(i["x"], int) else _CRC_FLOAT_ITEM
+        packed = layout.pack(
             i["frame"], i["command"], i["autocontinue"], i["param1"], i["param2"], i["param3"], i["param4"],
             i["x"], i["y"], i["z"],
         )  # fmt: skip
