@@ -1,0 +1,62 @@
+"""A mission flown beside the recording of a real PX4: when each item is reached, and where the vehicle is."""
+
+import gzip
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plan_station import PlanStation
+from sim_station import RTL
+
+LATER = 0.06
+"""Of the time since the start: PX4 itself wanders with its GPS noise, the simulated one is flown without."""
+
+
+def test_the_box_is_flown_as_recorded(shared: Path) -> None:
+    recording = json.loads(gzip.decompress((shared / "px4/flights/mission_box_40m.json.gz").read_bytes()))
+    real: dict[int, float] = {}
+    for message in recording["messages"]:
+        if message["message"] == "MISSION_ITEM_REACHED":
+            real.setdefault(message["fields"]["seq"], message["t_s"])
+    columns = {name: k for k, name in enumerate(recording["columns"])}
+    rows = np.array([[math.nan if v is None else v for v in row] for row in recording["rows"]], dtype=float)
+
+    s = PlanStation(sensor_noise=False)
+    s.ready_to_arm()
+    items = [dict(item) for item in recording["stimulus"][0]["items"]]
+    first = s.item(22)
+    north0, east0 = items[0]["x"], items[0]["y"]
+    for item in items:
+        if item["x"]:
+            item["x"] += first["x"] - north0
+            item["y"] += first["y"] - east0
+        item.update({name: math.nan for name, value in item.items() if value is None})
+        del item["seq"], item["mission_type"]
+    assert s.upload(items) == 0
+    start_s = s.now_s
+    s.command(400, 1)
+    s.run(0.02)
+    s.command(300)
+    track: list[tuple[float, float, float, float]] = []
+    s.run_until(
+        lambda: s.flown_mode == RTL, 75, lambda: track.append((s.now_s - start_s, *s.place, s.height_m))
+    )
+
+    ours: dict[int, float] = {}
+    for t_s, link, message in s.log:
+        if link == "gcs" and message.name == "MISSION_ITEM_REACHED":
+            ours.setdefault(message.seq, t_s - start_s)
+    assert list(ours) == list(real) == [0, 1, 2, 3, 4]
+    for seq, t_s in real.items():
+        assert ours[seq] == pytest.approx(t_s, rel=LATER), f"item {seq}"
+    flown = np.array(track)
+    x0, y0 = rows[0, columns["x"]], rows[0, columns["y"]]
+    path = rows[rows[:, 0] < real[4]][:, [columns["x"], columns["y"]]] - (x0, y0)
+    off = [np.hypot(*(path - place).T).min() for place in flown[::25, 1:3]]
+    assert max(off) < 1.6, "never far from where PX4 flew"
+    assert flown[:, 3].max() < 10.6
+    speeds = np.hypot(np.diff(flown[:, 1]), np.diff(flown[:, 2])) / 0.02
+    real_speeds = np.hypot(rows[:, columns["vx"]], rows[:, columns["vy"]])
+    assert speeds.max() == pytest.approx(real_speeds.max(), rel=0.07)
