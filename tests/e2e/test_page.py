@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Request, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
@@ -152,10 +152,13 @@ def steer_the_gimbal(page: Page, drone: Any) -> None:
     page.mouse.move(turn["x"] + 8, turn["y"] + 8)
     page.mouse.down()
     wait_until(lambda: pitch_rad() > -1.4, "the gimbal turning while the arrow is held", 5)
-    with page.expect_request(lambda r: r.url.endswith("/gimbal/rates")) as last:
+
+    def stops(request: Request) -> bool:
+        body = request.post_data_json if request.url.endswith("/gimbal/rates") else None
+        return body is not None and (body["pitch_rate_deg_s"], body["yaw_rate_deg_s"]) == (0, 0)
+
+    with page.expect_request(stops, timeout=5000):
         page.mouse.up()
-    stop = last.value.post_data_json
-    assert (stop["pitch_rate_deg_s"], stop["yaw_rate_deg_s"]) == (0, 0)
     card.get_by_role("button", name="Release").click()
     expect(card.get_by_role("button", name="Take")).to_be_visible()
 
