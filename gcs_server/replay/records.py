@@ -156,7 +156,7 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
                 break
             fits = False
         if fits and time_us:
-            is_neighbour = abs(stamp_us + shift_us - time_us) < SAME_CLOCK_US
+            is_neighbour = -JITTER_US <= stamp_us + shift_us - time_us < SAME_CLOCK_US
         else:
             is_neighbour = cursor.offset + position == 0  # a log begins with a record
         if fits and not is_neighbour:

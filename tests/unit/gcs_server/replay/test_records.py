@@ -2,9 +2,10 @@
 
 import gzip
 import io
+from collections import Counter
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_server.replay.records import (
@@ -36,6 +37,7 @@ def test_every_record_is_there_with_whose_it_is():
     assert all(DATA[r.offset + 8 :].startswith(r.raw) for r in found.records)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(1, len(DATA) - 1), max_size=5))
 def test_it_does_not_matter_in_which_pieces_it_is_read(cuts):
     cursor, found = Cursor(), []
@@ -47,19 +49,19 @@ def test_it_does_not_matter_in_which_pieces_it_is_read(cuts):
     assert cursor.offset == len(DATA)
 
 
+@settings(deadline=None)
 @given(st.integers(0, len(DATA)), st.binary(min_size=1, max_size=60))
 def test_damage_costs_no_more_than_the_records_it_touches(at, garbage):
     found = whole(DATA[:at] + garbage + DATA[at:])
-    lost = set(FLIGHT) - {(r.time_us, r.raw) for r in found.records}
-    assert (
-        len(lost) <= 8
-    )  # the torn one, and what garbage that looks like a header swallows (at most 290 bytes)
+    lost = Counter(raw for _, raw in FLIGHT) - Counter(r.raw for r in found.records)
+    assert lost.total() <= 8  # the torn one, and what a header made of garbage swallows (290 bytes)
     times = [r.time_us for r in found.records]
     assert times == sorted(times)
     assert FLIGHT[0][0] <= times[0]
     assert times[-1] <= FLIGHT[-1][0] + 86_400_000_000
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=4000))
 def test_noise_never_raises(noise):
     found = whole(noise)
