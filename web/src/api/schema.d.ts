@@ -1777,7 +1777,7 @@ export interface components {
             frames_unknown: number;
             /**
              * Frames Lost
-             * @description By the gaps in their sequence numbers.
+             * @description By the gaps in their sequence numbers; not counted in a recording.
              */
             frames_lost: number;
             /**
