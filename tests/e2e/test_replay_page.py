@@ -1,0 +1,177 @@
+"""A recording of a real PX4 on the page: listed, replayed, sought in, and shown with the log's own values."""
+
+from __future__ import annotations
+
+import bisect
+import math
+import re
+import shutil
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
+from tests.e2e.browser import REPOSITORY, chromium, number, opened, serious_violations, shown
+from tests.station import answers, free_port, running, server_command, wait_until
+from tools import build_page
+from vehicle_sim.mavlink import generated_dialect as sim
+
+pytestmark = pytest.mark.browser
+
+FLIGHT = "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
+MODES = {(4, 2): "Take off", (4, 3): "Hold", (3, 1): "Orbit", (4, 5): "Return", (4, 6): "Land"}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture
+def station(shared: Path, tmp_path: Path) -> Iterator[str]:
+    """A server whose data folder holds one real recording and one file that is none."""
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    shutil.copy(shared / "px4" / "tlogs" / FLIGHT, folder)
+    (folder / "letter.tlog").write_bytes(b"This is no telemetry log. " * 40)
+    port = free_port(socket.SOCK_STREAM)
+    command = server_command(port, [f"udpin://127.0.0.1:{free_port()}"], tmp_path)
+    with running([*command, "--no-scene"]):
+        wait_until(lambda: answers(f"http://127.0.0.1:{port}"), "the server's start")
+        yield f"http://127.0.0.1:{port}"
+
+
+class Log:
+    """The log read by pymavlink, to ask what the vehicle said last before a moment."""
+
+    def __init__(self, path: Path) -> None:
+        wire: Any = sim.MAVLink(None)
+        self._said: dict[str, tuple[list[int], list[Any]]] = {}
+        self.begin_us = self.end_us = 0
+        with open_log(path) as file:
+            batch = Batch([], Cursor(), at_end=False, bytes_skipped=0)
+            while not batch.at_end:
+                batch = read_batch(file, batch.after)
+                self.begin_us = self.begin_us or batch.records[0].time_us
+                self.end_us = batch.records[-1].time_us
+                for record in batch.records:
+                    if record.raw[5] == 1 and message_id(record.key) in {33, 30, 436, 285}:
+                        said = wire.decode(bytearray(record.raw))
+                        times, all_of_it = self._said.setdefault(said.get_type(), ([], []))
+                        times.append(record.time_us)
+                        all_of_it.append(said)
+
+    def at(self, name: str, time_us: int) -> Any:
+        """The newest message of that name."""
+        times, said = self._said[name]
+        return said[bisect.bisect_right(times, time_us) - 1]
+
+    def first_in(self, mode: tuple[int, int]) -> int:
+        """When it first said to be in a mode [us]."""
+        times, said = self._said["CURRENT_MODE"]
+        return next(t for t, m in zip(times, said, strict=True) if _mode(m) == mode)
+
+
+def _mode(message: Any) -> tuple[int, int]:
+    return message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
+
+
+def seek(page: Page, log_us: int) -> None:
+    """Through the API, to the microsecond; the page is told by the server."""
+    answer = page.evaluate(
+        """async (at) => {
+          const { replays } = await (await fetch('/api/v1/replays')).json();
+          return (await fetch(`/api/v1/replays/${encodeURIComponent(replays[0].name)}`, { method: 'POST',
+            headers: { 'Content-Type': 'application/json' },
+            body: JSON.stringify({ position_unix_s: at, playing: false }) })).status;
+        }""",
+        log_us / 1e6,
+    )
+    assert answer == 200
+
+
+def angle(degrees: float) -> float:
+    return (degrees + 180) % 360 - 180
+
+
+def compare(page: Page, log: Log, time_us: int) -> None:
+    """The page's instruments against pymavlink's reading of the log at the same moment."""
+    mode = log.at("CURRENT_MODE", time_us)
+    position = log.at("GLOBAL_POSITION_INT", time_us)
+    attitude = log.at("ATTITUDE", time_us)
+    gimbal = log.at("GIMBAL_DEVICE_ATTITUDE_STATUS", time_us)
+    expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(mode)])
+    values = page.get_by_role("complementary", name="Instruments")
+    height = values.locator(".value", has=page.get_by_text("Above home", exact=True)).locator(".text")
+    expect(height).to_have_text(
+        re.compile(rf"^{position.relative_alt / 1000:.1f}".replace("-", "−") + r"\s*m")
+    )
+    assert abs(angle(shown(values, "Heading") - math.degrees(attitude.yaw))) <= 1.0
+    w, x, y, z = gimbal.q
+    pitch_deg = math.degrees(math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))))
+    card = page.get_by_role("region", name="Gimbal")
+    said = card.get_by_text("Pitch", exact=True).locator("xpath=following-sibling::*[1]").inner_text()
+    assert abs(number(said) - pitch_deg) <= 0.1
+    clock = page.get_by_role("slider", name="Moment of the recording").get_attribute("aria-valuenow")
+    assert clock is not None
+    assert int(clock) > 0
+
+
+def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_values(
+    browser: Browser, shared: Path, station: str
+) -> None:
+    log = Log(shared / "px4" / "tlogs" / FLIGHT)
+    with opened(browser, station) as page:
+        page.get_by_role("button", name="Recorded flights").click()
+        flights = page.get_by_role("region", name="Recorded flights")
+        letter = flights.get_by_role("listitem").filter(has_text="letter.tlog")
+        expect(letter).to_contain_text("no telemetry log")
+        expect(letter.get_by_role("button", name="Replay")).to_be_disabled()
+        assert serious_violations(page) == []
+        flights.get_by_role("listitem").filter(has_text="vehicle 1").get_by_role(
+            "button", name="Replay"
+        ).click()
+        bar = page.get_by_role("region", name="Replay")
+        expect(bar.get_by_role("button", name="Pause")).to_be_visible()
+        expect(page.get_by_role("toolbar", name="Actions")).to_have_count(0)
+        expect(page.get_by_role("button", name=re.compile("1 Quad"))).to_contain_text("replayed")
+        page.keyboard.press("Space")
+        expect(bar.get_by_role("button", name="Play", exact=True)).to_be_visible()
+
+        slider = page.get_by_role("slider", name="Moment of the recording")
+        orbit_us, rtl_us = log.first_in((3, 1)), log.first_in((4, 5))
+        for time_us in (orbit_us + 9_000_000, rtl_us + 4_000_000, orbit_us - 3_000_000):  # forth and back
+            seek(page, time_us)
+            into_s = (time_us - log.begin_us) / 1e6
+            expect(slider).to_have_attribute(
+                "aria-valuenow", re.compile(rf"^({int(into_s)}|{int(into_s) + 1})$")
+            )
+            compare(page, log, time_us)
+        assert serious_violations(page) == []
+
+        # the keyboard alone: five seconds on, to the end, to the begin, which plays again
+        slider.focus()
+        page.keyboard.press("End")
+        longest = slider.get_attribute("aria-valuemax")
+        assert longest is not None
+        expect(slider).to_have_attribute("aria-valuenow", longest)
+        assert abs(int(longest) - (log.end_us - log.begin_us) / 1e6) <= 0.5
+        expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(log.at("CURRENT_MODE", log.end_us))])
+        page.keyboard.press("Home")
+        expect(slider).to_have_attribute("aria-valuenow", "0")
+        page.keyboard.press("ArrowRight")
+        expect(slider).to_have_attribute("aria-valuenow", "5")
+        bar.get_by_label("Speed").select_option("16 ×")
+        page.get_by_role("button", name="Play", exact=True).click()
+        expect(slider).to_have_attribute("aria-valuenow", re.compile(r"^([3-9]\d|1\d\d)$"))
+        expect(page.locator(".pill .who")).to_contain_text(re.compile("Hold|Orbit|Take off|Return|Land"))
+        bar.get_by_role("button", name="Close the replay").click()
+        expect(bar).to_have_count(0)
+        expect(page.get_by_text("No vehicle heard yet")).to_be_visible()
