@@ -1,0 +1,80 @@
+"""Every recorded dialogue against the simulated vehicle on a fake clock: the differences are explained ones.
+
+A difference that no row of `explained.tsv` covers fails, and so does a lasting row that covers nothing more.
+`python tests/contract/table.py [session…]` prints the table.
+"""
+
+from pathlib import Path
+
+import pytest
+from compare import compare, same
+from driver import Dialogue, Player, sessions
+from explained import EXPLAINED, LASTING, Cell, cell_of
+
+REPOSITORY = Path(__file__).resolve().parent.parent.parent
+RECORDED = REPOSITORY.parent / "shared" / "px4" / "dialogues"
+WHOLE = RECORDED.is_dir()
+SESSIONS: dict[str, list[Dialogue]] = dict(
+    sessions(RECORDED if WHOLE else Path(__file__).resolve().parent / "data")
+)
+"""All recordings where they lie beside the checkout, else the first few of most groups."""
+DIALOGUES = 602
+RATE_HZ_TOLERANCE = 0.1
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("session", SESSIONS)
+def test_dialogues_of(session: str) -> None:
+    """One test a session, since what comes first in it is the state of what follows."""
+    player = Player()
+    unexplained: list[str] = []
+    used: set[Cell] = set()
+    for dialogue in SESSIONS[session]:
+        for difference in compare(dialogue, player.play(dialogue)):
+            cell = cell_of(session, difference)
+            used.add(cell)
+            if cell not in EXPLAINED:
+                unexplained.append(str(difference)[:300])
+    assert not unexplained, "\n".join(unexplained)
+    if WHOLE:
+        lasting = {cell for cell, why in EXPLAINED.items() if cell[0] == session and why in LASTING}
+        assert lasting <= used, f"no difference any more, take these rows out: {sorted(lasting - used)}"
+
+
+def test_all_recorded_dialogues_are_replayed(shared: Path) -> None:
+    assert sum(len(dialogues) for dialogues in SESSIONS.values()) == DIALOGUES
+
+
+def test_a_wrong_answer_would_be_seen() -> None:
+    """The harness itself: another result, a missing text or a field out of tolerance is a difference."""
+    dialogue = next(d for d in SESSIONS["request_message-0"] if d["id"] == "request_1_sys_status")
+    answer = Player().play(dialogue)
+    assert not compare(dialogue, answer)
+    for entry in dialogue["received"]:
+        changed = {**dialogue, "received": [e for e in dialogue["received"] if e is not entry]}
+        assert compare(changed, answer) or entry["msg"] == "SYS_STATUS"
+        field = "result" if entry["msg"] == "COMMAND_ACK" else "onboard_control_sensors_health"
+        wrong = {**entry, "fields": {**entry["fields"], field: 3}}
+        changed = {**dialogue, "received": [wrong if e is entry else e for e in dialogue["received"]]}
+        assert [d.field for d in compare(changed, answer)] != []
+    assert same([1.0, float("nan")], [1.0000001, float("nan")])
+    assert not same(1.0, 1.01)
+    assert same(1.0, 1.01, 0.02)
+
+
+def test_the_reasons_stand_in_the_documentation() -> None:
+    text = (REPOSITORY / "docs" / "simulator.md").read_text(encoding="utf-8")
+    missing = {why for why in (*EXPLAINED.values(), *LASTING) if why not in text}
+    assert not missing, f"docs/simulator.md does not explain: {missing}"
+
+
+@pytest.mark.parametrize(("part", "hz"), [("after_200000us", 0), ("after_0", 4.5)])
+def test_a_stream_has_the_rate_that_was_asked_for(shared: Path, part: str, hz: float) -> None:
+    """Counted over four seconds, as the recording did."""
+    dialogue = next(d for d in SESSIONS["message_interval-0"] if "measured_hz" in d)
+    end_s = hz + 4.5
+    cut = [e for e in dialogue["send"] if e["dt_s"] < end_s]
+    answer = Player().play({**dialogue, "send": cut, "window_s": end_s})
+    before = Player().play({**dialogue, "send": cut, "window_s": end_s - 4.0})
+    counted_hz = (answer.counts["ATTITUDE"] - before.counts["ATTITUDE"]) / 4.0
+    assert counted_hz == pytest.approx(dialogue["measured_hz"][part], rel=RATE_HZ_TOLERANCE)
