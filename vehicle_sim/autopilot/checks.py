@@ -13,7 +13,6 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.offboard import Offboard
 
-MANUAL_CONTROL_TIMEOUT_S = 0.5
 QUIET_AFTER_BOOT_S = 1.0
 BATTERY_TEXTS = {
     "check_battery_low": "Low battery",
@@ -36,8 +35,8 @@ class Checks:
         self.has_mission = False
         self.fence: frozenset[Breach] = frozenset()
         self.monitors = monitors
-        self.mission_failed = False
         self._gcs_was_lost = False
+        self._sticks_lost_at_s: float | None = None
         self.manual_control_at_s = -math.inf
         self.gcs_heard_at_s = -math.inf
         self._facts = self.facts(NavState.HOLD, terminated=False)
@@ -66,12 +65,11 @@ class Checks:
             wind_too_high=monitors.wind_too_high,
             wind_m_s=round(monitors.wind_m_s, 1) if monitors.wind_too_high else 0.0,
             flight_time_over=monitors.flight_time_over,
-            mission_failed=self.mission_failed,
         )
 
     def manual_control(self) -> bool:
         """Whether sticks were heard lately."""
-        return self._body.time_s - self.manual_control_at_s < MANUAL_CONTROL_TIMEOUT_S
+        return self._body.time_s - self.manual_control_at_s < self._body.parameter("COM_RC_LOSS_T")
 
     def gcs_alive(self) -> bool:
         """Whether a ground station was heard within COM_DL_LOSS_T."""
@@ -81,8 +79,9 @@ class Checks:
         """Whether one was heard before, and is no more."""
         return math.isfinite(self.gcs_heard_at_s) and not self.gcs_alive()
 
-    def watch_ground_station(self) -> None:
-        """Say when the ground station is lost, and when it is back."""
+    def watch_links(self) -> None:
+        """Say when sticks or the ground station are lost, and when they are back."""
+        self._watch_sticks()
         lost = self.gcs_lost()
         if lost == self._gcs_was_lost:
             return
@@ -91,6 +90,15 @@ class Checks:
             self._announcer.both(4, "Connection to ground control station lost", "commander_gcs_lost")
         else:
             self._announcer.both(6, "GCS connection regained", "commander_dl_regained")
+
+    def _watch_sticks(self) -> None:
+        lost = math.isfinite(self.manual_control_at_s) and not self.manual_control()
+        if lost and self._sticks_lost_at_s is None:
+            self._sticks_lost_at_s = self._body.time_s
+            self._announcer.event("commander_rc_lost")
+        elif not lost and self._sticks_lost_at_s is not None:
+            away_s, self._sticks_lost_at_s = self._body.time_s - self._sticks_lost_at_s, None
+            self._announcer.event("commander_rc_regained", "f", away_s)
 
     @property
     def battery_warning(self) -> int:

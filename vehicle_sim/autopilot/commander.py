@@ -215,8 +215,7 @@ class Commander:
         self.checks.has_mission = navigator.mission.valid(landed=landed)
         self.monitors.update(armed=self.armed, landed=landed)
         self.checks.fence = navigator.fence.breached
-        self.checks.mission_failed = navigator.mission.failed
-        self.checks.watch_ground_station()
+        self.checks.watch_links()
         self._check()
         self._run_failsafe()
         if self.armed and not self.terminated:
@@ -272,7 +271,6 @@ class Commander:
             self.intended,
             armed_for_s=self._body.time_s - self._armed_at_s,
             acts=not grounded or self.monitors.attitude_failure,
-            mission_failed=self._navigator.mission.failed,
         )
         if decision == before:
             return

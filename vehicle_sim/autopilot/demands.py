@@ -65,7 +65,6 @@ class Conditions:
     """CBRK_FLIGHTTERM is not set."""
     motor_failure: bool = False
     motor_action: int = 0
-    mission_failed: bool = False
 
 
 def demands(c: Conditions) -> list[Demand]:
@@ -113,8 +112,6 @@ def _limits(c: Conditions) -> list[Demand]:
         found.append(_strict("wind", _WIND[c.wind_action]))
     if c.flight_time_over:
         found.append(Demand("flight time", Action.RTL))
-    if c.mission_failed and c.mode is NavState.MISSION:
-        found.append(Demand("mission", Action.RTL))
     return found
 
 

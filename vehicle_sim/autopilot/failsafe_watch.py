@@ -47,14 +47,14 @@ class FailsafeWatch:
         """The operator chose a mode."""
         self._machine.mode_chosen()
 
-    def update(self, intended: NavState, *, armed_for_s: float, acts: bool, mission_failed: bool) -> Decision:
+    def update(self, intended: NavState, *, armed_for_s: float, acts: bool) -> Decision:
         """Decide, and say what changed.
 
         Args:
             acts: the vehicle flies (or has flown), so that something may be done about it.
         """
         self._had_sticks = self._had_sticks or self._checks.manual_control()
-        wanted = demands(self._conditions(intended, armed_for_s, mission_failed)) if acts else []
+        wanted = demands(self._conditions(intended, armed_for_s)) if acts else []
         before = self.decision
         self.decision = self._machine.update(
             self._body.time_s,
@@ -71,7 +71,7 @@ class FailsafeWatch:
         needs = MODES[mode]
         return self._body.belief.valid_position or not needs.needs_position
 
-    def _conditions(self, mode: NavState, armed_for_s: float, mission_failed: bool) -> Conditions:
+    def _conditions(self, mode: NavState, armed_for_s: float) -> Conditions:
         body, checks, monitors = self._body, self._checks, self._monitors
         sticks = checks.manual_control()
         early_s = body.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
@@ -100,7 +100,6 @@ class FailsafeWatch:
             may_terminate=body.choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
             motor_failure=monitors.motor_failure,
             motor_action=body.choice("COM_ACT_FAIL_ACT"),
-            mission_failed=mission_failed,
         )
 
     def _needs_position(self, mode: NavState) -> bool:

@@ -58,7 +58,6 @@ class Facts:
     wind_too_high: bool = False
     wind_m_s: float = 0.0
     flight_time_over: bool = False
-    mission_failed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +167,6 @@ def _failures(facts: Facts) -> list[Check]:
         found.append(("check_failure_detector_motor", COMPONENT_MOTORS, "Motor failure detected"))
     if facts.flight_time_over:
         found.append(("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached"))
-    if facts.mission_failed:
-        text = "Preflight Fail: Mission cannot be completed"
-        found.append(("check_mission_failure", COMPONENT_SYSTEM, text))
     checks = [Check(event, EVERY_MODE, component, EVERY_MODE, 0, text) for event, component, text in found]
     if facts.wind_too_high:
         checks.append(

@@ -134,6 +134,21 @@ def test_a_lost_link_returns_also_when_it_comes_back() -> None:
     s.run_until(lambda: not s.armed, 25)
 
 
+def test_sticks_that_fall_silent_return() -> None:
+    s = flying(NAV_RCL_ACT=2, RTL_RETURN_ALT=4.0)
+    s.run(1.0, lambda: s.send("MANUAL_CONTROL", target=1, z=500))
+    assert s.flown_mode == HOLD
+    lost_s = s.now_s
+    s.run(1.2)
+    assert s.events(lost_s).index("commander_rc_lost") < s.events(lost_s).index(
+        "commander_failsafe_enter_hold"
+    )
+    s.run(0.6)
+    assert s.flown_mode == RTL
+    s.run(0.2, lambda: s.send("MANUAL_CONTROL", target=1, z=500))
+    assert "commander_rc_regained" in s.events()
+
+
 def test_an_empty_battery_warns_returns_and_lands() -> None:
     s = flying(COM_LOW_BAT_ACT=3, SIM_BAT_ENABLE=0)
     battery = s.sim.simulation

@@ -73,8 +73,6 @@ class Mission:
         self.reached_count = 0
         """Rises with each item reached, so that it can be told at once."""
         self.finished = False
-        self.failed = False
-        """A heading was asked for and not reached in time."""
         self.active = False
         self._work = Work.NONE
         self._arrived_at_s = math.nan
@@ -126,7 +124,7 @@ class Mission:
         if self._revision != self._plans.revision(MISSION):
             self._revision = self._plans.revision(MISSION)
             self.current = self._plans.start_seq
-            self.reached, self.finished, self.failed = None, False, False
+            self.reached, self.finished = None, False
             self._jumps.clear()
             self._work = Work.NONE
 
@@ -145,7 +143,7 @@ class Mission:
         if self._disarmed_since and self.current + 1 >= len(self._items):
             self.current, self.finished, self.reached = 0, False, None
             self._jumps.clear()
-        self.active, self.failed, self._disarmed_since = True, False, False
+        self.active, self._disarmed_since = True, False
         self._work, self._needs_takeoff = Work.NONE, True
         self._path.cruise_m_s = math.nan
         self._leg.restart()
