@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
+from gcs_server.client import SyncVehicle
 from tests.e2e.browser import REPOSITORY, chromium, opened, scene, serious_violations, slide
 from tests.e2e.conftest import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
@@ -68,8 +69,15 @@ def place_of(menu: Locator) -> tuple[float, float]:
     return float(found[1]), float(found[2])
 
 
-def metres_from(drone: Any, place: tuple[float, float]) -> float:
-    here = drone.topic("global_position")
+def told(drone: SyncVehicle, topic: str) -> dict[str, Any]:
+    """A topic's newest value, which this vehicle has reported."""
+    value = drone.topic(topic)
+    assert value is not None
+    return value
+
+
+def metres_from(drone: SyncVehicle, place: tuple[float, float]) -> float:
+    here = told(drone, "global_position")
     north = math.radians(here["lat_deg"] - place[0]) * 6_371_000
     east = math.radians(here["lon_deg"] - place[1]) * 6_371_000 * math.cos(math.radians(place[0]))
     return math.hypot(north, east)
@@ -95,7 +103,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         slide(page)
         expect(menu).to_be_hidden()
         wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle where the map was clicked", 30)
-        wait_until(lambda: abs(drone.topic("global_position")["alt_home_m"] - 10) < 1, "the height asked", 20)
+        wait_until(lambda: abs(told(drone, "global_position")["alt_home_m"] - 10) < 1, "the height asked", 20)
 
         menu = menu_at(page, -80, -64)
         expect(menu).to_contain_text("Look here: Take control of the gimbal first")
@@ -104,9 +112,9 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         expect(menu).to_be_hidden()
         roi = drone.request("GET", "/gimbal")["roi"]
         assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(aim, abs=1e-6)
-        home = drone.topic("home")["alt_amsl_m"]
+        home = told(drone, "home")["alt_amsl_m"]
         assert roi["alt_amsl_m"] == pytest.approx(home, abs=0.1)
-        wait_until(lambda: drone.topic("gimbal")["pitch_rad"] < -0.4, "the camera down to the place", 10)
+        wait_until(lambda: told(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the place", 10)
         expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Keeps looking at")
 
         by_keys_alone(page)
