@@ -125,6 +125,7 @@ describe('what is asked', () => {
     c.press(0);
     c.slide(1, 0.5);
     expect(c.tick(2)).toBe('asking');
+    expect(c.left_s(2)).toBe(3.5); // trying keeps the question open
     c.blocked = false;
     c.slide(1, 2);
     expect(c.tick(2)).toBe('confirmed');

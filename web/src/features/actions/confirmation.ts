@@ -35,7 +35,8 @@ export class Confirmation {
 
   /** Space went down; the keyboard's own repeats change nothing. */
   press(now_s: number): void {
-    if (this.phase === 'asking' && !this.blocked && this.heldSince_s === null) this.heldSince_s = now_s;
+    if (this.blocked) this.touch(now_s); // somebody is at it: there is time to put it right
+    else if (this.phase === 'asking' && this.heldSince_s === null) this.heldSince_s = now_s;
   }
 
   release(now_s: number): void {
@@ -53,6 +54,7 @@ export class Confirmation {
 
   /** The knob is at `fraction` of its way. Confirms only when let go or at its very end. */
   slide(fraction: number, now_s: number): void {
+    if (this.blocked) this.touch(now_s);
     if (this.phase !== 'asking' || this.blocked) return;
     this.sliding = true;
     this.slid = Math.min(1, Math.max(0, fraction));
