@@ -29,7 +29,7 @@ STATE_MESSAGES = frozenset(
 """The recordings keep these when their content changed."""
 LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVENT_SEQUENCE"}
 """Streams that are part of the dialogues of these names."""
-TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES
+TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
 AIR_MISSION: list[dict[str, Any]] = [
     {"seq": n, "frame": frame, "command": command, "current": n == 0, "autocontinue": 1, "param4": math.nan,
      "x": x, "y": y, "z": z, "mission_type": 0}

@@ -16,7 +16,7 @@ from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
-from vehicle_sim.autopilot.tasks.orbit import Orbit
+from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome, ReturnPhase
 from vehicle_sim.geodesy import is_place, to_local
 
@@ -68,6 +68,11 @@ class Navigator:
     ) -> None:
         """DO_ORBIT around a place, by default around where the vehicle is."""
         self._orbit.request(lat_lon_alt, radius_m, speed_m_s, yaw_behaviour)
+
+    @property
+    def circle(self) -> Circle | None:
+        """What mode Orbit flies around."""
+        return self._orbit.circle
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
         """DO_REPOSITION; what is not finite stays as it is."""

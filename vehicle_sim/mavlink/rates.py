@@ -38,6 +38,7 @@ GCS: Final[dict[str, float]] = {
     "TIME_ESTIMATE_TO_TARGET": 0.5,
     "CURRENT_EVENT_SEQUENCE": 1.0 / 3.0,
     "CURRENT_MODE": 0.5,
+    "ORBIT_EXECUTION_STATUS": 2.0,
     "OPEN_DRONE_ID_LOCATION": 1.0,
     "OPEN_DRONE_ID_SYSTEM": 1.0,
 }

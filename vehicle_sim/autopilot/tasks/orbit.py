@@ -53,6 +53,11 @@ class Orbit:
         self._around = False
         self._initial_yaw_rad = 0.0
 
+    @property
+    def circle(self) -> Circle | None:
+        """What is flown around."""
+        return self._circle
+
     def enter(self) -> None:
         """Without a command before: 1 m around where the vehicle is."""
         self._around = False

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.geodesy import to_global
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import Family, i16
 
@@ -27,6 +29,22 @@ class PlaceMessages(Family):
             z=home.position_ned_m[2],
             q=(math.cos(home.yaw_ned_rad / 2), 0.0, 0.0, math.sin(home.yaw_ned_rad / 2)),
             time_usec=home.set_at_us,
+        )[1]
+
+    def orbit_execution_status(self) -> bytes | None:
+        circle = self._autopilot.navigator.circle
+        if circle is None or self._autopilot.commander.active is not NavState.ORBIT:
+            return None
+        lat0, lon0, alt0 = self._body.origin
+        lat, lon = to_global(circle.north_m, circle.east_m, lat0, lon0)  # type: ignore[arg-type]
+        return pack(
+            "ORBIT_EXECUTION_STATUS",
+            time_usec=self._body.time_boot_us(),
+            radius=math.copysign(circle.radius_m, circle.speed_m_s),
+            frame=0,
+            x=round(float(lat) * 1e7),
+            y=round(float(lon) * 1e7),
+            z=alt0 - circle.down_m,
         )[1]
 
     def gps_global_origin(self) -> bytes | None:
