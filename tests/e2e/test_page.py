@@ -78,7 +78,7 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         )
         expect(pill(page)).to_have_text("Ready")
 
-        page.get_by_role("button", name="Take off").click()
+        page.get_by_role("button", name="Take off", exact=True).click()
         height = page.get_by_label("Height above home")
         height.fill("999")
         expect(page.get_by_role("alertdialog")).to_contain_text("from 1 to 120 m above home")
@@ -115,13 +115,13 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
 
         steer_the_gimbal(page, drone)
 
-        page.get_by_role("button", name="Return").click()
+        page.get_by_role("button", name="Return", exact=True).click()
         expect(page.get_by_role("alertdialog")).to_contain_text(re.compile(r"m above home, flies \d"))
         slide(page)
         expect(pill(page)).to_have_text("Returning")
         assert drone.status()["mode"] == "rtl"
 
-        page.get_by_role("button", name="Land").click()
+        page.get_by_role("button", name="Land", exact=True).click()
         slide(page)
         expect(pill(page)).to_have_text("Landing")
         drone.until_disarmed()
