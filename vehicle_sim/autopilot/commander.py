@@ -191,6 +191,7 @@ class Commander:
         """End the flight: motors off, for good. Only while armed."""
         if not self.armed:
             return False
+        self.intended = self._after_disarming = NavState.TERMINATION
         self._announcer.both(
             2, "Failsafe activated", "commander_failsafe_enter_generic", "IB",
             MODES[self.intended].custom_mode, Action.TERMINATE,
@@ -239,7 +240,7 @@ class Commander:
         self._activate(mode)
 
     def _note_landing(self, landed: bool) -> None:
-        if landed == self.landed:
+        if landed == self.landed or self.terminated:
             return
         self.landed = landed
         now_s = self._body.time_s
@@ -316,7 +317,7 @@ class Commander:
             self._navigator.enter(mode, previous, in_air=not self.landed)
 
     def _auto_disarm(self) -> None:
-        if not self.armed or not self.landed:
+        if not self.armed or not self.landed or self.terminated:
             return
         now_s = self._body.time_s
         landing_s = self._body.parameter("COM_DISARM_LAND")

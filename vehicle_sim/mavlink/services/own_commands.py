@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vehicle_sim.autopilot.own_commands import GIMBAL_CONFIGURE, OwnCommand
+from vehicle_sim.autopilot.own_commands import GIMBAL_CONFIGURE, PARACHUTE, OwnCommand
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.services.command_types import Command
 from vehicle_sim.mavlink.services.gimbal import GimbalService
@@ -12,6 +12,7 @@ FIRST_REPEAT_S = 1.0
 REPEAT_S = 0.51
 """As measured: nobody acknowledges, so each goes out four times."""
 SELF = -2.0
+PARACHUTE_COMPONENT = 161
 
 
 class OwnCommandService:
@@ -48,6 +49,7 @@ class OwnCommandService:
     def _out(self, number: int, parameters: list[float], confirmation: int) -> None:
         fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
         self._context.broadcast(
-            "COMMAND_LONG", target_system=self._context.system_id, target_component=0, command=number,
+            "COMMAND_LONG", target_system=self._context.system_id,
+            target_component=PARACHUTE_COMPONENT if number == PARACHUTE else 0, command=number,
             confirmation=confirmation, **fields,
         )  # fmt: skip
