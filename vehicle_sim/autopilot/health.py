@@ -104,10 +104,7 @@ def examine(facts: Facts) -> Report:
                   modes if running is None else running, text)
         )  # fmt: skip
 
-    if facts.terminated:
-        add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
-            text="Preflight Fail: Flight termination active")  # fmt: skip
-    if facts.mode in CANNOT_TAKE_OFF:
+    if facts.mode in CANNOT_TAKE_OFF and not facts.terminated:
         add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
     if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
         add("check_external_modes_unavailable", 1 << facts.mode, COMPONENT_SYSTEM)
@@ -122,6 +119,9 @@ def examine(facts: Facts) -> Report:
         add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
     if not facts.manual_control:
         add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, STICKS_MASK, STICKS_MASK)
+    if facts.terminated:
+        add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
+            text="Preflight Fail: Flight termination active")  # fmt: skip
     if facts.gcs_missing:
         add("check_rc_dl_no_dllink", EVERY_MODE, COMPONENT_REMOTE_LINK, running=0)
     checks += _failures(facts)
