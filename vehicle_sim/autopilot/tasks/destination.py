@@ -67,15 +67,16 @@ class Chooser:
 
     def _rally_points(self) -> list[Destination]:
         points: list[Destination] = []
+        unknown: int | None = None
         for item in self._plans.items(RALLY):
             if item.command != RALLY_POINT:
                 continue
             if item.frame in RALLY_FRAMES:
                 points.append(Destination(Kind.RALLY, self._place(item), self._home.yaw_ned_rad))
-            else:
-                self._announcer.both(
-                    2, "RTL: unsupported MAV_FRAME", "rtl_unsupported_mav_frame", "B", item.frame
-                )
+            elif unknown is None:
+                unknown = item.frame
+        if unknown is not None:
+            self._announcer.both(2, "RTL: unsupported MAV_FRAME", "rtl_unsupported_mav_frame", "B", unknown)
         return points
 
     def _landing(self) -> Destination | None:
