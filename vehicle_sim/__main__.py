@@ -99,6 +99,8 @@ def build_parser() -> argparse.ArgumentParser:
         help="set a PX4 parameter before boot; may be repeated")  # fmt: skip
     add("--data-dir", type=Path, default=None, metavar="DIR",
         help="keep changed parameters and files here over restarts (default: forgotten)")  # fmt: skip
+    add("--no-log", action="store_true",
+        help="no onboard logs (default: as SDLOG_MODE says; 0.4 GB an hour and vehicle)")  # fmt: skip
     ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
     default = Ports()
     ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
@@ -170,6 +172,7 @@ def main(argv: list[str] | None = None) -> int:
     fleet = VehicleSim(
         arguments.instances, first_instance=arguments.first_instance, stores=stores, files=_files(arguments),
         links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
+        log=not arguments.no_log,
     )  # fmt: skip
     ports = Ports(
         gcs_local=arguments.gcs_local_port,
@@ -191,6 +194,7 @@ def main(argv: list[str] | None = None) -> int:
         server.run(arguments.speed)
     finally:
         server.close()
+        fleet.close()
     return 0
 
 

@@ -9,13 +9,17 @@ from numpy.typing import NDArray
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.body import Body
+from vehicle_sim.logger.logger import Logbook, Logger
+from vehicle_sim.logger.recorder import Recorders
+from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
-from vehicle_sim.simulation import Home, Simulation
+from vehicle_sim.simulation import STEP_S, Home, Simulation
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
 
+STEP_US = round(STEP_S * 1e6)
 AUTOPILOT_EVERY_STEPS = 5
 """50 Hz at the simulation's 250 Hz."""
 DEFAULT_BOOT_TIME_UNIX_S = 1_790_000_000.0
@@ -37,6 +41,7 @@ class VehicleSim:
         boot_time_unix_s: UTC at boot.
         sensor_noise: False for perfect sensors (the shape of a flight without its wander).
         start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
+        log: whether the vehicles write onboard logs, when SDLOG_MODE says so; without it they cost nothing.
     """
 
     def __init__(
@@ -53,6 +58,7 @@ class VehicleSim:
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
         start_ned_m: NDArray[np.float64] | None = None,
+        log: bool = False,
     ) -> None:
         if stores is None:
             stores = [Parameters(parameters) for _ in range(count)]
@@ -63,10 +69,14 @@ class VehicleSim:
         if files is None:
             files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
         self.files = list(files)
-        self.nodes = [
-            Node(autopilot, first_instance + row + 1, own)
-            for row, (autopilot, own) in enumerate(zip(self.autopilots, self.files, strict=True))
-        ]
+        recorders = Recorders(self.simulation) if log else None
+        self.loggers: list[Logger] = []
+        self.nodes: list[Node] = []
+        for row, (autopilot, own) in enumerate(zip(self.autopilots, self.files, strict=True)):
+            states = States(autopilot, first_instance + row + 1)
+            self.loggers.append(Logger(autopilot, states, own, recorders))
+            self.nodes.append(Node(autopilot, first_instance + row + 1, own, self.loggers[-1], states))
+        self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         for row in range(count):
             for name, profile in links:
@@ -119,3 +129,10 @@ class VehicleSim:
                 autopilot.update()
         for node in self.nodes:
             node.step()
+        if self._logbook is not None:
+            self._logbook.step(self.simulation.steps * STEP_US)
+
+    def close(self) -> None:
+        """End what is being written, as a shutdown does."""
+        if self._logbook is not None:
+            self._logbook.close()

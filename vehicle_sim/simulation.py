@@ -149,6 +149,11 @@ class Simulation:
         """(N, 4) motor signals: 900 disarmed, 1000..2000 armed."""
         return self._cascade.motors_us
 
+    @property
+    def torque_frd(self) -> FloatArray:
+        """(N, 3) normalised torques asked of the mixer."""
+        return self._cascade.torque_frd
+
     def step(self) -> None:
         """Move all vehicles by `dt_s`."""
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)

@@ -122,6 +122,8 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
     "rtl_unsupported_mav_frame": (26128688, 51),
     "rtl_completed_loiter": (33502559, 102),
     "rtl_mission_land_climb": (27006470, 102),
+    "logger_open_file_time": (17980399, 102),
+    "logger_storage_full": (32826017, 51),
 }
 
 EVENT_QUEUE_LENGTH: Final = 20

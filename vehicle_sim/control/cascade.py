@@ -60,6 +60,8 @@ class Cascade:
         """(N, 4) 0..1, what the rotors follow."""
         self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
         """(N, 4) the same as PX4 reports it: 900 disarmed, 1000..2000 armed."""
+        self.torque_frd = np.zeros((count, 3))
+        """(N, 3) normalised, what was asked of the mixer last."""
         self.target = TargetState(
             q_ned_frd=np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1)),
             rates_frd_rad_s=np.zeros((count, 3)),
@@ -99,6 +101,7 @@ class Cascade:
         powered = self._powered
         if not powered.any():
             self.motor_signal[:] = 0.0
+            self.torque_frd[:] = 0.0
         else:
             torque = self._rate.update(
                 estimate.rates_frd_rad_s,
@@ -109,6 +112,7 @@ class Cascade:
             )
             if self._below_rates.any():
                 np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=self._below_rates[:, None])
+            np.multiply(torque, powered[:, None], out=self.torque_frd)
             motors = self._allocation.update(torque, self._thrust)
             np.multiply(motors, powered[:, None], out=self.motor_signal)
         np.multiply(self.motor_signal, MOTOR_SPAN_US, out=self.motors_us)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.logger.logger import Logger
+from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
@@ -13,6 +15,7 @@ from vehicle_sim.mavlink.services.commands import CommandService
 from vehicle_sim.mavlink.services.failures import FailureService
 from vehicle_sim.mavlink.services.ftp import FtpService
 from vehicle_sim.mavlink.services.gimbal import GimbalService
+from vehicle_sim.mavlink.services.logs import LogService
 from vehicle_sim.mavlink.services.manual import ManualService
 from vehicle_sim.mavlink.services.mission import MissionService
 from vehicle_sim.mavlink.services.offboard import OffboardService
@@ -30,13 +33,16 @@ RATE_EVERY_US = 1_000_000
 class Node:
     """The MAVLink side of one vehicle."""
 
-    def __init__(self, autopilot: Autopilot, system_id: int, files: VehicleFiles) -> None:
+    def __init__(
+        self, autopilot: Autopilot, system_id: int, files: VehicleFiles, logger: Logger, states: States
+    ) -> None:
         self.context = Context(autopilot, system_id)
         self._texts = TextService(self.context)
         self._time = TimeService(self.context)
         self._params = ParamService(self.context)
         self._mission = MissionService(self.context)
         self._ftp = FtpService(self.context, files)
+        self._logs = LogService(self.context, files, logger)
         requests = RequestService(self.context)
         gimbal = GimbalService(self.context)
         calibration = CalibrationService(self.context, self._params)
@@ -50,6 +56,7 @@ class Node:
         services = (
             self._texts, self._time, self._params, self._mission, gimbal, commands,
             OffboardService(self.context), ManualService(self.context), self._ftp,
+            self._logs,
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers
@@ -95,6 +102,8 @@ class Node:
             context.run_due()
         if self._ftp.busy:
             self._ftp.step()
+        if self._logs.busy:
+            self._logs.step()
         if self._params.busy:
             self._params.step()
         self._mission.step()

@@ -1,0 +1,341 @@
+"""One vehicle's onboard log: when it is written (SDLOG_MODE), where, and what happens when it cannot be."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import cache
+from io import FileIO
+from pathlib import Path
+from typing import Final
+
+from vehicle_sim import build
+from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.logger import ulog
+from vehicle_sim.logger.recorder import Recorder, Recorders
+from vehicle_sim.logger.states import States
+from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.storage.files import VehicleFiles
+
+FOLDER: Final = "log"
+BEGINS_US: Final = 488_000
+"""When a PX4 in simulation has started far enough to log."""
+STOPS_AFTER_US: Final = 1_000_000
+"""A log goes on so long after disarming."""
+TELLS_AFTER_US: Final = 45_000
+"""The file is named so long after its event."""
+TICK_US: Final = 20_000
+DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
+"""SDLOG_MODE; AUX1 comes with a remote control only, which a simulated vehicle has not."""
+FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
+BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
+UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
+LEAST_FREE_BYTES: Final = 50 << 20
+"""With less room no log is begun, and one that runs ends."""
+LOOKS_EVERY_US: Final = 5_000_000
+DEFAULT_PROFILE: Final = 1
+
+
+def free_bytes(path: Path) -> int:
+    """Room on the disk that holds a folder."""
+    return shutil.disk_usage(path).free
+
+
+class Logger:
+    """Writes `log/DATE/TIME.ulg`.
+
+    Args:
+        autopilot: whose flight.
+        states: its state topics.
+        files: where the log goes.
+        recorders: who samples the array topics; None: this vehicle never logs.
+        room: free bytes of a folder's disk.
+    """
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        states: States,
+        files: VehicleFiles,
+        recorders: Recorders | None,
+        room: Callable[[Path], int] = free_bytes,
+    ) -> None:
+        self.row = autopilot.body.row
+        self.path: str | None = None
+        """Of the log being written, or of the last one."""
+        self.written_bytes = 0
+        self.began_us = 0
+        self._autopilot, self._states, self._files, self._room = autopilot, states, files, room
+        self._body = autopilot.body
+        self._announcer: Announcer = autopilot.announcer
+        self._recorders = recorders
+        self._recorder: Recorder | None = None
+        self._file: FileIO | None = None
+        self._pending: list[bytes] = []
+        self._begun = False
+        self._armed = False
+        self._by_hand = False
+        self._stop_at_us: int | None = None
+        self._tell_at_us: int | None = None
+        self._look_at_us = 0
+        self._tick_at_us = 0
+        if recorders is not None:
+            self._announcer.add_listener(self._note)
+            self._body.parameters.add_listener(self._changed)
+
+    @property
+    def available(self) -> bool:
+        """Whether this vehicle can log at all."""
+        return self._recorders is not None
+
+    @property
+    def running(self) -> bool:
+        """Whether a file is being written."""
+        return self._file is not None
+
+    @property
+    def mode(self) -> int:
+        """SDLOG_MODE."""
+        return self._body.optional_choice("SDLOG_MODE", WHILE_ARMED)
+
+    def step(self, now_us: int) -> None:
+        """After each step of the simulation."""
+        if not self._begun:
+            if now_us < BEGINS_US:
+                return
+            self._begun = True
+            self._make_room()
+            if self.mode in FROM_BOOT:
+                self._start(now_us)
+        armed = self._autopilot.commander.armed
+        if armed is not self._armed:
+            self._armed = armed
+            self._arming(armed, now_us)
+        if self._stop_at_us is not None and now_us >= self._stop_at_us:
+            self.stop()
+        if self._tell_at_us is not None and now_us >= self._tell_at_us:
+            self._tell_at_us = None
+            self._announcer.text(6, f"[logger] ./{self.path}\t")
+        if self._file is not None and now_us >= self._tick_at_us:
+            self._tick_at_us = now_us + TICK_US
+            self._tick(now_us)
+
+    def start_by_hand(self) -> bool:
+        """Log from now on until `stop_by_hand`; whether a file is written now."""
+        self._by_hand = True
+        if not self.running:
+            self._start(self._body.time_boot_us())
+        self._stop_at_us = None
+        return self.running
+
+    def stop_by_hand(self) -> None:
+        """End what was begun by hand; while armed a log that arming asks for goes on."""
+        self._by_hand = False
+        if not (self._armed and self.mode in BY_ARMING) and self.mode != BOOT_TO_SHUTDOWN:
+            self.stop()
+
+    def flush(self) -> None:
+        """Bring the file up to date."""
+        if self._recorder is not None:
+            self._recorder.flush()
+
+    def stop(self) -> None:
+        """Close the log."""
+        self._stop_at_us = None
+        if self._file is None:
+            return
+        if self._recorder is not None:
+            self._recorder.remove(self)
+        self._write_pending()
+        self._close()
+
+    def write(self, data: bytes) -> None:
+        """Samples of the array topics, and what else has gathered."""
+        self._pending.append(data)
+        self._write_pending()
+
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _arming(self, armed: bool, now_us: int) -> None:
+        mode = self.mode
+        if armed and mode in BY_ARMING:
+            if self._stop_at_us is not None:
+                self.stop()
+            if not self.running:
+                self._start(now_us)
+        elif not armed and mode in BY_ARMING - UNTIL_SHUTDOWN and self.running and not self._by_hand:
+            self._stop_at_us = now_us + STOPS_AFTER_US
+
+    def _tick(self, now_us: int) -> None:
+        data = self._states.due(now_us)
+        if data:
+            self._pending.append(data)
+        if now_us >= self._look_at_us:
+            self._look_at_us = now_us + LOOKS_EVERY_US
+            self._look()
+
+    def _look(self) -> None:
+        try:
+            free = self._room(self._files.root)
+        except OSError as error:
+            self.stop()
+            self._failed("the log ends", error)
+            return
+        if free < LEAST_FREE_BYTES:
+            self.stop()
+            self._full(free)
+
+    def _start(self, now_us: int) -> None:
+        if self._recorders is None or self.mode == DISABLED:
+            return
+        try:
+            free = self._room(self._files.root)
+            if free < LEAST_FREE_BYTES:
+                self._full(free)
+                return
+            path, when = self._name()
+            self._file = FileIO(self._files.host_path(path), "wb")
+        except OSError as error:
+            self._failed("no log", error)
+            return
+        self.path, self.written_bytes, self.began_us = path, 0, now_us
+        profile = self._body.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
+        recorder = self._recorders.of(profile)
+        self._look_at_us = now_us + LOOKS_EVERY_US
+        self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._facts()]
+        layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
+        self._pending += [_formats(tuple(layouts)), _parameters(self._body.parameters)]
+        self._pending += [layout.subscription for layout in layouts]
+        self._states.restart()
+        self._write_pending()
+        if not self.running:
+            return
+        self._recorder = recorder
+        recorder.add(self)
+        self._announcer.event(
+            "logger_open_file_time", "HBBBBB", when.year, when.month, when.day, when.hour, when.minute,
+            when.second,
+        )  # fmt: skip
+        self._tell_at_us = now_us + TELLS_AFTER_US
+
+    def _name(self) -> tuple[str, datetime]:
+        offset_s = 60 * self._body.optional_choice("SDLOG_UTC_OFFSET", 0)
+        when = datetime.fromtimestamp(self._body.time_unix_us() // 1_000_000 + offset_s, UTC)
+        stem = f"{FOLDER}/{when:%Y-%m-%d}/{when:%H_%M_%S}"
+        path, number = f"{stem}.ulg", 0
+        while self._files.host_path(path).exists():
+            number += 1
+            path = f"{stem}_{number:02d}.ulg"
+        return path, when
+
+    def _facts(self) -> list[bytes]:
+        offset_s = 60 * self._body.optional_choice("SDLOG_UTC_OFFSET", 0)
+        return [
+            ulog.info("ver_sw", build.GIT_HASH),
+            ulog.info("ver_sw_release", build.VERSION),
+            ulog.info("ver_vendor_sw_release", build.VENDOR_VERSION),
+            ulog.info("ver_hw", build.BOARD),
+            ulog.info("sys_name", "PX4"),
+            ulog.info("sys_os_name", build.OS_NAME),
+            ulog.info("sys_os_ver_release", build.OS_VERSION),
+            ulog.info("sys_toolchain", build.TOOLCHAIN),
+            ulog.info("sys_toolchain_ver", build.TOOLCHAIN_VERSION),
+            ulog.info("ver_data_format", build.DATA_FORMAT),
+            ulog.info("time_ref_utc", offset_s, "int32_t"),
+        ]
+
+    def _make_room(self) -> None:
+        """SDLOG_DIRS_MAX: the oldest days go."""
+        most = self._body.optional_choice("SDLOG_DIRS_MAX", 0)
+        if most <= 0 or self.mode == DISABLED:
+            return
+        try:
+            days = [name for name, size in self._files.listing(FOLDER) if size is None]
+            for name in days[:-most]:
+                self._files.forget(f"{FOLDER}/{name}")
+        except OSError:
+            return  # no log yet
+
+    def _note(self, item: StatusText | Event) -> None:
+        if self._file is None:
+            return
+        if isinstance(item, Event):
+            self._pending.append(self._states.event(item))
+        else:
+            self._pending.append(ulog.logged(item.severity, self._body.time_boot_us(), item.text))
+
+    def _changed(self, name: str, value: ParameterValue) -> None:
+        if self._file is not None:
+            integer = self._body.parameters.type_of(name) == "INT32"
+            self._pending.append(ulog.parameter(name, value, integer=integer))
+
+    def _write_pending(self) -> None:
+        data, self._pending = b"".join(self._pending), []
+        if self._file is None or not data:
+            return
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+            self.written_bytes += len(data)
+        except OSError as error:
+            self._close()
+            self._failed("the log ends", error)
+
+    def _close(self) -> None:
+        file, self._file, recorder, self._recorder = self._file, None, self._recorder, None
+        self._tell_at_us = None
+        if recorder is not None:
+            recorder.discard(self)
+        if file is not None:
+            try:
+                file.close()
+            except OSError as error:
+                self._failed("the log was not closed", error)
+
+    def _full(self, free: int) -> None:
+        free_mib = free >> 20
+        self._announcer.both(
+            3, f"[logger] no log: {free_mib} MiB left, 50 are needed", "logger_storage_full", "I", free_mib
+        )
+
+    def _failed(self, what: str, error: OSError) -> None:
+        self._announcer.text(3, f"[logger] {what}: {error.strerror or error}\t")
+
+
+@cache
+def _formats(layouts: tuple[ulog.Layout, ...]) -> bytes:
+    return b"".join({layout.name: layout.format for layout in layouts}.values())
+
+
+def _parameters(parameters: Parameters) -> bytes:
+    """All values, then the defaults of those that differ."""
+    out: list[bytes] = []
+    for name, value in parameters.items():
+        out.append(ulog.parameter(name, value, integer=parameters.type_of(name) == "INT32"))
+    for name in parameters.changed():
+        integer = parameters.type_of(name) == "INT32"
+        default = parameters.default_of(name)
+        out.append(ulog.default_parameter(name, default, integer=integer, kinds=ulog.AIRFRAME_DEFAULT))
+    return b"".join(out)
+
+
+class Logbook:
+    """The logs of a fleet."""
+
+    def __init__(self, recorders: Recorders, loggers: list[Logger]) -> None:
+        self._recorders, self._loggers = recorders, loggers
+
+    def step(self, now_us: int) -> None:
+        """After each step of the simulation."""
+        for logger in self._loggers:
+            logger.step(now_us)
+        for step in self._recorders.steps:
+            step(now_us)
+
+    def close(self) -> None:
+        """End all logs, as a shutdown does."""
+        for logger in self._loggers:
+            logger.stop()

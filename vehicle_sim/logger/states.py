@@ -1,0 +1,330 @@
+"""The topics about what the vehicle decides: mode, arming, landing, health, battery, home, mission.
+
+Written when they change and again from time to time, as PX4 does. Also what `listener` shows of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vehicle_sim.autopilot.announcer import Event, StatusText
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.autopilot.takeoff import TakeoffState
+from vehicle_sim.logger.topics import ARRAY_TOPICS
+from vehicle_sim.logger.ulog import Layout
+
+Values = Mapping[str, Any]
+NAN = math.nan
+VALID_STATES, SETTABLE_STATES = 0x7FFEE47F, 0x007EC47F
+"""Bit masks of the modes there are and of those one may choose, as `vehicle_status` tells them."""
+ARMING_DISARMED, ARMING_ARMED = 1, 2
+ROTARY_WING, QUADROTOR = 1, 2
+EVENT_ARGUMENTS = 25
+_TAKEOFF = {
+    TakeoffState.DISARMED: 1, TakeoffState.SPOOLUP: 2, TakeoffState.READY: 3, TakeoffState.RAMPUP: 4,
+    TakeoffState.FLIGHT: 5,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class StateTopic:
+    """One topic of one vehicle."""
+
+    layout: Layout
+    every_ms: int
+    """0: only when it changes."""
+    read: Callable[[], Values]
+    key: Callable[[], object] | None = None
+    """Written at once when this changes."""
+
+    def pack(self, time_us: int, values: Values | None = None) -> bytes:
+        """A data message; what `read` leaves out is zero."""
+        given = dict(self.read() if values is None else values, timestamp=time_us)
+        flat: list[Any] = []
+        for field in self.layout.fields:
+            value = given.get(field.name, 0)
+            if field.length:
+                items = list(value) if isinstance(value, list | tuple | bytes) else [value] * field.length
+                flat += items
+            else:
+                flat.append(value)
+        return self.layout.pack(flat)
+
+
+class States:
+    """State topics of one vehicle, and the times only their history knows."""
+
+    def __init__(self, autopilot: Autopilot, system_id: int) -> None:
+        self._autopilot = autopilot
+        self._body = autopilot.body
+        self._commander = autopilot.commander
+        self._system_id = system_id
+        self._armed_us = self._took_off_us = self._mode_us = 0
+        self._reasons = [0, 0]
+        """Of arming and of disarming."""
+        self._mode = self._commander.active
+        self._listeners: list[Callable[[bytes], None]] = []
+        self.topics = tuple(self._make())
+        self._event = Layout(
+            "event",
+            f"uint32_t id;uint16_t event_sequence;uint8_t[{EVENT_ARGUMENTS}] arguments;uint8_t log_levels",
+            len(ARRAY_TOPICS) + len(self.topics),
+        )
+        self._due_ms = [0] * len(self.topics)
+        self._keys: list[object] = [None] * len(self.topics)
+        autopilot.announcer.add_listener(self._note)
+
+    @property
+    def layouts(self) -> tuple[Layout, ...]:
+        """Of all topics told here."""
+        return (*(topic.layout for topic in self.topics), self._event)
+
+    def restart(self) -> None:
+        """A log begins: everything is due."""
+        self._due_ms = [0] * len(self.topics)
+
+    def due(self, now_us: int) -> bytes:
+        """Messages of what changed or is due again."""
+        now_ms = now_us // 1000
+        out: list[bytes] = []
+        if self._commander.active is not self._mode:
+            self._mode, self._mode_us = self._commander.active, now_us
+        for n, topic in enumerate(self.topics):
+            changed = False
+            if topic.key is not None:
+                key = topic.key()
+                changed, self._keys[n] = key != self._keys[n], key
+            if changed or now_ms >= self._due_ms[n]:
+                self._due_ms[n] = (
+                    (now_ms // topic.every_ms + 1) * topic.every_ms if topic.every_ms else 1 << 62
+                )
+                out.append(topic.pack(now_us))
+        return b"".join(out)
+
+    def event(self, event: Event) -> bytes:
+        """An event as a message."""
+        arguments = event.arguments[:EVENT_ARGUMENTS]
+        return self._event.pack(
+            [event.time_boot_ms * 1000, event.id, event.sequence, *arguments, event.log_levels]
+        )
+
+    def _note(self, item: StatusText | Event) -> None:
+        if isinstance(item, StatusText):
+            return
+        now_us = self._body.time_boot_us()
+        if item.name == "commander_armed_by":
+            self._armed_us, self._reasons[0] = now_us, item.arguments[0]
+        elif item.name == "commander_disarmed_by":
+            self._armed_us = self._took_off_us = 0
+            self._reasons[1] = item.arguments[0]
+        elif item.name == "commander_takeoff_detected":
+            self._took_off_us = now_us
+
+    # --- the topics ------------------------------------------------------------------------------------
+
+    def _make(self) -> list[StateTopic]:
+        topics: list[StateTopic] = []
+
+        def add(name: str, every_ms: int, read: Callable[[], Values], declaration: str,
+                key: Callable[[], object] | None = None) -> None:  # fmt: skip
+            layout = Layout(name, declaration, len(ARRAY_TOPICS) + len(topics))
+            topics.append(StateTopic(layout, every_ms, read, key))
+
+        commander, detector = self._commander, self._autopilot.land_detector
+
+        def decisions() -> object:
+            return commander.armed, commander.active, commander.intended, commander.in_failsafe
+
+        add("vehicle_status", 500, self._vehicle_status,
+            "uint64_t armed_time;uint64_t takeoff_time;uint64_t nav_state_timestamp;"
+            "uint32_t valid_nav_states_mask;uint32_t can_set_nav_states_mask;"
+            "uint16_t failure_detector_status;uint8_t arming_state;uint8_t latest_arming_reason;"
+            "uint8_t latest_disarming_reason;uint8_t nav_state_user_intention;uint8_t nav_state;"
+            "uint8_t executor_in_charge;uint8_t hil_state;uint8_t vehicle_type;bool failsafe;"
+            "bool failsafe_and_user_took_over;uint8_t failsafe_defer_state;bool gcs_connection_lost;"
+            "uint8_t gcs_connection_lost_counter;bool high_latency_data_link_lost;bool is_vtol;"
+            "bool is_vtol_tailsitter;bool in_transition_mode;bool in_transition_to_fw;uint8_t system_type;"
+            "uint8_t system_id;uint8_t component_id;bool safety_button_available;bool safety_off;"
+            "bool power_input_valid;bool usb_connected;bool open_drone_id_system_present;"
+            "bool open_drone_id_system_healthy;bool parachute_system_present;"
+            "bool parachute_system_healthy;bool rc_calibration_in_progress;bool calibration_enabled;"
+            "bool pre_flight_checks_pass", decisions)  # fmt: skip
+        add("vehicle_control_mode", 500, self._control_mode,
+            "bool flag_armed;bool flag_multicopter_position_control_enabled;"
+            "bool flag_control_manual_enabled;bool flag_control_auto_enabled;"
+            "bool flag_control_offboard_enabled;bool flag_control_position_enabled;"
+            "bool flag_control_velocity_enabled;bool flag_control_altitude_enabled;"
+            "bool flag_control_climb_rate_enabled;bool flag_control_acceleration_enabled;"
+            "bool flag_control_attitude_enabled;bool flag_control_rates_enabled;"
+            "bool flag_control_allocation_enabled;bool flag_control_termination_enabled;"
+            "uint8_t source_id", decisions)  # fmt: skip
+        add("actuator_armed", 500, self._armed, "bool armed;bool prearmed;bool ready_to_arm;bool lockdown;"
+            "bool manual_lockdown;bool force_failsafe;bool in_esc_calibration_mode", decisions)  # fmt: skip
+        add("failure_detector_status", 500, self._failures, "float imbalanced_prop_metric;"
+            "uint16_t motor_failure_mask;bool fd_roll;bool fd_pitch;bool fd_alt;bool fd_ext;"
+            "bool fd_arm_escs;bool fd_battery;bool fd_imbalanced_prop;bool fd_motor", decisions)  # fmt: skip
+        add("vehicle_land_detected", 1000, self._landing,
+            "bool freefall;bool ground_contact;bool maybe_landed;bool landed;bool in_ground_effect;"
+            "bool in_descend;bool has_low_throttle;bool vertical_movement;bool horizontal_movement;"
+            "bool rotational_movement;bool close_to_ground_or_skipped_check;bool at_rest",
+            lambda: (detector.landed, detector.maybe_landed, detector.ground_contact))  # fmt: skip
+        add("takeoff_status", 0, self._takeoff, "float tilt_limit;uint8_t takeoff_state",
+            lambda: self._autopilot.takeoff.state)  # fmt: skip
+        add("battery_status", 200, self._battery,
+            "float voltage_v;float current_a;float current_average_a;float discharged_mah;float remaining;"
+            "float scale;float time_remaining_s;float temperature;float[14] voltage_cell_v;"
+            "float max_cell_voltage_delta;float full_charge_capacity_wh;float remaining_capacity_wh;"
+            "float nominal_voltage;float internal_resistance_estimate;float ocv_estimate;"
+            "float ocv_estimate_filtered;float volt_based_soc_estimate;float voltage_prediction;"
+            "float prediction_error;float estimation_covariance_norm;uint16_t capacity;"
+            "uint16_t cycle_count;uint16_t average_time_to_empty;uint16_t serial_number;"
+            "uint16_t manufacture_date;uint16_t state_of_health;uint16_t max_error;"
+            "uint16_t interface_error;uint16_t faults;uint16_t over_discharge_count;bool connected;"
+            "uint8_t cell_count;uint8_t source;uint8_t priority;uint8_t id;bool is_powering_off;"
+            "bool is_required;uint8_t warning")  # fmt: skip
+        home = self._autopilot.home
+        add("home_position", 1000, self._home, "double lat;double lon;float alt;float x;float y;float z;"
+            "float yaw;uint32_t update_count;bool valid_alt;bool valid_hpos;bool valid_lpos;"
+            "bool manual_home", lambda: home.set_at_us)  # fmt: skip
+        add("estimator_status_flags", 1000, self._estimator,
+            "uint64_t timestamp_sample;bool cs_tilt_align;bool cs_yaw_align;bool cs_gnss_pos;"
+            "bool cs_gnss_vel;bool cs_gps_hgt;bool cs_baro_hgt;bool cs_mag_hdg;bool cs_mag;bool cs_in_air;"
+            "bool cs_vehicle_at_rest;bool cs_inertial_dead_reckoning", self._estimator_key)  # fmt: skip
+        mission = self._autopilot.navigator.mission
+        add("mission_result", 1000, self._mission, "uint32_t mission_id;uint32_t geofence_id;"
+            "uint32_t home_position_counter;int32_t seq_reached;uint16_t seq_current;uint16_t seq_total;"
+            "uint16_t item_changed_index;uint16_t item_do_jump_remaining;bool valid;bool warning;"
+            "bool finished;bool failure;bool item_do_jump_changed;uint8_t execution_mode",
+            lambda: (mission.current, mission.reached, mission.finished))  # fmt: skip
+        sticks = self._autopilot.sticks
+        add("manual_control_setpoint", 0, self._sticks, "uint64_t timestamp_sample;float roll;float pitch;"
+            "float yaw;float throttle;float flaps;float aux1;float aux2;float aux3;float aux4;float aux5;"
+            "float aux6;uint16_t buttons;bool valid;uint8_t data_source;bool sticks_moving",
+            lambda: sticks.heard_at_s // 0.2 if sticks.valid else None)  # fmt: skip
+        return topics
+
+    def _vehicle_status(self) -> Values:
+        c = self._commander
+        return {
+            "armed_time": self._armed_us, "takeoff_time": self._took_off_us,
+            "nav_state_timestamp": self._mode_us, "valid_nav_states_mask": VALID_STATES,
+            "can_set_nav_states_mask": SETTABLE_STATES,
+            "arming_state": ARMING_ARMED if c.armed else ARMING_DISARMED,
+            "latest_arming_reason": self._reasons[0], "latest_disarming_reason": self._reasons[1],
+            "nav_state_user_intention": int(c.intended), "nav_state": int(c.active),
+            "vehicle_type": ROTARY_WING, "failsafe": c.in_failsafe,
+            "gcs_connection_lost": not c.checks.gcs_alive(), "system_type": QUADROTOR,
+            "system_id": self._system_id, "component_id": 1, "safety_button_available": True,
+            "safety_off": True, "power_input_valid": True, "calibration_enabled": c.calibrating,
+            "pre_flight_checks_pass": c.report.armable(c.intended),
+        }  # fmt: skip
+
+    def _control_mode(self) -> Values:
+        c = self._commander
+        mode = MODES[c.active]
+        offboard, ended = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
+        angles = not ended and c.active is not NavState.ACRO
+        height = angles and c.active not in (NavState.MANUAL, NavState.STABILIZED)
+        place = height and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
+        return {
+            "flag_armed": c.armed, "flag_multicopter_position_control_enabled": height,
+            "flag_control_manual_enabled": mode.needs_sticks, "flag_control_auto_enabled": mode.auto,
+            "flag_control_offboard_enabled": offboard, "flag_control_position_enabled": place,
+            "flag_control_velocity_enabled": place, "flag_control_altitude_enabled": height,
+            "flag_control_climb_rate_enabled": height, "flag_control_attitude_enabled": angles,
+            "flag_control_rates_enabled": not ended, "flag_control_allocation_enabled": not ended,
+            "flag_control_termination_enabled": ended,
+        }  # fmt: skip
+
+    def _armed(self) -> Values:
+        c = self._commander
+        return {
+            "armed": c.armed,
+            "ready_to_arm": c.armed or c.report.armable(c.intended),
+            "force_failsafe": c.terminated,
+        }
+
+    def _failures(self) -> Values:
+        monitors = self._commander.monitors
+        return {
+            "fd_roll": monitors.roll_failure,
+            "fd_pitch": monitors.pitch_failure,
+            "fd_motor": monitors.motor_failure,
+        }
+
+    def _landing(self) -> Values:
+        detector, belief = self._autopilot.land_detector, self._body.belief
+        speed = math.hypot(*belief.velocity_ned_m_s[:2])
+        parameter = self._body.parameter
+        return {
+            "ground_contact": detector.ground_contact,
+            "maybe_landed": detector.maybe_landed,
+            "landed": detector.landed,
+            "vertical_movement": abs(belief.velocity_ned_m_s[2]) > parameter("LNDMC_Z_VEL_MAX"),
+            "horizontal_movement": speed > parameter("LNDMC_XY_VEL_MAX"),
+            "at_rest": detector.landed and not self._commander.armed,
+        }
+
+    def _takeoff(self) -> Values:
+        state = self._autopilot.takeoff.state
+        name = "MPC_TILTMAX_AIR" if state is TakeoffState.FLIGHT else "MPC_TILTMAX_LND"
+        return {"tilt_limit": math.radians(self._body.parameter(name)), "takeoff_state": _TAKEOFF[state]}
+
+    def _battery(self) -> Values:
+        battery, i = self._body.simulation.battery, self._body.row
+        volts = float(battery.voltage_v[i])
+        return {
+            "voltage_v": volts, "current_a": float(battery.current_a[i]), "current_average_a": -1.0,
+            "discharged_mah": float(battery.consumed_mah[i]), "remaining": float(battery.remaining[i]),
+            "scale": 1.0, "time_remaining_s": NAN, "temperature": NAN, "connected": True,
+            "ocv_estimate": volts, "ocv_estimate_filtered": volts,
+            "cell_count": int(battery.cell_count[i]), "id": 1,
+            "warning": self._commander.checks.battery_warning,
+        }  # fmt: skip
+
+    def _home(self) -> Values:
+        home = self._autopilot.home
+        x, y, z = home.position_ned_m
+        return {
+            "lat": home.lat_deg, "lon": home.lon_deg, "alt": home.alt_amsl_m, "x": x, "y": y, "z": z,
+            "yaw": home.yaw_ned_rad, "valid_alt": home.valid, "valid_hpos": home.valid,
+            "valid_lpos": home.valid, "manual_home": home.manual,
+        }  # fmt: skip
+
+    def _estimator_key(self) -> object:
+        b = self._body.belief
+        return b.valid_attitude, b.valid_position, b.valid_altitude, self._autopilot.land_detector.landed
+
+    def _estimator(self) -> Values:
+        b, landed = self._body.belief, self._autopilot.land_detector.landed
+        fix = int(self._body.simulation.sensors.gps_fix_type[self._body.row]) >= 3
+        aided = b.valid_position and fix
+        return {
+            "timestamp_sample": self._body.time_boot_us(), "cs_tilt_align": b.valid_attitude,
+            "cs_yaw_align": b.valid_attitude, "cs_gnss_pos": aided, "cs_gnss_vel": aided, "cs_gps_hgt": aided,
+            "cs_baro_hgt": b.valid_altitude, "cs_mag_hdg": b.valid_attitude, "cs_mag": b.valid_attitude,
+            "cs_in_air": not landed, "cs_vehicle_at_rest": landed and not self._commander.armed,
+            "cs_inertial_dead_reckoning": b.valid_position and not fix,
+        }  # fmt: skip
+
+    def _mission(self) -> Values:
+        mission = self._autopilot.navigator.mission
+        return {
+            "seq_reached": -1 if mission.reached is None else mission.reached,
+            "seq_current": max(0, mission.current),
+            "valid": self._commander.checks.has_mission,
+            "finished": mission.finished,
+        }
+
+    def _sticks(self) -> Values:
+        sticks = self._autopilot.sticks
+        return {
+            "timestamp_sample": max(0, int(sticks.heard_at_s * 1e6)) if sticks.valid else 0,
+            "roll": sticks.raw.right, "pitch": sticks.raw.forward, "yaw": sticks.raw.yaw,
+            "throttle": sticks.raw.throttle, "valid": sticks.valid, "data_source": 2 if sticks.valid else 0,
+            "sticks_moving": sticks.moved,
+        }  # fmt: skip

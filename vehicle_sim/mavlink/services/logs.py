@@ -1,0 +1,182 @@
+"""Onboard logs by messages: what there is, its bytes in parts of 90, and away with all of it.
+
+As PX4's handler does: numbers count from the oldest, an answer to nonsense is silence, and a request takes
+the place of the one before. The numbers stay those of the last list until the next one is asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from vehicle_sim.logger.logger import FOLDER, Logger
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import Message
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.storage.files import VehicleFiles
+
+PART_BYTES = 90
+ENTRIES_A_STEP = 2
+PARTS_A_STEP = 20
+"""5,000 parts a second, 450 kB/s."""
+ALL = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """One file."""
+
+    path: str
+    time_utc_s: int
+
+
+@dataclass(slots=True)
+class _Listing:
+    """Entries still to be told."""
+
+    next: int
+    last: int
+    number: int
+
+
+@dataclass(slots=True)
+class _Transfer:
+    """Bytes still to be sent."""
+
+    log: int
+    path: str
+    offset: int
+    end: int
+
+
+class LogService:
+    """LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_ERASE, LOG_REQUEST_END."""
+
+    def __init__(self, context: Context, files: VehicleFiles, logger: Logger) -> None:
+        self._context, self._files, self._logger = context, files, logger
+        self._logs: list[Log] | None = None
+        self._listings: dict[str, _Listing] = {}
+        self._transfers: dict[str, _Transfer] = {}
+        self.handlers = {
+            "LOG_REQUEST_LIST": self.request_list,
+            "LOG_REQUEST_DATA": self.request_data,
+            "LOG_ERASE": self.erase,
+            "LOG_REQUEST_END": self.end,
+        }
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is left to send."""
+        return bool(self._listings or self._transfers)
+
+    def request_list(self, link: Link, message: Message) -> None:
+        """Tell of the logs from `start` to `end`."""
+        if not self._context.is_for_me(message):
+            return
+        self._logs = self._find()
+        number = len(self._logs)
+        last = number if message.end == ALL else message.end
+        self._transfers.pop(link.name, None)
+        if message.start < number:
+            self._listings[link.name] = _Listing(message.start, last, number)
+
+    def request_data(self, link: Link, message: Message) -> None:
+        """Send part of a log."""
+        if not self._context.is_for_me(message):
+            return
+        if self._logs is None:
+            self._logs = self._find()
+        if message.id >= len(self._logs):
+            return
+        path = self._logs[message.id].path
+        end = min(self._size(path), message.ofs + message.count)
+        self._listings.pop(link.name, None)
+        self._transfers.pop(link.name, None)
+        if message.ofs < end:
+            self._transfers[link.name] = _Transfer(message.id, path, message.ofs, end)
+
+    def erase(self, link: Link, message: Message) -> None:
+        """Delete every log; one that is being written goes on, and is gone when it ends."""
+        if self._context.is_for_me(message):
+            self._listings.clear()
+            self._transfers.clear()
+            self._files.forget(FOLDER)
+            self._logs = None
+
+    def end(self, link: Link, message: Message) -> None:
+        """No more, please."""
+        if self._context.is_for_me(message):
+            self._listings.pop(link.name, None)
+            self._transfers.pop(link.name, None)
+
+    def step(self) -> None:
+        """Go on with what was asked for."""
+        for link in self._context.links:
+            self._list(link)
+            self._send(link)
+        names = {link.name for link in self._context.links}
+        for waiting in (self._listings, self._transfers):
+            for gone in waiting.keys() - names:
+                del waiting[gone]
+
+    def _find(self) -> list[Log]:
+        """All logs, the oldest first."""
+        self._logger.flush()
+        logs: list[Log] = []
+        try:
+            days = self._files.listing(FOLDER)
+        except OSError:
+            return logs
+        for day, size in days:
+            if size is not None:
+                continue
+            for name, bytes_ in self._files.listing(f"{FOLDER}/{day}"):
+                if bytes_ is not None and name.endswith(".ulg"):
+                    logs.append(Log(f"{FOLDER}/{day}/{name}", _time_of(day, name)))
+        return logs
+
+    def _size(self, path: str) -> int:
+        try:
+            return self._files.size(path)
+        except OSError:
+            return 0
+
+    def _list(self, link: Link) -> None:
+        listing, logs = self._listings.get(link.name), self._logs or []
+        if listing is None:
+            return
+        for _ in range(ENTRIES_A_STEP):
+            if listing.next > min(listing.last, len(logs) - 1):
+                self._listings.pop(link.name, None)
+                return
+            log = logs[listing.next]
+            link.send(
+                "LOG_ENTRY", id=listing.next, num_logs=listing.number, last_log_num=listing.last,
+                time_utc=log.time_utc_s, size=self._size(log.path),
+            )  # fmt: skip
+            listing.next += 1
+
+    def _send(self, link: Link) -> None:
+        transfer = self._transfers.get(link.name)
+        if transfer is None:
+            return
+        wanted = min(PARTS_A_STEP * PART_BYTES, transfer.end - transfer.offset)
+        try:
+            data = self._files.read(transfer.path, transfer.offset, wanted)
+        except OSError:
+            data = b""  # erased meanwhile
+        for at in range(0, len(data), PART_BYTES):
+            part = data[at : at + PART_BYTES]
+            link.send("LOG_DATA", id=transfer.log, ofs=transfer.offset + at, count=len(part), data=part)
+        transfer.offset += len(data)
+        if len(data) < wanted or transfer.offset >= transfer.end:
+            del self._transfers[link.name]
+
+
+def _time_of(day: str, name: str) -> int:
+    """When a log began, as its path says; 0 where it does not."""
+    try:
+        when = datetime.strptime(f"{day}/{name[:8]}", "%Y-%m-%d/%H_%M_%S")
+    except ValueError:
+        return 0
+    return int(when.replace(tzinfo=UTC).timestamp())
