@@ -24,6 +24,8 @@ from gcs_server.version import __version__
 
 COMMANDS = ("serve", "sim", "replay")
 EXIT_CANNOT_START = 2
+UNSENT_BYTES = 32_768
+"""What the system may hold back for a browser: a slow one sees what is new, not what came megabytes ago."""
 
 _EPILOG = """\
 examples:
@@ -157,6 +159,8 @@ def listen(settings: Settings) -> socket.socket:
     # With the protocol named, asyncio turns Nagle's algorithm off; without, an answer may wait 40 ms.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # what is accepted inherits it
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
     try:
         listener.bind((settings.host, settings.port))
         listener.listen(128)

@@ -12,7 +12,9 @@ import asyncio
 import logging
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Any, Literal
 from urllib.parse import urlencode
 
@@ -24,6 +26,7 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
+from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
@@ -68,6 +71,38 @@ class _CameraMessage(
 
 _decoder = msgspec.msgpack.Decoder(_CameraMessage)
 
+BRIDGE_KEY = "bridge"
+"""In what viser is asked: which bridge its client came by."""
+STALLED_AFTER_S = 1.0
+
+
+class Bridges:
+    """Whether the browsers at the other end read: for one that does not nothing need be drawn."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._made = 0
+        self._sending_since_s: dict[str, float] = {}
+
+    def new(self) -> str:
+        """A name for one that opens."""
+        self._made += 1
+        return str(self._made)
+
+    def stalled(self, bridge: str) -> bool:
+        """Whether one message has been on its way to the browser for longer than `STALLED_AFTER_S`."""
+        since_s = self._sending_since_s.get(bridge)
+        return since_s is not None and self._clock.monotonic_s() - since_s > STALLED_AFTER_S
+
+    @contextmanager
+    def sending(self, bridge: str) -> Generator[None]:
+        """Around the sending of one message."""
+        self._sending_since_s[bridge] = self._clock.monotonic_s()
+        try:
+            yield
+        finally:
+            del self._sending_since_s[bridge]
+
 
 def camera_message(data: bytes) -> bytes | None:
     """What of a browser's message viser gets: a camera, written anew by us; None for anything else.
@@ -92,11 +127,13 @@ def scene_router(
     host: ViserHost,
     set_view: Callable[[str, ViewRequest], View],
     click: Callable[[str, ClickRequest], SceneClick | None],
+    bridges: Bridges,
 ) -> APIRouter:
     """The routes below `/scene`.
 
     Args:
         set_view: keeps what a token's view shall show; raises UnknownVehicle.
+        bridges: is told how the sending goes.
         click: tells the page of a view's token where the ground was clicked; None: it was not the ground.
     """
     router = APIRouter(prefix="/scene", include_in_schema=False)
@@ -141,7 +178,7 @@ def scene_router(
             log.warning("3D view refused to a page of %s", websocket.headers.get("origin"))
             await websocket.close(code=1008)  # before accept: HTTP 403
             return
-        await _bridge(websocket, host)
+        await _bridge(websocket, host, bridges)
 
     return router
 
@@ -156,13 +193,14 @@ def _require_own(token: str, request: Request) -> None:
         )
 
 
-async def _bridge(websocket: WebSocket, host: ViserHost) -> None:
+async def _bridge(websocket: WebSocket, host: ViserHost, bridges: Bridges) -> None:
+    bridge = bridges.new()
     query = {k: v for k in QUERY_KEYS if (v := websocket.query_params.get(k)) and len(v) <= 64}
     offered = [Subprotocol(p) for p in websocket.scope.get("subprotocols", []) if p.startswith("viser-v")]
     try:
         upstream = await websockets.asyncio.client.unix_connect(
             str(host.socket_path),
-            f"ws://scene/?{urlencode(query)}",
+            f"ws://scene/?{urlencode({**query, BRIDGE_KEY: bridge})}",
             subprotocols=offered or None,
             additional_headers={SECRET_HEADER: host.secret},
             compression=None,
@@ -176,16 +214,22 @@ async def _bridge(websocket: WebSocket, host: ViserHost) -> None:
     async with upstream:
         await websocket.accept(subprotocol=upstream.subprotocol)
         async with asyncio.TaskGroup() as both:
-            both.create_task(_to_browser(upstream, websocket), name="scene to browser")
+            sending = partial(bridges.sending, bridge)
+            both.create_task(_to_browser(upstream, websocket, sending), name="scene to browser")
             both.create_task(_from_browser(websocket, upstream), name="scene from browser")
 
 
-async def _to_browser(upstream: websockets.asyncio.client.ClientConnection, websocket: WebSocket) -> None:
+async def _to_browser(
+    upstream: websockets.asyncio.client.ClientConnection,
+    websocket: WebSocket,
+    sending: Callable[[], AbstractContextManager[None]],
+) -> None:
     try:
         # One message at a time: while the browser is slow viser waits too, and keeps only the newest.
         async for data in upstream:
             if isinstance(data, bytes):
-                await websocket.send_bytes(data)
+                with sending():
+                    await websocket.send_bytes(data)
         await websocket.close(code=upstream.close_code or 1001, reason=upstream.close_reason or "")
     except (ConnectionClosed, WebSocketDisconnect, RuntimeError, OSError):
         await upstream.close()

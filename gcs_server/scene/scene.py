@@ -17,7 +17,7 @@ from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
-from gcs_server.scene.proxy import TOKEN, ViewRequest, scene_router
+from gcs_server.scene.proxy import BRIDGE_KEY, TOKEN, Bridges, ViewRequest, scene_router
 from gcs_server.scene.stage import Stage
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import CAMERAS, Mode, View
@@ -56,7 +56,8 @@ class Scene:
         self._tracks = Tracks(fleet, offboard)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._stages: dict[int, tuple[str, Stage]] = {}
-        self._router = scene_router(self._host, self._set_view, self._click)
+        self._bridges = Bridges(clock)
+        self._router = scene_router(self._host, self._set_view, self._click, self._bridges)
         self._started = False
 
     def router(self) -> APIRouter:
@@ -100,11 +101,12 @@ class Scene:
         clients = self._host.clients()
         for gone in [c for c in self._stages if c not in clients]:
             del self._stages[gone]
-        if not clients:
+        reading = {i: c for i, c in clients.items() if not self._stalled(i)}
+        if not reading:
             return
         wanted = {view.vehicle for token, _ in self._stages.values() if (view := self._views[token]).vehicle}
         drawn = self._tracks.look(now_s, dt_s, wanted)
-        for client_id, client in clients.items():
+        for client_id, client in reading.items():
             known = self._stages.get(client_id)
             token = known[0] if known is not None else self._token(client_id)
             view = self._views[token]
@@ -133,6 +135,9 @@ class Scene:
         if self._on_click is not None:
             self._on_click(found)
         return found
+
+    def _stalled(self, client_id: int) -> bool:
+        return self._bridges.stalled(self._host.query_of(client_id).get(BRIDGE_KEY, ""))
 
     def _token(self, client_id: int) -> str:
         """The name under which a page steers this view, and what its address asked for."""

@@ -41,12 +41,13 @@ CASES = (("nobody", 0, 0), ("one that reads", 1, 0), ("one that reads, one that 
 def _open(url: str) -> tuple[ClientConnection, ClientConnection]:
     """A page's two streams: everything at 20 Hz, and the 3D view."""
     base = url.replace("http://", "ws://")
-    telemetry = connect(f"{base}/api/v1/telemetry", max_size=None, max_queue=1)
+    telemetry = connect(f"{base}/api/v1/telemetry", max_size=None, max_queue=1, ping_interval=None)
     telemetry.send(json.dumps({"type": "subscribe", "vehicles": "*", "topics": "*", "rate_hz": 20}))
     scene = connect(
         f"{base}/scene/",
         max_size=None,
         max_queue=1,
+        ping_interval=None,
         subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
     )
     scene.send(msgspec.msgpack.encode(CAMERA))

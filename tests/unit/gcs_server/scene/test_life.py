@@ -10,11 +10,12 @@ import httpx
 import msgspec
 import pytest
 from fastapi import FastAPI, HTTPException
-from scene_fakes import FakeFleet
+from scene_fakes import FakeFleet, StillClock
 from scene_running import CAMERA, eventually, open_stream
 
 from gcs_server.clock import SystemClock
 from gcs_server.scene.host import SceneError, ViserHost
+from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 
 
@@ -101,3 +102,36 @@ def test_a_failure_is_raised_and_the_next_run_draws_again(running):
             )
 
     asyncio.run(look())
+
+
+def test_for_a_browser_that_does_not_read_nothing_is_drawn_until_it_reads_again(running, monkeypatch):
+    vehicle = running.fleet.vehicles[0]
+
+    async def look():
+        async with open_stream(running) as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await eventually(lambda: running.scene.viewers == 1 and vehicle.looked_at > 0)
+            monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: bridge != "")
+            await asyncio.sleep(0.1)
+            before = vehicle.looked_at
+            await asyncio.sleep(0.3)
+            assert vehicle.looked_at == before
+            assert running.scene.viewers == 1
+            monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: False)
+            await eventually(lambda: vehicle.looked_at > before)
+
+    asyncio.run(look())
+
+
+def test_a_browser_counts_as_stalled_once_a_message_has_waited_for_a_second():
+    clock = StillClock()
+    bridges = Bridges(clock)
+    bridge, other = bridges.new(), bridges.new()
+    assert not bridges.stalled(bridge)
+    with bridges.sending(bridge):
+        clock.now_s += STALLED_AFTER_S
+        assert not bridges.stalled(bridge)
+        clock.now_s += 0.1
+        assert bridges.stalled(bridge)
+        assert not bridges.stalled(other)
+    assert not bridges.stalled(bridge)
