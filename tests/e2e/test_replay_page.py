@@ -164,7 +164,6 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
         expect(slider).to_have_attribute("aria-valuenow", longest)
         assert abs(int(longest) - (log.end_us - log.begin_us) / 1e6) <= 0.5
         expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(log.at("CURRENT_MODE", log.end_us))])
-        page.wait_for_timeout(800)  # a vehicle's past that is asked for as it goes is a 404 in the console
         page.keyboard.press("Home")
         expect(slider).to_have_attribute("aria-valuenow", "0")
         page.keyboard.press("ArrowRight")
@@ -173,7 +172,6 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
         page.get_by_role("button", name="Play", exact=True).click()
         expect(slider).to_have_attribute("aria-valuenow", re.compile(r"^([3-9]\d|1\d\d)$"))
         expect(page.locator(".pill .who")).to_contain_text(re.compile("Hold|Orbit|Take off|Return|Land"))
-        page.wait_for_timeout(800)  # a vehicle's past that is asked for as it goes is a 404 in the console
         bar.get_by_role("button", name="Close the replay").click()
         expect(bar).to_have_count(0)
         expect(page.get_by_text("No vehicle heard yet")).to_be_visible()

@@ -110,7 +110,7 @@ export class ReplayControl {
   private async send(): Promise<void> {
     this.underWay = true;
     while (this.wish !== null) {
-      const name = this.shown?.name;
+      const name = this.shown?.name ?? this.awaited ?? undefined; // between two of its vehicles nothing is shown
       const wish: Wish = this.wish;
       this.wish = null;
       if (name === undefined) break;
