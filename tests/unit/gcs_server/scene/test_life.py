@@ -108,6 +108,7 @@ def test_for_a_browser_that_does_not_read_nothing_is_drawn_until_it_reads_again(
     vehicle = running.fleet.vehicles[0]
 
     async def look():
+        await eventually(lambda: running.scene.viewers == 0)
         async with open_stream(running) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             await eventually(lambda: running.scene.viewers == 1 and vehicle.looked_at > 0)
