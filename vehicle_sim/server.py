@@ -60,7 +60,8 @@ class SimServer:
                 vehicle.problems.append(str(problem))
                 return
             if name != "tcp":
-                self.fleet.add_link(row, name, name)
+                remote = ports.gcs_remote if name == "gcs" else ports.api_remote + n
+                self.fleet.add_link(row, name, name).ports = (vehicle.transports[name].port, remote)
 
         if ports.gcs_remote:
             local = ports.gcs_local + n if ports.gcs_local else 0
@@ -74,11 +75,14 @@ class SimServer:
                 lambda: TcpServer(
                     bind,
                     ports.tcp + n,
-                    lambda: self.fleet.add_link(row, "tcp", "gcs") and None,
+                    lambda: self._connected(row, ports.tcp + n),
                     lambda: self.fleet.remove_link(row, "tcp"),
                 ),
             )
         return vehicle
+
+    def _connected(self, row: int, port: int) -> None:
+        self.fleet.add_link(row, "tcp", "gcs").ports = (port, None)
 
     def stop(self) -> None:
         """Let `run` return."""

@@ -35,6 +35,7 @@ NAVIGATION_GROUPS = {
 class Reason(IntEnum):
     """Why the vehicle was armed or disarmed, as its events number it."""
 
+    INTERNAL_COMMAND = 3
     EXTERNAL_COMMAND = 4
     MISSION_START = 5
     LANDING = 6
@@ -44,6 +45,7 @@ class Reason(IntEnum):
 
 
 _TEXTS = {
+    Reason.INTERNAL_COMMAND: "internal command",
     Reason.EXTERNAL_COMMAND: "external command",
     Reason.MISSION_START: "mission start",
     Reason.LANDING: "landing",

@@ -23,6 +23,8 @@ VALID_STATES, SETTABLE_STATES = 0x7FFEE47F, 0x007EC47F
 """Bit masks of the modes there are and of those one may choose, as `vehicle_status` tells them."""
 ARMING_DISARMED, ARMING_ARMED = 1, 2
 ROTARY_WING, QUADROTOR = 1, 2
+FIRST_MODE_US = 116_000
+"""When the commander of a PX4 in simulation takes its first mode."""
 EVENT_ARGUMENTS = 25
 _TAKEOFF = {
     TakeoffState.DISARMED: 1, TakeoffState.SPOOLUP: 2, TakeoffState.READY: 3, TakeoffState.RAMPUP: 4,
@@ -63,7 +65,8 @@ class States:
         self._body = autopilot.body
         self._commander = autopilot.commander
         self._system_id = system_id
-        self._armed_us = self._took_off_us = self._mode_us = 0
+        self._armed_us = self._took_off_us = 0
+        self._mode_us = FIRST_MODE_US
         self._reasons = [0, 0]
         """Of arming and of disarming."""
         self._mode = self._commander.active

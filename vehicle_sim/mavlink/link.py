@@ -23,6 +23,8 @@ class Link:
         self.system_id = system_id
         self.parser = FrameParser()
         self.heard_gcs = False
+        self.ports: tuple[int, int | None] | None = None
+        """Own and remote port; no remote one: TCP. None: this link has no socket."""
         self.sent_frames = 0
         self.sent_bytes = 0
         self.received_bytes = 0

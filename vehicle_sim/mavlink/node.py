@@ -22,8 +22,10 @@ from vehicle_sim.mavlink.services.offboard import OffboardService
 from vehicle_sim.mavlink.services.own_commands import OwnCommandService
 from vehicle_sim.mavlink.services.params import ParamService
 from vehicle_sim.mavlink.services.requests import RequestService
+from vehicle_sim.mavlink.services.shell import ShellService
 from vehicle_sim.mavlink.services.texts import TextService
 from vehicle_sim.mavlink.services.time import TimeService
+from vehicle_sim.shell.commands import Shell
 from vehicle_sim.storage.files import VehicleFiles
 
 MAV_TYPE_GCS = 6
@@ -47,6 +49,8 @@ class Node:
         gimbal = GimbalService(self.context)
         calibration = CalibrationService(self.context, self._params)
         failures = FailureService(self.context)
+        shell = Shell(self.context, self._params, failures, logger, states)
+        self._shell = ShellService(self.context, shell.console)
         self._own_commands = OwnCommandService(self.context, gimbal)
         commands = CommandService(
             self.context,
@@ -56,7 +60,7 @@ class Node:
         services = (
             self._texts, self._time, self._params, self._mission, gimbal, commands,
             OffboardService(self.context), ManualService(self.context), self._ftp,
-            self._logs,
+            self._logs, self._shell,
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers
@@ -104,6 +108,8 @@ class Node:
             self._ftp.step()
         if self._logs.busy:
             self._logs.step()
+        if self._shell.busy:
+            self._shell.step()
         if self._params.busy:
             self._params.step()
         self._mission.step()

@@ -86,14 +86,15 @@ class LogService:
             return
         if self._logs is None:
             self._logs = self._find()
-        if message.id >= len(self._logs):
+        number = message.values["id"]
+        if number >= len(self._logs):
             return
-        path = self._logs[message.id].path
+        path = self._logs[number].path
         end = min(self._size(path), message.ofs + message.count)
         self._listings.pop(link.name, None)
         self._transfers.pop(link.name, None)
         if message.ofs < end:
-            self._transfers[link.name] = _Transfer(message.id, path, message.ofs, end)
+            self._transfers[link.name] = _Transfer(number, path, message.ofs, end)
 
     def erase(self, link: Link, message: Message) -> None:
         """Delete every log; one that is being written goes on, and is gone when it ends."""

@@ -104,6 +104,11 @@ class ParamService:
         self._tell_at_s = min(self._tell_at_s, self._context.body.time_s + TELL_AFTER_S)
 
     @property
+    def unsaved(self) -> frozenset[str]:
+        """Names whose value is not saved yet."""
+        return frozenset(self._unsaved)
+
+    @property
     def busy(self) -> bool:
         """Whether anything is left to send or to save."""
         return bool(self._unsaved or any(self._lists.values()))

@@ -1,0 +1,88 @@
+"""The console over MAVLink: SERIAL_CONTROL with device SHELL, 70 bytes a message, one message a step.
+
+As PX4's receiver does: only the flag RESPOND keeps the console open; time-out, baud rate and exclusiveness
+mean nothing to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import Message
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.shell.console import Console
+
+SHELL = 10
+"""SERIAL_CONTROL_DEV."""
+REPLY, RESPOND = 1, 2
+"""SERIAL_CONTROL_FLAG."""
+PART_BYTES = 70
+MOST_WAITING_BYTES = 200_000
+"""Nobody needs more of it than that; the rest is cut off."""
+
+
+@dataclass(slots=True)
+class _Session:
+    """A console of one link."""
+
+    console: Console
+    to: tuple[int, int]
+    waiting: bytearray = field(default_factory=bytearray)
+
+
+class ShellService:
+    """One console a link, opened by its first bytes."""
+
+    def __init__(self, context: Context, console: Callable[[], Console]) -> None:
+        self._context, self._console = context, console
+        self._sessions: dict[str, _Session] = {}
+        self.handlers = {"SERIAL_CONTROL": self.receive}
+
+    @property
+    def busy(self) -> bool:
+        """Whether a console has anything to show."""
+        return bool(self._sessions)
+
+    def receive(self, link: Link, message: Message) -> None:
+        """Characters for the console."""
+        values = message.values
+        if values["target_system"] not in (0, self._context.system_id) or values["target_component"] > 1:
+            return
+        if message.device != SHELL:
+            return
+        session = self._sessions.get(link.name)
+        count = min(message.count, PART_BYTES)
+        if count:
+            if session is None:
+                session = self._sessions[link.name] = _Session(self._console(), message.sender)
+            session.to = message.sender
+            text = bytes(message.data[:count]).decode("utf-8", "replace")
+            self._show(session, session.console.type(text))
+        if not message.flags & RESPOND:
+            self._sessions.pop(link.name, None)
+
+    def step(self) -> None:
+        """Show what is to be shown."""
+        open_links = {link.name for link in self._context.links}
+        for gone in self._sessions.keys() - open_links:
+            del self._sessions[gone]
+        for link in self._context.links:
+            session = self._sessions.get(link.name)
+            if session is None:
+                continue
+            if session.console.busy:
+                self._show(session, session.console.step())
+            if session.waiting:
+                part = bytes(session.waiting[:PART_BYTES])
+                del session.waiting[:PART_BYTES]
+                link.send(
+                    "SERIAL_CONTROL", device=SHELL, flags=REPLY, count=len(part), data=part,
+                    target_system=session.to[0], target_component=session.to[1],
+                )  # fmt: skip
+
+    @staticmethod
+    def _show(session: _Session, text: str) -> None:
+        room = MOST_WAITING_BYTES - len(session.waiting)
+        session.waiting += text.encode("utf-8")[: max(0, room)]

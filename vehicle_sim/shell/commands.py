@@ -1,0 +1,68 @@
+"""The table of the console's commands of one vehicle, and the names of all modules of the build."""
+
+from __future__ import annotations
+
+from vehicle_sim.logger.logger import Logger
+from vehicle_sim.logger.states import States
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import LAYOUTS
+from vehicle_sim.mavlink.services.failures import FailureService
+from vehicle_sim.mavlink.services.params import ParamService
+from vehicle_sim.shell.console import Command, Console
+from vehicle_sim.shell.flight import CommanderCommand, FailureCommand, GimbalCommand
+from vehicle_sim.shell.listener import ListenerCommand
+from vehicle_sim.shell.parameters import ParamCommand
+from vehicle_sim.shell.status import VER, LoggerCommand, MavlinkCommand, PartsCommands
+
+_NAMES = (
+    "actuator_test airship_att_control airspeed_selector attitude_estimator_q battery_simulator bsondump "
+    "camera_feedback camera_trigger cdev_test commander control_allocator controllib_test dataman dyn ekf2 "
+    "failure fake_gps fake_imu fake_magnetometer flight_mode_manager fw_att_control "
+    "fw_autotune_attitude_control fw_pos_control fw_rate_control gimbal gps gyro_calibration hello hrt_test "
+    "land_detector landing_target_estimator led_control list_files list_tasks listener load_mon "
+    "local_position_estimator logger mag_bias_estimator manual_control mavlink mavlink_tests "
+    "mc_att_control mc_autotune_attitude_control mc_hover_thrust_estimator mc_pos_control mc_rate_control "
+    "msp_osd navigator param payload_deliverer perf pwm_out_sim px4_mavlink_debug px4_simple_app rc_tests "
+    "rc_update replay rover_ackermann rover_differential rover_mecanum rover_pos_control sd_bench "
+    "send_event sensor_agp_sim sensor_airspeed_sim sensor_baro_sim sensor_gps_sim sensor_mag_sim sensors "
+    "shutdown simulator_mavlink simulator_sih sleep system_power_simulator system_time "
+    "temperature_compensation tests tone_alarm tune_control uorb uorb_tests uuv_att_control "
+    "uuv_pos_control uxrce_dds_client ver vtol_att_control work_item_example work_queue wqueue_test"
+)
+BUILT_IN: tuple[str, ...] = tuple(_NAMES.split())
+"""What `help` lists on a PX4 v1.16 in simulation; who is not in the table below says so when called."""
+
+
+class Shell:
+    """Makes consoles for one vehicle."""
+
+    def __init__(
+        self,
+        context: Context,
+        parameters: ParamService,
+        failures: FailureService,
+        logger: Logger,
+        states: States,
+    ) -> None:
+        autopilot, body, own = context.autopilot, context.body, context.own
+        listener, parts = ListenerCommand(body, states), PartsCommands(body)
+        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name)
+        self._body = body
+        self.commands: dict[str, Command] = {
+            "commander": CommanderCommand(autopilot).command,
+            "ekf2": parts.ekf2,
+            "failure": FailureCommand(autopilot, failures.inject, own).command,
+            "gimbal": GimbalCommand(autopilot, own).command,
+            "listener": listener.command,
+            "logger": LoggerCommand(logger).command,
+            "mavlink": mavlink.command,
+            "param": ParamCommand(body.parameters, lambda: parameters.unsaved).command,
+            "sensors": parts.sensors,
+            "system_time": parts.system_time,
+            "uorb": listener.uorb,
+            "ver": VER,
+        }
+
+    def console(self) -> Console:
+        """A new session."""
+        return Console(self.commands, BUILT_IN, lambda: self._body.time_s)

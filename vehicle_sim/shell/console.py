@@ -1,0 +1,148 @@
+"""PX4's console without its wires: lines in, answers out, the prompt after each.
+
+What a command prints is its own business (`commands.py` has the table); here are the echo, the prompt, the
+unknown command, the failed one, and a command that takes its time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+PROMPT = "pxh> "
+LONGEST_LINE = 1000
+
+
+class CommandFailed(Exception):
+    """A command that ends with an error, after what it said."""
+
+    def __init__(self, said: str = "", code: int = 1) -> None:
+        super().__init__(said)
+        self.said = said
+        self.code = code
+
+
+class Usage(Exception):
+    """Words a command does not understand; the sentence says what it does."""
+
+
+Words = list[str]
+Output = str | Iterator[tuple[str, float]]
+"""What a command prints; or pieces, each with the seconds to wait after it."""
+Run = Callable[[Words], Output]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One entry of the table."""
+
+    run: Run
+    usage: str
+    """What may follow its name."""
+
+
+def info(module: str, text: str) -> str:
+    """A line as a module says it."""
+    return f"INFO  [{module}] {text}\n"
+
+
+def warning(module: str, text: str) -> str:
+    """A line about something odd."""
+    return f"WARN  [{module}] {text}\n"
+
+
+def error(module: str, text: str) -> str:
+    """A line about something wrong."""
+    return f"ERROR [{module}] {text}\n"
+
+
+class Console:
+    """One session.
+
+    Args:
+        commands: the table.
+        builtin: all names of the build; what is not in the table says that it is not simulated.
+        now_s: simulated time.
+    """
+
+    def __init__(
+        self, commands: Mapping[str, Command], builtin: tuple[str, ...], now_s: Callable[[], float]
+    ) -> None:
+        self._commands, self._builtin, self._now_s = commands, builtin, now_s
+        self._line = ""
+        self._lines: list[str] = []
+        self._running: Iterator[tuple[str, float]] | None = None
+        self._name = ""
+        self._go_on_at_s = math.inf
+
+    @property
+    def busy(self) -> bool:
+        """Whether a command takes its time."""
+        return self._running is not None
+
+    def type(self, text: str) -> str:
+        """Characters typed; what the console shows for them."""
+        shown = ""
+        for character in text:
+            if character == "\n":
+                line, self._line = self._line, ""
+                shown += character
+                if self.busy:
+                    self._lines.append(line)
+                else:
+                    shown += self._process(line)
+            elif len(self._line) < LONGEST_LINE:
+                self._line += character
+                shown += character
+        return shown
+
+    def step(self) -> str:
+        """What a command that runs shows now."""
+        shown = ""
+        while self._running is not None and self._now_s() >= self._go_on_at_s:
+            shown += self._advance()
+            while self._lines and not self.busy:
+                shown += self._process(self._lines.pop(0))
+        return shown
+
+    def _process(self, line: str) -> str:
+        words = line.split()
+        if not words:
+            return PROMPT
+        name, arguments = words[0], words[1:]
+        if name == "help":
+            return "".join(("Builtin Commands:\n", *(f"  {each}\n" for each in self._builtin), PROMPT))
+        command = self._commands.get(name)
+        if command is None:
+            if name in self._builtin:
+                return error(name, "the simulated vehicle has no such module") + self._failed(name, 1)
+            return f"Invalid command: {name}\ntype 'help' for a list of commands\n" + PROMPT
+        try:
+            output = command.run(arguments)
+        except Usage as wrong:
+            text = f"{wrong}\n" if str(wrong) else ""
+            return f"{text}Usage: {name} {command.usage}\n" + self._failed(name, 1)
+        except CommandFailed as failed:
+            return failed.said + self._failed(name, failed.code)
+        if isinstance(output, str):
+            return output + PROMPT
+        self._running, self._name, self._go_on_at_s = output, name, self._now_s()
+        return self._advance()
+
+    def _advance(self) -> str:
+        assert self._running is not None
+        try:
+            text, wait_s = next(self._running)
+        except StopIteration:
+            self._running = None
+            return PROMPT
+        except CommandFailed as failed:
+            self._running = None
+            return failed.said + self._failed(self._name, failed.code)
+        self._go_on_at_s = self._now_s() + wait_s
+        return text
+
+    @staticmethod
+    def _failed(name: str, code: int) -> str:
+        return f"Command '{name}' failed, returned {code}.\n" + PROMPT

@@ -1,0 +1,207 @@
+"""`commander`, `gimbal` and `failure`: what one does to a vehicle from its console."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.commander import Reason
+from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.mavlink.services.command_types import ACCEPTED, Command
+from vehicle_sim.shell.console import Command as Entry
+from vehicle_sim.shell.console import CommandFailed, Usage, Words, error, info, warning
+
+MODE_NAMES: Mapping[str, NavState] = {
+    "manual": NavState.MANUAL, "acro": NavState.ACRO, "offboard": NavState.OFFBOARD,
+    "stabilized": NavState.STABILIZED, "altctl": NavState.ALTITUDE, "posctl": NavState.POSITION,
+    "position:slow": NavState.POSITION_SLOW, "auto:mission": NavState.MISSION, "auto:loiter": NavState.HOLD,
+    "auto:rtl": NavState.RTL, "auto:takeoff": NavState.TAKEOFF, "auto:land": NavState.LAND,
+    "auto:precland": NavState.PRECISION_LAND, "ext1": NavState.EXTERNAL1,
+}  # fmt: skip
+UNITS: Mapping[str, int] = {
+    "gyro": 0, "accel": 1, "mag": 2, "baro": 3, "gps": 4, "optical_flow": 5, "vio": 6, "distance_sensor": 7,
+    "airspeed": 8, "battery": 100, "motor": 101, "servo": 102, "avoidance": 103, "rc_signal": 104,
+    "mavlink_signal": 105,
+}  # fmt: skip
+"""FAILURE_UNIT."""
+KINDS: Mapping[str, int] = {
+    "ok": 0, "off": 1, "stuck": 2, "garbage": 3, "wrong": 4, "slow": 5, "delayed": 6, "intermittent": 7,
+}  # fmt: skip
+"""FAILURE_TYPE."""
+INJECT_FAILURE = 420
+YES_NO = ("no", "yes")
+
+
+class CommanderCommand:
+    """`commander`."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot, self._commander = autopilot, autopilot.commander
+        self._verbs: dict[str, Callable[[Words], str]] = {
+            "status": self._status, "check": self._check, "arm": self._arm, "disarm": self._disarm,
+            "takeoff": self._takeoff, "land": lambda words: self._mode_by(NavState.LAND),
+            "mode": self._mode, "termination": self._termination,
+        }  # fmt: skip
+        self.command = Entry(
+            self.run,
+            f"status | check | arm | disarm [-f] | takeoff | land | mode {'|'.join(MODE_NAMES)} | "
+            "termination on",
+        )
+
+    def run(self, words: Words) -> str:
+        """One `commander …`."""
+        verb = self._verbs.get(words[0]) if words else None
+        if verb is None:
+            raise Usage(f"unknown: {words[0]}" if words else "")
+        return verb(words[1:])
+
+    def _status(self, words: Words) -> str:
+        commander = self._commander
+        return "".join(
+            info("commander", line)
+            for line in (
+                "Armed" if commander.armed else "Disarmed",
+                f"navigation mode: {MODES[commander.active].name}",
+                f"user intended navigation mode: {MODES[commander.intended].name}",
+                f"in failsafe: {YES_NO[commander.in_failsafe]}",
+                f"landed: {YES_NO[commander.landed]}",
+            )
+        )
+
+    def _check(self, words: Words) -> str:
+        commander = self._commander
+        commander.run_checks()
+        found = [
+            (error if check.severity <= 3 else warning)("health_and_arming_checks", check.text or check.event)
+            for check in commander.report.checks
+            if check.blocks_arming >> commander.intended & 1 or check.blocks_running >> commander.intended & 1
+        ]
+        ready = commander.report.armable(commander.intended)
+        return "".join(found) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
+
+    def _arm(self, words: Words) -> str:
+        if not self._commander.arm(Reason.INTERNAL_COMMAND):
+            raise CommandFailed(error("commander", "not armed; `commander check` tells why"))
+        return ""
+
+    def _disarm(self, words: Words) -> str:
+        if not self._commander.disarm(Reason.INTERNAL_COMMAND, force="-f" in words):
+            raise CommandFailed(error("commander", "not disarmed: the vehicle flies; -f forces it"))
+        return ""
+
+    def _takeoff(self, words: Words) -> str:
+        self._autopilot.navigator.request_takeoff(math.nan)
+        self._mode_by(NavState.TAKEOFF)
+        return self._arm([])
+
+    def _mode(self, words: Words) -> str:
+        mode = MODE_NAMES.get(words[0]) if words else None
+        if mode is None:
+            raise Usage("no such mode")
+        return self._mode_by(mode)
+
+    def _mode_by(self, mode: NavState) -> str:
+        if not self._commander.set_mode(mode):
+            raise CommandFailed(error("commander", f"{MODES[mode].name} cannot be flown now"))
+        return ""
+
+    def _termination(self, words: Words) -> str:
+        if words != ["on"]:
+            raise Usage("termination on: for good")
+        if not self._commander.terminate():
+            raise CommandFailed(error("commander", "only while armed"))
+        return ""
+
+
+class GimbalCommand:
+    """`gimbal`."""
+
+    usage = "start | status | primary-control SYSTEM COMPONENT | test pitch|yaw DEGREES ..."
+
+    def __init__(self, autopilot: Autopilot, own: tuple[int, int]) -> None:
+        self._body, self._gimbal, self._own = autopilot.body, autopilot.gimbal, own
+        self._test: dict[str, float] = {}
+        self.command = Entry(self.run, self.usage)
+
+    def run(self, words: Words) -> str:
+        """One `gimbal …`."""
+        if words == ["start"]:
+            if self._gimbal.enabled:
+                return warning("gimbal", "already running")
+            raise CommandFailed(error("gimbal", "no input: MNT_MODE_IN must be 4"))
+        if not words:
+            raise Usage
+        if not self._gimbal.enabled:
+            raise CommandFailed(warning("gimbal", "not running"))
+        if words == ["status"]:
+            return self._status()
+        if words[0] == "primary-control" and len(words) == 3:
+            return self._primary(words[1:])
+        if words[0] == "test" and len(words) >= 3 and len(words) % 2 == 1:
+            return self._look(words[1:])
+        raise Usage(f"unknown: {' '.join(words)}")
+
+    def _status(self) -> str:
+        angles = {axis: self._test.get(axis, math.nan) for axis in ("roll", "pitch", "yaw")}
+        out = self._body.choice("MNT_MODE_OUT")
+        return (
+            info("gimbal", "Input Selected")
+            + info("gimbal", "Input not selected")
+            + info("gimbal", "Input: Test")
+            + f"  roll : {angles['roll']: .1f} deg\n"
+            f"  pitch: {angles['pitch']: .1f} deg\n"
+            f"  yaw  : {angles['yaw']: .1f} deg\n"
+            "  rollrate :  nan deg/s\n  pitchrate:  nan deg/s\n  yawrate  :  nan deg/s\n"
+            + info("gimbal", "Input: Mavlink (Gimbal V2)")
+            + info("gimbal", "Primary control:   {}/{}".format(*self._gimbal.primary))
+            + info("gimbal", "Output: AUX" if out == 0 else "Output: MAVLink gimbal protocol v2")
+        )
+
+    def _primary(self, words: Words) -> str:
+        try:
+            system, component = (int(word) for word in words)
+        except ValueError:
+            raise Usage("primary-control takes two numbers") from None
+        if not (0 <= system <= 255 and 0 <= component <= 255):
+            raise Usage("system and component lie within 0 to 255")
+        self._gimbal.configure(system, component, self._own, self._own)
+        return info("gimbal", f"Control set to: {system}/{component}")
+
+    def _look(self, words: Words) -> str:
+        try:
+            angles = {axis: float(text) for axis, text in zip(words[::2], words[1::2], strict=True)}
+        except ValueError:
+            raise Usage("angles are degrees") from None
+        if not angles.keys() <= {"pitch", "yaw"} or not all(map(math.isfinite, angles.values())):
+            raise Usage("test takes pitch and yaw, in degrees")
+        self._test = angles
+        pitch, yaw = (math.radians(angles.get(axis, 0.0)) for axis in ("pitch", "yaw"))
+        self._gimbal.set_pitch_yaw(12, pitch, yaw, math.nan, math.nan)  # roll and pitch locked
+        return ""
+
+
+class FailureCommand:
+    """`failure`."""
+
+    def __init__(self, autopilot: Autopilot, inject: Callable[[Command], int | None],
+                 own: tuple[int, int]) -> None:  # fmt: skip
+        self._body, self._inject, self._own = autopilot.body, inject, own
+        self.command = Entry(self.run, f"{'|'.join(UNITS)} {'|'.join(KINDS)} [-i INSTANCE]")
+
+    def run(self, words: Words) -> str:
+        """One `failure …`."""
+        if words in (["help"], ["help", "-v"]):
+            return f"Usage: failure {self.command.usage}\n"
+        instance = 0
+        if len(words) == 4 and words[2] == "-i" and words[3].isdecimal():
+            words, instance = words[:2], int(words[3])
+        if len(words) != 2 or words[0] not in UNITS or words[1] not in KINDS:
+            raise Usage("a component, a kind of failure")
+        if self._body.choice("SYS_FAILURE_EN") != 1:
+            raise CommandFailed(error("failure", "failures are switched off: SYS_FAILURE_EN is not 1"))
+        numbers = (float(UNITS[words[0]]), float(KINDS[words[1]]), float(instance))
+        result = self._inject(Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._own, "shell"))
+        if result != ACCEPTED:
+            raise CommandFailed(error("failure", f"{words[0]} cannot be made to be {words[1]} here"))
+        return ""

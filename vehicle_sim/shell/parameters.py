@@ -1,0 +1,165 @@
+"""`param`: the parameters from the console."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from functools import cache
+
+from vehicle_sim.parameters import DATA_FILE, Parameters, ParameterValue
+from vehicle_sim.shell.console import Command, CommandFailed, Usage, Words, error, info
+
+USAGE = (
+    "show [-a|-c|-q] [FILTER*] | get NAME | set NAME VALUE | reset NAME... | reset_all [EXCLUDED*...] | "
+    "compare NAME VALUE | greater NAME VALUE | touch NAME... | index N | find NAME | save | status"
+)
+ALL_PARAMETERS = 1800
+"""Of the build, used or not."""
+
+
+@cache
+def _places() -> tuple[int, ...]:
+    """Where each parameter stands among all of the build, used or not."""
+    return tuple(json.loads((DATA_FILE.parent / "parameter_places.json").read_text(encoding="utf-8")))
+
+
+class ParamCommand:
+    """One vehicle's `param`.
+
+    Args:
+        parameters: the store.
+        unsaved: names whose value is not stored yet.
+    """
+
+    def __init__(self, parameters: Parameters, unsaved: Callable[[], frozenset[str]]) -> None:
+        self._parameters, self._unsaved = parameters, unsaved
+        self._verbs: dict[str, Callable[[Words], str]] = {
+            "show": self._show, "get": self._get, "set": self._set, "reset": self._reset,
+            "reset_all": self._reset_all, "compare": self._compare, "greater": self._greater,
+            "touch": self._touch, "index": self._index, "index_used": self._index, "find": self._find,
+            "save": lambda words: "", "status": self._status,
+        }  # fmt: skip
+        self.command = Command(self.run, USAGE)
+
+    def run(self, words: Words) -> str:
+        """One `param …`."""
+        verb = self._verbs.get(words[0]) if words else None
+        if verb is None:
+            raise Usage(f"unknown: {words[0]}" if words else "")
+        return verb(words[1:])
+
+    def _known(self, name: str) -> str:
+        if name not in self._parameters:
+            raise CommandFailed(error("param", f"there is no parameter {name}"))
+        return name
+
+    def _text(self, name: str) -> str:
+        value = self._parameters.get(name)
+        return f"{value}" if self._parameters.type_of(name) == "INT32" else f"{value:.4f}"
+
+    def _number(self, name: str, text: str) -> ParameterValue:
+        try:
+            return int(text, 0) if self._parameters.type_of(name) == "INT32" else float(text)
+        except ValueError:
+            raise CommandFailed(
+                error("param", f"{name}: {text!r} is no {self._parameters.type_of(name)}")
+            ) from None
+
+    def _show(self, words: Words) -> str:
+        options = {word for word in words if word.startswith("-")}
+        patterns = [word for word in words if not word.startswith("-")]
+        if "-q" in options:
+            if not patterns:
+                raise Usage("param show -q needs a name")
+            return self._text(self._known(patterns[0])) + "\n"
+        changed, unsaved = set(self._parameters.changed()), self._unsaved()
+        out = ["Symbols: x = used, + = saved, * = unsaved\n"]
+        for index, (name, place) in enumerate(zip(self._parameters.names, _places(), strict=True)):
+            if patterns and not any(fnmatchcase(name, pattern) for pattern in patterns):
+                continue
+            if "-c" in options and name not in changed:
+                continue
+            state = "*" if name in unsaved else "+" if name in changed else " "
+            out.append(f"x {state} {name} [{index},{place}] : {self._text(name)}\n")
+        out.append(f"\n {len(self._parameters)}/{ALL_PARAMETERS} parameters used.\n")
+        return "".join(out)
+
+    def _get(self, words: Words) -> str:
+        if len(words) != 1:
+            raise Usage("param get takes one name")
+        return f"{words[0]}: {self._text(self._known(words[0]))}\n"
+
+    def _set(self, words: Words) -> str:
+        if len(words) not in (2, 3):
+            raise Usage("param set takes a name and a value")
+        name = self._known(words[0])
+        before = self._text(name)
+        try:
+            self._parameters.set(name, self._number(name, words[1]))
+        except ValueError as wrong:
+            raise CommandFailed(error("param", str(wrong))) from None
+        after = self._text(name)
+        if after == before:
+            return ""
+        return f"  {name}: curr: {before} -> new: {after}\n"
+
+    def _reset(self, words: Words) -> str:
+        if not words:
+            raise Usage("param reset takes names; reset_all is for all of them")
+        for pattern in words:
+            names = [name for name in self._parameters.names if fnmatchcase(name, pattern)]
+            if not names:
+                self._known(pattern)
+            for name in names:
+                self._parameters.reset(name)
+        return ""
+
+    def _reset_all(self, excluded: Words) -> str:
+        for name in self._parameters.changed():
+            if not any(fnmatchcase(name, pattern) for pattern in excluded):
+                self._parameters.reset(name)
+        return ""
+
+    def _pair(self, words: Words) -> tuple[float, list[float]]:
+        if len(words) < 2:
+            raise Usage("a name and one or more values")
+        name = self._known(words[0])
+        return float(self._parameters.get(name)), [float(self._number(name, word)) for word in words[1:]]
+
+    def _compare(self, words: Words) -> str:
+        value, others = self._pair(words)
+        if not any(abs(value - other) < 1e-7 * max(1.0, abs(other)) for other in others):
+            raise CommandFailed()
+        return ""
+
+    def _greater(self, words: Words) -> str:
+        value, others = self._pair(words)
+        if not value > others[0]:
+            raise CommandFailed()
+        return ""
+
+    def _touch(self, words: Words) -> str:
+        for name in words:
+            self._known(name)
+        return ""
+
+    def _index(self, words: Words) -> str:
+        name = self._parameters.name_at(int(words[0])) if words and words[0].isdecimal() else None
+        if name is None:
+            raise CommandFailed(error("param", f"index 0 to {len(self._parameters) - 1}"))
+        return f"index {words[0]}: {name} : {self._text(name)}\n"
+
+    def _find(self, words: Words) -> str:
+        if len(words) != 1:
+            raise Usage("param find takes one name")
+        name = self._known(words[0])
+        return f"Found param {name} at index {self._parameters.index_of(name)}\n"
+
+    def _status(self, words: Words) -> str:
+        changed, unsaved = self._parameters.changed(), self._unsaved()
+        return (
+            info("parameters", f"{len(self._parameters)}/{ALL_PARAMETERS} used")
+            + info("parameters", f"{len(changed)} differ from the defaults")
+            + info("parameters", f"{len(unsaved)} not saved yet")
+        )

@@ -1,0 +1,165 @@
+"""`ver`, `mavlink`, `sensors`, `ekf2`, `logger`, `system_time`: what the vehicle tells about its parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+
+from vehicle_sim import build
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.logger.logger import Logger
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.shell.console import Command, CommandFailed, Usage, Words, error, info, warning
+
+_GIT = f"PX4 git-hash: {build.GIT_HASH}\nPX4 version: {build.version_text(build.VERSION)}\n"
+_SYSTEM = f"OS: {build.OS_NAME}\nOS version: {build.version_text(build.OS_VERSION)}\n"
+_PARTS = {
+    "hw": f"HW arch: {build.BOARD}\n",
+    "git": _GIT + _SYSTEM,
+    "gcc": f"Toolchain: {build.TOOLCHAIN}, {build.TOOLCHAIN_VERSION}\n",
+    "uri": "Build uri: localhost\n",
+}
+MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
+RATE_MAX_B_S = 4_000_000
+
+
+def ver(words: Words) -> str:
+    """`ver hw|git|gcc|uri|all`, and `hwcmp`."""
+    if words == ["all"]:
+        return "".join(_PARTS[part] for part in ("hw", "git", "uri", "gcc"))
+    if len(words) == 1 and words[0] in _PARTS:
+        return _PARTS[words[0]]
+    if len(words) > 1 and words[0] in ("hwcmp", "hwtypecmp", "hwbasecmp"):
+        if build.BOARD not in words[1:]:
+            raise CommandFailed()
+        return ""
+    raise Usage
+
+
+VER = Command(ver, "hw | git | gcc | uri | all | hwcmp BOARD...")
+
+
+class MavlinkCommand:
+    """`mavlink status [streams]`."""
+
+    def __init__(self, links: Sequence[Link], name_of: Callable[[int], str]) -> None:
+        self._links, self._name_of = links, name_of
+        self.command = Command(self.run, "status [streams]")
+
+    def run(self, words: Words) -> str:
+        """One `mavlink …`."""
+        if words == ["status", "streams"]:
+            return "".join(self._streams(n, link) for n, link in enumerate(self._links))
+        if words == ["status"]:
+            return "".join(self._status(n, link) for n, link in enumerate(self._links))
+        raise Usage
+
+    @staticmethod
+    def _status(n: int, link: Link) -> str:
+        heard = "\tGCS heartbeat valid\n" if link.heard_gcs else ""
+        ports, mode = link.ports, MODES.get(link.name, "Normal")
+        if ports is None:
+            way = ""
+        elif ports[1] is None:
+            way = f"\ttransport protocol: TCP ({ports[0]})\n"
+        else:
+            way = f"\ttransport protocol: UDP ({ports[0]}, remote port: {ports[1]})\n"
+        return (
+            f"\ninstance #{n}:\n{heard}\tmavlink chan: #{n}\n\ttype:\t\tGENERIC LINK OR RADIO\n"
+            f"\tflow control: OFF\n\trates:\n\t  tx: {link.tx_rate:.1f} B/s\n\t  txerr: 0.0 B/s\n"
+            f"\t  tx rate mult: 1.000\n\t  tx rate max: {RATE_MAX_B_S} B/s\n\t  rx: {link.rx_rate:.1f} B/s\n"
+            f"\t  rx loss: 0.0%\n\tFTP enabled: YES, TX enabled: YES\n\tmode: {mode}\n"
+            f"\tForwarding: On\n\tMAVLink version: 2\n{way}\tBroadcast enabled: NO\n"
+        )
+
+    def _streams(self, n: int, link: Link) -> str:
+        out = [f"\ninstance #{n}:\n\t{'Name':<32} Rate\n"]
+        rates = sorted((self._name_of(number), 1e6 / link.interval_us(number)) for number in link.streamed())
+        return "".join((*out, *(f"\t{name:<32} {hz:.2f}\n" for name, hz in rates)))
+
+
+class PartsCommands:
+    """`sensors`, `ekf2` and `system_time` of one vehicle."""
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+        self.sensors = Command(self._sensors, "status")
+        self.ekf2 = Command(self._ekf2, "status")
+        self.system_time = Command(self._time, "get")
+
+    def _sensors(self, words: Words) -> str:
+        if words[:1] != ["status"]:
+            raise Usage
+        s, i = self._body.simulation.sensors, self._body.row
+        gyro, accel, mag = (a[i].tolist() for a in (s.gyro_frd_rad_s, s.accel_frd_m_s2, s.mag_frd_gauss))
+        fix = int(s.gps_fix_type[i])
+        return (
+            info("sensors", "gyro [rad/s]:  {:8.4f} {:8.4f} {:8.4f}".format(*gyro))
+            + info("sensors", "accel [m/s^2]: {:8.4f} {:8.4f} {:8.4f}".format(*accel))
+            + info("sensors", "mag [gauss]:   {:8.4f} {:8.4f} {:8.4f}".format(*mag))
+            + info("sensors", f"baro: {float(s.baro_pressure_hpa[i]):.2f} hPa")
+            + info("sensors", f"gps: fix type {fix}, {int(s.gps_satellites[i])} satellites")
+        )
+
+    def _ekf2(self, words: Words) -> str:
+        if words[:1] != ["status"]:
+            raise Usage
+        e, i = self._body.simulation.estimate, self._body.row
+        valid = {
+            name: "valid" if flag else "invalid"
+            for name, flag in (
+                ("attitude", e.valid_attitude[i]), ("altitude", e.valid_altitude[i]),
+                ("velocity", e.valid_velocity[i]), ("local position", e.valid_position[i]),
+                ("global position", math.isfinite(float(e.lat_deg[i]))),
+            )
+        }  # fmt: skip
+        ratios = {
+            "velocity": e.innovation_ratio_velocity, "position": e.innovation_ratio_position,
+            "height": e.innovation_ratio_height, "heading": e.innovation_ratio_mag,
+        }  # fmt: skip
+        return (
+            info("ekf2", ", ".join(f"{name}: {word}" for name, word in valid.items()))
+            + info("ekf2", f"eph {float(e.horizontal_accuracy_m[i]):.2f} m, "
+                   f"epv {float(e.vertical_accuracy_m[i]):.2f} m")
+            + info("ekf2", "test ratios: " + ", ".join(
+                f"{name} {float(ratio[i]):.3f}" for name, ratio in ratios.items()))
+        )  # fmt: skip
+
+    def _time(self, words: Words) -> str:
+        if words != ["get"]:
+            raise Usage("the time comes with the simulation and cannot be set")
+        seconds = self._body.time_unix_us() / 1e6
+        when = datetime.fromtimestamp(seconds, UTC)
+        return f"Unix epoch time: {int(seconds)}\nSystem time: {when:%a %b %d %H:%M:%S %Y}\n"
+
+
+class LoggerCommand:
+    """`logger on|off|status`."""
+
+    def __init__(self, logger: Logger) -> None:
+        self._logger = logger
+        self.command = Command(self.run, "on | off | status")
+
+    def run(self, words: Words) -> str:
+        """One `logger …`."""
+        if words not in (["on"], ["off"], ["status"]):
+            raise Usage
+        logger = self._logger
+        if not logger.available:
+            raise CommandFailed(error("logger", "not running: this vehicle was started without logs"))
+        if words == ["on"]:
+            if not logger.start_by_hand():
+                raise CommandFailed(error("logger", "no log could be begun"))
+            return ""
+        if words == ["off"]:
+            logger.stop_by_hand()
+            return warning("logger", "the log goes on while armed") if logger.running else ""
+        state = info("logger", f"Running in mode: {logger.mode}")
+        if not logger.running:
+            return state + info("logger", "Not logging")
+        return (
+            state
+            + info("logger", f"Full File Logging Running: ./{logger.path}")
+            + info("logger", f"Wrote {logger.written_bytes / 1e6:.2f} MB since {logger.began_us / 1e6:.1f} s")
+        )
