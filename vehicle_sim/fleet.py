@@ -18,6 +18,8 @@ from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.simulation import STEP_S, Home, Simulation
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
+from vehicle_sim.world.contact import Collision
+from vehicle_sim.world.world import World
 
 STEP_US = round(STEP_S * 1e6)
 AUTOPILOT_EVERY_STEPS = 5
@@ -41,6 +43,7 @@ class VehicleSim:
         boot_time_unix_s: UTC at boot.
         sensor_noise: False for perfect sensors (the shape of a flight without its wander).
         start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
+        world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
         log: whether the vehicles write onboard logs, when SDLOG_MODE says so; without it they cost nothing.
     """
 
@@ -58,13 +61,15 @@ class VehicleSim:
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
         start_ned_m: NDArray[np.float64] | None = None,
+        world: World | None = None,
         log: bool = False,
     ) -> None:
         if stores is None:
             stores = [Parameters(parameters) for _ in range(count)]
         self.simulation = Simulation(
-            count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise, start_ned_m=start_ned_m
-        )
+            count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise,
+            start_ned_m=start_ned_m, world=world,
+        )  # fmt: skip
         self.autopilots = [Autopilot(Body(self.simulation, row, boot_time_unix_s)) for row in range(count)]
         if files is None:
             files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
@@ -124,6 +129,8 @@ class VehicleSim:
 
     def _step_once(self) -> None:
         self.simulation.step()
+        for collision in self.simulation.take_collisions():
+            self._end_flight(collision)
         if self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0:
             for autopilot in self.autopilots:
                 autopilot.update()
@@ -131,6 +138,12 @@ class VehicleSim:
             node.step()
         if self._logbook is not None:
             self._logbook.step(self.simulation.steps * STEP_US)
+
+    def _end_flight(self, collision: Collision) -> None:
+        """A vehicle that flew into something has no propellers left; nothing of PX4 would say so."""
+        autopilot = self.autopilots[collision.row]
+        autopilot.announcer.text(2, f"Collision with {collision.what}: motors stopped")
+        autopilot.commander.disarm(force=True)
 
     def close(self) -> None:
         """End what is being written, as a shutdown does."""

@@ -30,6 +30,9 @@ from vehicle_sim.state import (
     TargetState,
     TruthState,
 )
+from vehicle_sim.world.contact import Collision, Contact
+from vehicle_sim.world.lidar import Lidar
+from vehicle_sim.world.world import World
 
 __all__ = [
     "BatteryState",
@@ -63,6 +66,7 @@ class Simulation:
         yaw_ned_rad: (N,) headings at start; default: north.
         wind_ned_m_s: (3,) or (N, 3) steady wind, felt by the drag.
         sensor_noise: False switches all noise off (tests of exact equality).
+        world: ground and obstacles; default: flat and empty, as PX4's own simulation.
 
     Raises:
         ValueError: counts or shapes that do not fit, or parameters that describe no airframe.
@@ -79,6 +83,7 @@ class Simulation:
         yaw_ned_rad: FloatArray | None = None,
         wind_ned_m_s: FloatArray | None = None,
         sensor_noise: bool = True,
+        world: World | None = None,
     ) -> None:
         if count < 1:
             raise ValueError(f"count is {count}; a simulation needs at least one vehicle")
@@ -103,8 +108,14 @@ class Simulation:
         self._cascade = Cascade(count, STEP_S)
         self.motor_health = np.ones((count, 4))
         """(N, 4) part of its signal that each motor turns into thrust: 1 works, 0 stands still."""
+        self.world = world or World()
+        self._lidar = Lidar(self.world, self._bodies.state)
+        self._contact = None if self.world.empty else Contact(self.world, count)
+        self._collisions: list[Collision] = []
         if wind_ned_m_s is not None:
             self.set_wind(wind_ned_m_s)
+        if self._contact is not None:
+            self._bodies.ground_ned_m[:] = self._contact.support_ned_m(self._start_ned_m)
         for i in range(count):
             self._take_parameters(i)
             self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
@@ -161,13 +172,46 @@ class Simulation:
         self._cascade.update(self.setpoints, self._estimator.state)
         if self._wind.gusty and self._steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
+        if self._contact is not None:
+            self._contact.before(self._bodies.state.velocity_ned_m_s)
         self._bodies.step(self._cascade.motor_signal * self.motor_health)
         if self._steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
+        if self._contact is not None:
+            self._touch(self._contact)
         self._steps += 1
+
+    def _touch(self, contact: Contact) -> None:
+        """What carries each body, and who has flown into something: its rotors are broken."""
+        state = self._bodies.state
+        collisions = contact.collide(state.position_ned_m, state.velocity_ned_m_s)
+        for collision in collisions:
+            self.motor_health[collision.row] = 0.0
+        self._collisions += collisions
+        self._bodies.ground_ned_m[:] = contact.support_ned_m(state.position_ned_m)
+
+    def take_collisions(self) -> list[Collision]:
+        """Who has flown into what since the last call."""
+        taken, self._collisions = self._collisions, []
+        return taken
+
+    def distance_down_m(self, i: int) -> float:
+        """What the lidar of vehicle `i` measures straight down its body; inf where it meets nothing."""
+        return float(self._lidar.down_m(self._steps, self._bodies.matrix)[i])
+
+    def distance_forward_m(self, i: int) -> float:
+        """What its forward lidar measures (`World.lidars`)."""
+        return float(self._lidar.forward_m(self._steps, self._bodies.matrix)[i])
+
+    def distances_around_m(self, i: int) -> FloatArray:
+        """(72,) what its lidar all around measures, clockwise from the nose (`World.lidars`)."""
+        return self._lidar.around_m(self._steps, self._bodies.matrix)[i]
 
     def reset_vehicle(self, i: int) -> None:
         """Put vehicle `i` back where it started, as after a reboot: nothing moves, nothing is remembered."""
+        if self._contact is not None:
+            self._contact.mend(i)
+            self._bodies.ground_ned_m[i] = self._contact.support_ned_m(self._start_ned_m)[i]
         self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
         self._estimator.reset(i)
         self._cascade.reset(i)

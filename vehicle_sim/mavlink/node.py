@@ -21,6 +21,7 @@ from vehicle_sim.mavlink.services.mission import MissionService
 from vehicle_sim.mavlink.services.offboard import OffboardService
 from vehicle_sim.mavlink.services.own_commands import OwnCommandService
 from vehicle_sim.mavlink.services.params import ParamService
+from vehicle_sim.mavlink.services.ranging import RangingService
 from vehicle_sim.mavlink.services.requests import RequestService
 from vehicle_sim.mavlink.services.shell import ShellService
 from vehicle_sim.mavlink.services.texts import TextService
@@ -45,6 +46,7 @@ class Node:
         self._mission = MissionService(self.context)
         self._ftp = FtpService(self.context, files)
         self._logs = LogService(self.context, files, logger)
+        self._ranging = RangingService(self.context)
         requests = RequestService(self.context)
         gimbal = GimbalService(self.context)
         calibration = CalibrationService(self.context, self._params)
@@ -70,6 +72,7 @@ class Node:
             BY_NAME["LINK_NODE_STATUS"].id: requests.send_link_node_status,
             BY_NAME["MISSION_CURRENT"].id: self._mission.send_current,
             BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.current_sequence,
+            BY_NAME["DISTANCE_SENSOR"].id: self._ranging.send,
         }
         self._rate_at_us = RATE_EVERY_US
         self._rated: dict[str, tuple[int, int]] = {}
@@ -84,6 +87,7 @@ class Node:
         now_us = self.context.body.time_boot_us()
         for msg_id in list(link.streamed()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
+        self._ranging.begin(link, now_us)
         self.context.links.append(link)
 
     def remove_link(self, link: Link) -> None:

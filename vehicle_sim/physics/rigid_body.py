@@ -49,6 +49,8 @@ class RigidBodies:
         self.matrix = rotation_matrix(self.state.q_ned_frd)
         """(N, 3, 3) of `state.q_ned_frd`."""
         self.wind_ned_m_s = np.zeros((count, 3))
+        self.ground_ned_m = np.zeros(count)
+        """(N,) down coordinate of what carries each body; 0: flat ground at home's level."""
         self._inputs = np.zeros((count, 1, ROTOR_COUNT + 12))
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
         self._lag = np.ones((count, 1))
@@ -73,7 +75,7 @@ class RigidBodies:
         """Put vehicle `i` somewhere, level and at rest; below the surface counts as on it."""
         state = self.state
         state.position_ned_m[i] = position_ned_m
-        state.position_ned_m[i, 2] = min(float(position_ned_m[2]), 0.0)
+        state.position_ned_m[i, 2] = min(float(position_ned_m[2]), float(self.ground_ned_m[i]))
         for rows in (
             state.velocity_ned_m_s,
             state.acceleration_ned_m_s2,
@@ -82,7 +84,7 @@ class RigidBodies:
         ):
             rows[i] = 0.0
         state.q_ned_frd[i] = quaternion_from_yaw(np.array([yaw_ned_rad]))[0]
-        state.on_ground[i] = state.position_ned_m[i, 2] >= 0.0
+        state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_ned_m[i]
         self.matrix = rotation_matrix(state.q_ned_frd)
 
     def step(self, motor_signal: FloatArray) -> None:
@@ -106,11 +108,11 @@ class RigidBodies:
         rates += dt_s * response[:, 1:]
         # A sinking vehicle is stopped though its rotors slow it down; one that stands is held by its weight.
         sinks, pressed = velocity[:, 2] > 0.0, (acceleration[:, 2] >= 0.0) & (velocity[:, 2] >= 0.0)
-        held = (position[:, 2] >= 0.0) & (sinks | pressed)
+        held = (position[:, 2] >= self.ground_ned_m) & (sinks | pressed)
         if held.any():
             acceleration[held] = velocity[held] * (-1.0 / dt_s)
             rates[held] = 0.0
-            position[held, 2] = 0.0
+            position[held, 2] = self.ground_ned_m[held]
         velocity += dt_s * acceleration
         state.acceleration_ned_m_s2[:] = acceleration
         state.on_ground[:] = held

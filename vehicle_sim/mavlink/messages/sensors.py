@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import NAN, Family
+from vehicle_sim.world.lidar import SECTOR_DEG
 
 STANDARD_TEMPERATURE_DEG_C = 15.0
 """HIGHRES_IMU carries the air temperature PX4 assumes, not the barometer's own."""
 
 GPS_GLITCH = 1024
 """Bit of ESTIMATOR_STATUS_FLAGS."""
+DOWN, FORWARD = 25, 0
+"""MAV_SENSOR_ORIENTATION."""
+BODY_FRD = 12
+"""MAV_FRAME."""
+OUT_OF_RANGE_CM = -100
+"""PX4's simulation says -1 m where it measures nothing; the field holds it modulo 2^16."""
+NEAREST_CM = 10
 
 
 class SensorMessages(Family):
@@ -78,9 +88,43 @@ class SensorMessages(Family):
         )[1]
 
     def distance_sensor(self) -> bytes:
+        """PX4's own simulated one, which points down."""
+        body = self._body
+        measured = body.simulation.distance_down_m(body.row)
+        forced, lowest, highest = (body.parameter(f"SIH_DISTSNSR_{end}") for end in ("OVR", "MIN", "MAX"))
+        if forced >= 0.0:
+            measured = forced
+        distance = round(measured * 100) if lowest <= measured <= highest else OUT_OF_RANGE_CM
         return pack(
-            "DISTANCE_SENSOR", time_boot_ms=self._body.time_boot_ms(), max_distance=10000, orientation=25
-        )[1]
+            "DISTANCE_SENSOR", time_boot_ms=body.time_boot_ms(), current_distance=distance & 0xFFFF,
+            min_distance=_cm(lowest), max_distance=_cm(highest), orientation=DOWN,
+        )[1]  # fmt: skip
+
+    def distance_forward(self) -> bytes | None:
+        """The second one, of a world that has it."""
+        body, lidars = self._body, self._body.simulation.world.lidars
+        if not lidars.forward:
+            return None
+        measured = body.simulation.distance_forward_m(body.row)
+        return pack(
+            "DISTANCE_SENSOR", time_boot_ms=body.time_boot_ms(), id=1, orientation=FORWARD,
+            current_distance=_cm(measured) if math.isfinite(measured) else _cm(lidars.range_m) + 1,
+            min_distance=NEAREST_CM, max_distance=_cm(lidars.range_m),
+        )[1]  # fmt: skip
+
+    def obstacle_distance(self) -> bytes | None:
+        """72 sectors of 5 degrees from the nose clockwise; nothing met is one more than the range."""
+        body, lidars = self._body, self._body.simulation.world.lidars
+        if not lidars.around:
+            return None
+        farthest = _cm(lidars.range_m)
+        measured = np.minimum(body.simulation.distances_around_m(body.row) * 100.0, farthest + 1.0)
+        return pack(
+            "OBSTACLE_DISTANCE", time_usec=body.time_boot_us(),
+            distances=np.rint(measured).astype(int).tolist(),
+            increment=int(SECTOR_DEG), increment_f=SECTOR_DEG, min_distance=NEAREST_CM, max_distance=farthest,
+            frame=BODY_FRD,
+        )[1]  # fmt: skip
 
     def vibration(self) -> bytes:
         b = self._body.simulation.sensors.accel_frd_m_s2[self._body.row]
@@ -109,3 +153,7 @@ class SensorMessages(Family):
             pos_horiz_accuracy=float(e.horizontal_accuracy_m[i]),
             pos_vert_accuracy=float(e.vertical_accuracy_m[i]),
         )[1]
+
+
+def _cm(metres: float) -> int:
+    return max(0, min(65535, round(metres * 100)))

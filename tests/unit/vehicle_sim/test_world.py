@@ -1,0 +1,184 @@
+"""Ground, obstacles and lidars: rays against geometry worked out by hand, collisions, wrong files."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.unit.vehicle_sim.sim_station import Station
+from vehicle_sim.simulation import Simulation
+from vehicle_sim.world.files import load_world, shipped, world_of
+from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
+from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
+from vehicle_sim.world.world import Box, Lidars, World, wall
+from vehicle_sim.yaml_fields import FileProblem, parse_yaml
+
+BOX = Box("box", 10.0, 0.0, 2.0, 4.0, 3.0)
+
+
+def cast(world, origin, direction, range_m=100.0):
+    ray = np.array([direction], dtype=float)
+    ray /= np.linalg.norm(ray)
+    hits = RayCaster(world).cast(np.array([origin], dtype=float), ray, range_m)
+    return float(hits.distance_m[0]), int(hits.what[0])
+
+
+def test_rays_meet_boxes_and_ground_where_geometry_says():
+    world = World(boxes=(BOX,))
+    assert cast(world, (0, 0, -1), (1, 0, 0)) == (pytest.approx(9.0), 0)
+    assert cast(world, (0, 2.1, -1), (1, 0, 0)) == (math.inf, NOTHING), "past its side"
+    assert cast(world, (0, 0, -3.1), (1, 0, 0)) == (math.inf, NOTHING), "over its roof"
+    assert cast(world, (10, 0, -5), (0, 0, 1)) == (pytest.approx(2.0), 0), "its roof from above"
+    assert cast(world, (0, 0, -5), (0, 0, 1)) == (pytest.approx(5.0), GROUND)
+    assert cast(world, (0, 0, -3), (3, 0, 4))[0] == pytest.approx(3.75), "slanting down"
+    assert cast(world, (0, 0, -1), (1, 0, 0), range_m=8.9) == (math.inf, NOTHING), "too far"
+    assert cast(world, (10, 0, -1), (0, 1, 0))[0] == 0.0, "from inside"
+
+
+def test_a_turned_box_and_a_wall_are_met_on_their_own_faces():
+    turned = Box("turned", 10.0, 0.0, 2.0, 2.0, 3.0, yaw_ned_rad=math.pi / 4)
+    assert cast(World(boxes=(turned,)), (0, 0, -1), (1, 0, 0))[0] == pytest.approx(10 - math.sqrt(2))
+    fence = wall("fence", (5, -5), (5, 5), height_m=2, thickness_m=0.4)
+    assert cast(World(boxes=(fence,)), (0, 3, -1), (1, 0, 0))[0] == pytest.approx(4.8)
+    assert cast(World(boxes=(fence,)), (0, 5.1, -1), (1, 0, 0))[0] == math.inf
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(-40, 40),
+    st.floats(-40, 40),
+    st.floats(0.5, 30),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+    st.floats(0.2, 1),
+)
+def test_rays_end_on_the_terrain(north, east, above, dn, de, dd):
+    terrain = Terrain((Hill(10, 0, 8, 30),), HeightGrid(-20, -20, 20, np.array([[0.0, 2], [1, 3], [0, 4]])))
+    start = np.array([north, east, -(float(terrain.height_m(np.array(north), np.array(east))) + above)])
+    distance, what = cast(World(terrain=terrain), start, (dn, de, dd), range_m=300.0)
+    assert what == GROUND
+    ray = np.array([dn, de, dd]) / np.linalg.norm((dn, de, dd))
+    end = start + distance * ray
+    assert -end[2] == pytest.approx(float(terrain.height_m(end[0], end[1])), abs=0.05)
+
+
+def test_the_ground_carries_vehicles_where_it_is_and_roofs_do_too():
+    world = World(terrain=Terrain((Hill(0, 0, 10, 30),)), boxes=(Box("roof", 0, 50, 4, 4, 3),))
+    sim = Simulation(3, world=world, start_ned_m=np.array([[0, 0, 0.0], [0, 50, -8], [15, 0, 0]]))
+    for _ in range(1000):
+        sim.step()
+    assert sim.truth.position_ned_m[:, 2] == pytest.approx([-10.0, -3.0, -5.0], abs=1e-6)
+    assert sim.truth.on_ground.all()
+    assert not sim.take_collisions()
+
+
+def test_flat_ground_is_bit_for_bit_what_it_was_without_a_world():
+    plain, far = Simulation(seed=2), Simulation(seed=2, world=World(boxes=(Box("far", 900, 900, 1, 1, 1),)))
+    for sim in (plain, far):
+        sim.setpoints.armed[:] = True
+        sim.setpoints.level[:] = 4
+        sim.setpoints.thrust[:] = 0.6
+        for _ in range(400):
+            sim.step()
+    assert np.array_equal(plain.truth.position_ned_m, far.truth.position_ned_m)
+
+
+def test_the_obstacle_scene_is_seen_flown_into_and_ends_the_flight():
+    station = Station(world=load_world("obstacle-box"))
+    station.fly_to(2.5)
+    box_north = float(station.sim.simulation.truth.position_ned_m[0, 0])
+    ahead = [m for m in station.heard("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
+    down = [m for m in station.heard("DISTANCE_SENSOR", via="api") if m.orientation == 25][-1]
+    assert ahead.current_distance == pytest.approx((5 - 0.75 - box_north) * 100, abs=40)
+    assert down.current_distance == pytest.approx(station.height_m * 100, abs=20)
+    around = station.heard("OBSTACLE_DISTANCE", via="api")[-1]
+    assert abs(around.distances[0] - ahead.current_distance) < 15
+    assert around.distances[36] == around.max_distance + 1 == 2001, "nothing behind"
+    began_s = station.now_s
+
+    def north():
+        station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
+                     type_mask=0b110111000111, vx=2.0)  # fmt: skip
+
+    station.run(1.0, north)
+    station.command(176, 1, 6)
+    station.run_until(lambda: not station.armed, 15, north)
+    assert "Collision with the obstacle box: motors stopped" in station.texts(began_s)
+    station.run(4.0)
+    at = station.sim.simulation.truth.position_ned_m[0]
+    assert station.height_m < 0.1, "it fell"
+    assert at[0] < 5 - 0.75, "before the box, not in it"
+
+
+def test_without_a_world_there_is_one_lidar_that_points_down():
+    station = Station()
+    station.fly_to(8.0)
+    heard = station.heard("DISTANCE_SENSOR", via="api")
+    assert {m.orientation for m in heard} == {25}
+    assert heard[-1].current_distance == pytest.approx(station.height_m * 100, abs=15)
+    assert not station.heard("OBSTACLE_DISTANCE", via="api")
+
+
+def test_hills_are_landed_on_at_their_height_and_end_flights_into_their_slope():
+    world = World(terrain=Terrain((Hill(30, 0, 20, 20),)))
+    sim = Simulation(world=world, start_ned_m=np.array([[6.0, 0, -8]]), sensor_noise=False)
+    sim.truth.velocity_ned_m_s[:] = (15.0, 0.0, -2.0)
+    collisions = []
+    for _ in range(1000):
+        sim.step()
+        if collisions := sim.take_collisions():
+            break
+    assert [c.what for c in collisions] == ["the ground"]
+    assert not sim.motor_health.any()
+
+
+def test_every_shipped_world_loads():
+    assert {"obstacle-box", "hills", "yard"} <= set(shipped())
+    for name in shipped():
+        assert not load_world(name).empty
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "empty"),
+        ("name: [", "line 1: not YAML"),
+        ("- a", "line 1: the file must hold `name: value` lines"),
+        ("boxes: []", "lacks name; give a text"),
+        ("name: x\nboxes:\n  - {north_m: 1, east_m: 2, length_m: 3, width_m: tall, height_m: 2}",
+         "line 3: boxes[0].width_m is 'tall'; give a number from 0.01 to 5000"),
+        ("name: x\nboxes:\n  - {north_m: 1, east_m: 2, length_m: 3, width_m: 1}", "boxes[0] lacks height_m"),
+        ("name: x\nboxes:\n  - {north_m: .nan, east_m: 2}", "boxes[0].north_m is nan"),
+        ("name: x\nbox: []", "line 2: box is not known; did you mean boxes?"),
+        ("name: x\nname: y", "line 2: name stands here twice"),
+        ("name: x\nwalls: [{from_ne_m: [1], to_ne_m: [1, 2], height_m: 1}]", "from_ne_m is [1]; give [north"),
+        ("name: x\nwalls: [{from_ne_m: [1, 2], to_ne_m: [1, 2], height_m: 1}]", "is where the wall begins"),
+        ("name: x\nlidars: {around: maybe}", "lidars.around is 'maybe'; give true or false"),
+        ("name: x\nterrain: {grid: {north_m: 0, east_m: 0, spacing_m: 5, heights_m: [[1, 2], [3]]}}",
+         "terrain.grid.heights_m must be at least two lists"),
+        ("name: x\nterrain: {hills: 5}", "terrain.hills must be a list"),
+        ("name: !!python/name:os.system x", "holds what is neither text nor number"),
+    ],
+)  # fmt: skip
+def test_a_wrong_file_is_told_where_it_is_wrong(text, says):
+    with pytest.raises(FileProblem) as problem:
+        world_of(parse_yaml(text, "my.yaml"))
+    assert says in str(problem.value)
+    assert str(problem.value).startswith("my.yaml")
+
+
+def test_a_missing_file_names_the_shipped_worlds():
+    with pytest.raises(FileProblem, match="obstacle-box"):
+        load_world("no-such-world")
+
+
+def test_lidars_of_many_vehicles_are_one_measurement():
+    world = World(boxes=(BOX,), lidars=Lidars(forward=True, around=True, range_m=30))
+    start = np.array([[0.0, 0, -1], [4.0, 0, -1], [0.0, 9, -1]])
+    sim = Simulation(3, world=world, start_ned_m=start)
+    assert [sim.distance_forward_m(i) for i in range(3)] == pytest.approx([9.0, 5.0, math.inf])
+    sectors = np.array([sim.distances_around_m(i) for i in range(3)])
+    assert sectors.shape == (3, 72)
+    assert np.isfinite(sectors[0]).sum() >= 5

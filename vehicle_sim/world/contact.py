@@ -1,0 +1,135 @@
+"""Where bodies meet the world: what they can stand on, and what ends their flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.world.world import World
+
+FloatArray = NDArray[np.float64]
+
+BODY_RADIUS_M = 0.3
+"""From the centre to the tips of the propellers: the arms of SIH_L_ROLL plus a propeller's radius."""
+ROOF_TOLERANCE_M = 0.15
+"""Who is no deeper in a roof than this stands on it."""
+SLOPE_CRASH_M_S = 1.5
+"""Ground rising towards a vehicle faster than this breaks it; PX4's own ground is flat and breaks nothing."""
+REBOUND = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """Vehicle `row` has flown into something."""
+
+    row: int
+    what: str
+
+
+class Contact:
+    """The world as N bodies touch it.
+
+    Args:
+        world: with terrain or obstacles.
+        count: N.
+    """
+
+    def __init__(self, world: World, count: int) -> None:
+        self._world = world
+        self._before_ned_m_s = np.zeros((count, 3))
+        self.broken = np.zeros(count, dtype=np.bool_)
+        """(N,) who has flown into something since its last start."""
+
+    def support_ned_m(self, position_ned_m: FloatArray) -> FloatArray:
+        """(N,) down coordinate of what carries each body: ground, or the roof it is above."""
+        north, east, down = position_ned_m[:, 0], position_ned_m[:, 1], position_ned_m[:, 2]
+        support = -self._world.terrain.height_m(north, east)
+        for number, box in enumerate(self._world.boxes):
+            x, y = self._inside(number, position_ned_m)
+            roof = -box.roof_alt_home_m
+            over = (np.abs(x) <= box.length_m / 2) & (np.abs(y) <= box.width_m / 2)
+            over &= down <= roof + ROOF_TOLERANCE_M
+            support = np.where(over, np.minimum(support, roof), support)
+        return support
+
+    def before(self, velocity_ned_m_s: FloatArray) -> None:
+        """How fast they were before this step: who has met the ground since is at rest."""
+        self._before_ned_m_s[:] = velocity_ned_m_s
+
+    def collide(self, position_ned_m: FloatArray, velocity_ned_m_s: FloatArray) -> list[Collision]:
+        """Stop who has flown into something (position and velocity are changed in place) and say who it was.
+
+        A broken vehicle is pushed out of what it lies against, silently.
+        """
+        found: list[Collision] = []
+        self._slopes(position_ned_m, velocity_ned_m_s, found)
+        for number, box in enumerate(self._world.boxes):
+            x, y = self._inside(number, position_ned_m)
+            down = position_ned_m[:, 2]
+            reach_x, reach_y = box.length_m / 2 + BODY_RADIUS_M, box.width_m / 2 + BODY_RADIUS_M
+            hit = (np.abs(x) < reach_x) & (np.abs(y) < reach_y)
+            hit &= (down > -box.roof_alt_home_m + ROOF_TOLERANCE_M) & (
+                down < -box.base_alt_home_m + BODY_RADIUS_M
+            )
+            for row in np.flatnonzero(hit):
+                self._push_out(int(row), number, position_ned_m, velocity_ned_m_s)
+                self._break(int(row), box.name, found)
+        return found
+
+    def mend(self, row: int) -> None:
+        """A vehicle that starts anew is whole."""
+        self.broken[row] = False
+
+    def _slopes(self, position: FloatArray, velocity: FloatArray, found: list[Collision]) -> None:
+        terrain = self._world.terrain
+        if terrain.flat:
+            return
+        north, east = position[:, 0], position[:, 1]
+        below = position[:, 2] > -terrain.height_m(north, east)
+        if not below.any():
+            return
+        rise_north, rise_east = terrain.slope(north, east)
+        speed = self._before_ned_m_s
+        closing = rise_north * speed[:, 0] + rise_east * speed[:, 1]
+        for row in np.flatnonzero(below & (closing > SLOPE_CRASH_M_S)):
+            velocity[row] = 0.0
+            self._break(int(row), "the ground", found)
+
+    def _break(self, row: int, what: str, found: list[Collision]) -> None:
+        if not self.broken[row]:
+            self.broken[row] = True
+            found.append(Collision(row, what))
+
+    def _inside(self, number: int, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Horizontal places in the axes of a box."""
+        box = self._world.boxes[number]
+        north, east = position[:, 0] - box.north_m, position[:, 1] - box.east_m
+        c, s = np.cos(box.yaw_ned_rad), np.sin(box.yaw_ned_rad)
+        return c * north + s * east, c * east - s * north
+
+    def _push_out(self, row: int, number: int, position: FloatArray, velocity: FloatArray) -> None:
+        box = self._world.boxes[number]
+        xs, ys = self._inside(number, position[row : row + 1])
+        x, y = float(xs[0]), float(ys[0])
+        underside = -box.base_alt_home_m + BODY_RADIUS_M
+        ways = {
+            "x": box.length_m / 2 + BODY_RADIUS_M - abs(x),
+            "y": box.width_m / 2 + BODY_RADIUS_M - abs(y),
+        }
+        if box.base_alt_home_m > 0.0:
+            ways["down"] = underside - float(position[row, 2])
+        nearest = min(ways, key=ways.__getitem__)
+        if nearest == "down":
+            position[row, 2] = underside
+            velocity[row, 2] = abs(float(velocity[row, 2])) * REBOUND
+            return
+        c, s = np.cos(box.yaw_ned_rad), np.sin(box.yaw_ned_rad)
+        normal = (
+            np.array([c, s]) * np.sign(x or 1.0) if nearest == "x" else np.array([-s, c]) * np.sign(y or 1.0)
+        )
+        position[row, :2] += normal * ways[nearest]
+        inward = float(velocity[row, :2] @ normal)
+        if inward < 0.0:
+            velocity[row, :2] -= (1.0 + REBOUND) * inward * normal

@@ -1,0 +1,67 @@
+"""The vehicles' lidars: PX4's own one downwards, and those that a world adds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.state import TruthState
+from vehicle_sim.world.raycast import RayCaster
+from vehicle_sim.world.world import World
+
+FloatArray = NDArray[np.float64]
+
+SECTORS = 72
+SECTOR_DEG = 5.0
+SAMPLE_EVERY_STEPS = 5
+"""50 Hz, as the distance sensor of PX4's simulation."""
+
+
+class Lidar:
+    """Distances of all N vehicles, measured when somebody asks and at most at 50 Hz.
+
+    Args:
+        world: what can be seen.
+        truth: where the vehicles are.
+    """
+
+    def __init__(self, world: World, truth: TruthState) -> None:
+        self.world = world
+        self._truth = truth
+        self._caster = RayCaster(world)
+        angles = np.radians(SECTOR_DEG) * np.arange(SECTORS)
+        self._around_frd = np.stack([np.cos(angles), np.sin(angles), np.zeros(SECTORS)], axis=1)
+        self._down_frd = np.array([[0.0, 0.0, 1.0]])
+        self._forward_frd = np.array([[1.0, 0.0, 0.0]])
+        self._kept: dict[str, tuple[int, FloatArray]] = {}
+
+    def down_m(self, step: int, matrix: FloatArray) -> FloatArray:
+        """(N,) along the body's down axis; inf where there is nothing."""
+        return self._measured("down", self._down_frd, math.inf, step, matrix)[:, 0]
+
+    def forward_m(self, step: int, matrix: FloatArray) -> FloatArray:
+        """(N,) straight ahead."""
+        return self._measured("forward", self._forward_frd, self.world.lidars.range_m, step, matrix)[:, 0]
+
+    def around_m(self, step: int, matrix: FloatArray) -> FloatArray:
+        """(N, 72) clockwise from the nose."""
+        return self._measured("around", self._around_frd, self.world.lidars.range_m, step, matrix)
+
+    def _measured(
+        self, name: str, rays_frd: FloatArray, range_m: float, step: int, matrix: FloatArray
+    ) -> FloatArray:
+        """Cast `rays_frd` (R, 3) from every vehicle; (N, R)."""
+        slot = step // SAMPLE_EVERY_STEPS
+        kept = self._kept.get(name)
+        if kept is not None and kept[0] == slot:
+            return kept[1]
+        count, rays = matrix.shape[0], rays_frd.shape[0]
+        direction = np.einsum("nij,rj->nri", matrix, rays_frd).reshape(-1, 3)
+        origin = np.repeat(self._truth.position_ned_m, rays, axis=0)
+        # Terrain is marched through in steps: a lidar sees no further than its message can say.
+        reach = min(range_m, 655.0)
+        distance = self._caster.cast(origin, direction, reach).distance_m.reshape(count, rays)
+        self._kept[name] = slot, distance
+        return distance

@@ -1,0 +1,112 @@
+"""How far rays fly until they meet ground or an obstacle, for any number of rays at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.world.world import World
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+NOTHING, GROUND = -2, -1
+"""What a ray met where it is no box."""
+MARCH_STEPS = 64
+BISECTIONS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Hits:
+    """Where M rays ended."""
+
+    distance_m: FloatArray
+    """(M,) inf where nothing was met."""
+    what: IntArray
+    """(M,) NOTHING, GROUND or the number of the box."""
+
+
+class RayCaster:
+    """Rays through one world."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        boxes = world.boxes
+        self._centre = np.array([[b.north_m, b.east_m, -(b.base_alt_home_m + b.height_m / 2)] for b in boxes])
+        self._half = np.array([[b.length_m, b.width_m, b.height_m] for b in boxes]).reshape(-1, 3) / 2
+        yaw = np.array([b.yaw_ned_rad for b in boxes])
+        self._cos, self._sin = np.cos(yaw), np.sin(yaw)
+
+    def cast(self, origin_ned_m: FloatArray, direction_ned: FloatArray, range_m: FloatArray | float) -> Hits:
+        """Follow rays from (M, 3) along unit vectors (M, 3) up to `range_m`."""
+        distance = self._ground(origin_ned_m, direction_ned, np.broadcast_to(range_m, origin_ned_m.shape[:1]))
+        what = np.where(np.isfinite(distance), GROUND, NOTHING).astype(np.int64)
+        for number in range(len(self.world.boxes)):
+            met = self._box(number, origin_ned_m, direction_ned)
+            nearer = met < distance
+            distance = np.where(nearer, met, distance)
+            what[nearer] = number
+        beyond = distance > range_m
+        distance[beyond] = np.inf
+        what[beyond] = NOTHING
+        return Hits(distance, what)
+
+    def _box(self, number: int, origin: FloatArray, direction: FloatArray) -> FloatArray:
+        """Slab test in the box's own axes; a ray that starts inside has met it at once."""
+        offset = origin - self._centre[number]
+        turned = [self._turn(number, offset), self._turn(number, direction)]
+        at, along = turned
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = (-self._half[number] - at) / along, (self._half[number] - at) / along
+        near = np.fmax.reduce(np.fmin(first, second), axis=1)
+        far = np.fmin.reduce(np.fmax(first, second), axis=1)
+        # A ray along a slab is parallel to it for ever: inside it or never.
+        outside = ((along == 0.0) & (np.abs(at) > self._half[number])).any(axis=1)
+        return np.where((far >= np.maximum(near, 0.0)) & ~outside, np.maximum(near, 0.0), np.inf)
+
+    def _turn(self, number: int, vectors: FloatArray) -> FloatArray:
+        c, s = self._cos[number], self._sin[number]
+        return np.stack(
+            [c * vectors[:, 0] + s * vectors[:, 1], c * vectors[:, 1] - s * vectors[:, 0], vectors[:, 2]],
+            axis=1,
+        )
+
+    def _ground(self, origin: FloatArray, direction: FloatArray, range_m: FloatArray) -> FloatArray:
+        down = direction[:, 2]
+        if self.world.terrain.flat:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distance = np.where(down > 0.0, np.maximum(-origin[:, 2], 0.0) / down, np.inf)
+            return distance
+        return self._march(origin, direction, range_m)
+
+    def _march(self, origin: FloatArray, direction: FloatArray, range_m: FloatArray) -> FloatArray:
+        """Steps that grow with the distance, then bisection between the last above and the first below."""
+        distance = np.full(origin.shape[0], np.inf)
+        flying = np.flatnonzero(range_m > 0.0)
+        before = np.zeros(flying.shape)
+        for step in range(1, MARCH_STEPS + 1):
+            if not flying.size:
+                break
+            at = range_m[flying] * (step / MARCH_STEPS) ** 1.5
+            below = self._below(origin[flying], direction[flying], at)
+            if below.any():
+                rows = flying[below]
+                distance[rows] = self._between(origin[rows], direction[rows], before[below], at[below])
+            flying, before = flying[~below], at[~below]
+        return distance
+
+    def _between(
+        self, origin: FloatArray, direction: FloatArray, low: FloatArray, high: FloatArray
+    ) -> FloatArray:
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            below = self._below(origin, direction, middle)
+            high = np.where(below, middle, high)
+            low = np.where(below, low, middle)
+        return high
+
+    def _below(self, origin: FloatArray, direction: FloatArray, at: FloatArray) -> np.ndarray:
+        point = origin + direction * at[:, None]
+        return -point[:, 2] <= self.world.terrain.height_m(point[:, 0], point[:, 1])

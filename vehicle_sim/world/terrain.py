@@ -1,0 +1,80 @@
+"""The shape of the ground: flat as in PX4's own simulation, with hills or a grid of heights on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Hill:
+    """A round hill whose slope begins and ends level (raised cosine)."""
+
+    north_m: float
+    east_m: float
+    height_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeightGrid:
+    """Heights on a square grid, bilinear between its points; outside it the border's go on."""
+
+    north_m: float
+    """Of the south-west corner."""
+    east_m: float
+    spacing_m: float
+    heights_m: FloatArray
+    """(rows to the north, columns to the east) above home's level."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """Heights above home's level: a grid (else 0) plus all hills."""
+
+    hills: tuple[Hill, ...] = ()
+    grid: HeightGrid | None = None
+
+    @property
+    def flat(self) -> bool:
+        """Whether it is home's level everywhere."""
+        return not self.hills and self.grid is None
+
+    @property
+    def highest_m(self) -> float:
+        """No ground lies higher."""
+        grid = 0.0 if self.grid is None else max(0.0, float(self.grid.heights_m.max()))
+        return grid + sum(max(0.0, hill.height_m) for hill in self.hills)
+
+    def height_m(self, north_m: FloatArray, east_m: FloatArray) -> FloatArray:
+        """Height above home's level at places of any shape."""
+        height = np.zeros(np.shape(north_m))
+        if self.grid is not None:
+            height = height + _bilinear(self.grid, north_m, east_m)
+        for hill in self.hills:
+            part = np.hypot(north_m - hill.north_m, east_m - hill.east_m) / hill.radius_m
+            height = height + 0.5 * hill.height_m * (1.0 + np.cos(np.pi * np.minimum(part, 1.0)))
+        return height
+
+    def slope(self, north_m: FloatArray, east_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rise per metre to the north and to the east."""
+        d = 0.1
+        north = self.height_m(north_m + d, east_m) - self.height_m(north_m - d, east_m)
+        east = self.height_m(north_m, east_m + d) - self.height_m(north_m, east_m - d)
+        return north / (2 * d), east / (2 * d)
+
+
+def _bilinear(grid: HeightGrid, north_m: FloatArray, east_m: FloatArray) -> FloatArray:
+    heights = grid.heights_m
+    row = np.clip((north_m - grid.north_m) / grid.spacing_m, 0.0, heights.shape[0] - 1.0)
+    column = np.clip((east_m - grid.east_m) / grid.spacing_m, 0.0, heights.shape[1] - 1.0)
+    r = np.minimum(row.astype(np.int64), heights.shape[0] - 2)
+    c = np.minimum(column.astype(np.int64), heights.shape[1] - 2)
+    v, u = row - r, column - c
+    south = heights[r, c] * (1 - u) + heights[r, c + 1] * u
+    north = heights[r + 1, c] * (1 - u) + heights[r + 1, c + 1] * u
+    return south * (1 - v) + north * v

@@ -1,0 +1,84 @@
+"""What stands around the vehicles: ground, boxes and walls, and which lidars see them.
+
+Places are local NED from home. An obstacle's `base_alt_home_m` is the height of its underside above home's
+level, so that a bridge can be flown under; its roof can be stood on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.world.terrain import Terrain
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """An upright box; walls are thin ones."""
+
+    name: str
+    north_m: float
+    east_m: float
+    """Of its centre."""
+    length_m: float
+    """Along its own x axis (north where yaw is 0)."""
+    width_m: float
+    height_m: float
+    base_alt_home_m: float = 0.0
+    yaw_ned_rad: float = 0.0
+
+    @property
+    def roof_alt_home_m(self) -> float:
+        """Height of its upper side above home's level."""
+        return self.base_alt_home_m + self.height_m
+
+
+def wall(
+    name: str, start_ne_m: tuple[float, float], end_ne_m: tuple[float, float], *, height_m: float,
+    thickness_m: float, base_alt_home_m: float = 0.0,
+) -> Box:  # fmt: skip
+    """A box from one place to another."""
+    north, east = end_ne_m[0] - start_ne_m[0], end_ne_m[1] - start_ne_m[1]
+    return Box(
+        name,
+        0.5 * (start_ne_m[0] + end_ne_m[0]),
+        0.5 * (start_ne_m[1] + end_ne_m[1]),
+        math.hypot(north, east),
+        thickness_m,
+        height_m,
+        base_alt_home_m,
+        math.atan2(east, north),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Lidars:
+    """Which lidars the vehicles carry besides the one that PX4's simulation always points down."""
+
+    forward: bool = False
+    """A second DISTANCE_SENSOR, straight ahead."""
+    around: bool = False
+    """OBSTACLE_DISTANCE: 72 sectors of 5 degrees, level with the body."""
+    range_m: float = 20.0
+    """How far these two see."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """Ground, obstacles and lidars; frozen, shared by all vehicles."""
+
+    name: str = "flat"
+    terrain: Terrain = field(default_factory=Terrain)
+    boxes: tuple[Box, ...] = ()
+    lidars: Lidars = field(default_factory=Lidars)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing but flat ground, as in PX4's own simulation."""
+        return self.terrain.flat and not self.boxes

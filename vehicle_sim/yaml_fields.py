@@ -1,0 +1,216 @@
+"""Reading YAML that people write by hand: every complaint names the file, the line, the field and the fix."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+LARGEST_BYTES = 2_000_000
+
+
+class FileProblem(ValueError):
+    """A file that cannot be used; the text says where, why and what to write instead."""
+
+
+def read_yaml(path: Path) -> Fields:
+    """The mapping that a file holds.
+
+    Raises:
+        FileProblem: no such file, no YAML, or no mapping.
+    """
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise FileProblem(f"{path}: larger than {LARGEST_BYTES // 1_000_000} MB; is it the right file?")
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise FileProblem(f"{path}: {reason}; name a file that can be read") from None
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, source: str) -> Fields:
+    """The same of a text; `source` names it in complaints.
+
+    Raises:
+        FileProblem: no YAML, or no mapping.
+    """
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "cannot be read"
+        raise FileProblem(f"{source}{line}: not YAML ({problem})") from None
+    if node is None:
+        raise FileProblem(f"{source}: empty; write `name: …` and what it holds")
+    return Fields(source, "", node)
+
+
+class Fields:
+    """One mapping of a file. What is asked for is checked; `finish` complains about what nobody asked for."""
+
+    def __init__(self, source: str, path: str, node: yaml.Node) -> None:
+        self._source = source
+        self._path = path
+        self._node = node
+        self._asked: set[str] = set()
+        self._nodes: dict[str, yaml.Node] = {}
+        if not isinstance(node, yaml.MappingNode):
+            raise self._problem(node, path, "must hold `name: value` lines")
+        for key, value in node.value:
+            name = str(key.value)
+            if name in self._nodes:
+                raise self._problem(key, self._at(name), "stands here twice; keep one")
+            self._nodes[name] = value
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The keys, in order."""
+        return tuple(self._nodes)
+
+    def problem(self, key: str | None, text: str) -> FileProblem:
+        """A complaint about one field (None: about the whole mapping)."""
+        node = self._node if key is None else self._nodes.get(key, self._node)
+        return self._problem(node, self._path if key is None else self._at(key), text)
+
+    def has(self, key: str) -> bool:
+        """Whether the field is there."""
+        return key in self._nodes
+
+    def number(
+        self, key: str, default: float | None = None, *, low: float = -1e6, high: float = 1e6
+    ) -> float:
+        """A number within bounds; required where there is no default."""
+        value = self._scalar(key)
+        if value is None:
+            return self._default(key, default, "a number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise self.problem(key, f"is {_said(value)}; give a number from {_plain(low)} to {_plain(high)}")
+        return float(value)
+
+    def integer(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
+        """A whole number within bounds."""
+        value = self.number(key, default, low=low, high=high)
+        if not value.is_integer():
+            raise self.problem(key, f"is {_plain(value)}; give a whole number")
+        return int(value)
+
+    def numbers(self, key: str, count: int, what: str) -> tuple[float, ...]:
+        """A list such as [1, 2, 3]; `what` names its parts."""
+        values = self._value(self._required(key, what))
+        good = isinstance(values, list) and len(values) == count and all(_is_number(v) for v in values)
+        if not good:
+            raise self.problem(key, f"is {_said(values)}; give {what}")
+        return tuple(float(v) for v in values)
+
+    def rows(self, key: str) -> list[list[float]]:
+        """A table of numbers whose lines are equally long, two by two at least."""
+        what = "at least two lists of at least two numbers, all equally long"
+        rows = self._value(self._required(key, what))
+        good = isinstance(rows, list) and len(rows) > 1 and all(isinstance(row, list) for row in rows)
+        good = good and len({len(row) for row in rows}) == 1 and len(rows[0]) > 1
+        if not (good and all(_is_number(v) for row in rows for v in row)):
+            raise self.problem(key, f"must be {what}")
+        return [[float(v) for v in row] for row in rows]
+
+    def flag(self, key: str, default: bool) -> bool:
+        """true or false."""
+        value = self._scalar(key)
+        if value is None:
+            return default
+        if not isinstance(value, bool):
+            raise self.problem(key, f"is {_said(value)}; give true or false")
+        return value
+
+    def text(self, key: str, default: str | None = None, *, choices: Sequence[str] = ()) -> str:
+        """A word or a line, one of `choices` where there are any."""
+        wanted = f"one of {', '.join(choices)}" if choices else "a text"
+        value = self._scalar(key)
+        if value is None:
+            if default is None:
+                raise self.problem(None, f"lacks {key}; give {wanted}")
+            return default
+        if isinstance(value, bool) and choices:
+            value = {True: "on", False: "off"}[value]
+        if not isinstance(value, str) or (choices and value not in choices):
+            raise self.problem(key, f"is {_said(value)}; give {wanted}")
+        return value
+
+    def mapping(self, key: str) -> Fields | None:
+        """A mapping inside, or None."""
+        self._asked.add(key)
+        return Fields(self._source, self._at(key), self._nodes[key]) if key in self._nodes else None
+
+    def items(self, key: str) -> list[Fields]:
+        """A list of mappings; empty where the field is missing."""
+        self._asked.add(key)
+        node = self._nodes.get(key)
+        if node is None:
+            return []
+        if not isinstance(node, yaml.SequenceNode):
+            raise self.problem(key, "must be a list; begin each entry with a dash")
+        return [Fields(self._source, f"{self._at(key)}[{n}]", item) for n, item in enumerate(node.value)]
+
+    def finish(self) -> None:
+        """Complain about the first field that means nothing.
+
+        Raises:
+            FileProblem: there is one.
+        """
+        for name in self._nodes:
+            if name not in self._asked:
+                near = difflib.get_close_matches(name, self._asked, 1)
+                known = (
+                    f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(self._asked))}"
+                )
+                raise self.problem(name, f"is not known; {known}")
+
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _at(self, key: str) -> str:
+        return f"{self._path}.{key}" if self._path else key
+
+    def _problem(self, node: yaml.Node, field: str, text: str) -> FileProblem:
+        return FileProblem(f"{self._source} line {node.start_mark.line + 1}: {field or 'the file'} {text}")
+
+    def _required(self, key: str, what: str) -> yaml.Node:
+        self._asked.add(key)
+        if key not in self._nodes:
+            raise self.problem(None, f"lacks {key}; give {what}")
+        return self._nodes[key]
+
+    def _default(self, key: str, default: float | None, what: str) -> float:
+        if default is None:
+            raise self.problem(None, f"lacks {key}; give {what}")
+        return default
+
+    def _scalar(self, key: str) -> Any:
+        self._asked.add(key)
+        return self._value(self._nodes[key]) if key in self._nodes else None
+
+    def _value(self, node: yaml.Node) -> Any:
+        loader = yaml.SafeLoader("")
+        try:
+            return loader.construct_object(node, deep=True)
+        except yaml.YAMLError:
+            raise self._problem(node, self._path, "holds what is neither text nor number") from None
+        finally:
+            loader.dispose()
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _said(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def _plain(value: float) -> str:
+    return f"{value:g}"
