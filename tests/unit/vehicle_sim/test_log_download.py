@@ -1,0 +1,133 @@
+"""Logs by LOG_* messages: listed, sent in parts, asked for again where parts were lost, erased."""
+
+import random
+
+import pytest
+from sim_station import Station
+from test_ftp import Client
+
+from vehicle_sim.mavlink.services import ftp
+
+TARGET = {"target_system": 1, "target_component": 1}
+
+
+@pytest.fixture
+def station():
+    """One finished log, and a second one that runs."""
+    station = Station(log=True, boot_time_unix_s=1795222005)
+    station.run(2)
+    logger = station.sim.loggers[0]
+    logger.stop()
+    station.sim.simulation.parameters[0].set("SDLOG_MODE", 2)
+    assert logger.start_by_hand()
+    station.run(1)
+    return station
+
+
+def host_bytes(station, number):
+    folder = station.sim.files[0].root / "log"
+    return sorted(folder.rglob("*.ulg"))[number].read_bytes()
+
+
+def request(station, name, seconds=0.5, **fields):
+    since_s = station.now_s
+    station.send(name, **TARGET, **fields)
+    station.run(seconds)
+    return [m for t, _, m in station.log if t > since_s and m.name in ("LOG_ENTRY", "LOG_DATA")]
+
+
+def test_the_list_tells_number_time_and_size(station):
+    first, second = request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)
+    assert (first.values["id"], first.num_logs, first.last_log_num) == (0, 2, 2)
+    assert first.time_utc == 1795222005
+    assert first.size == len(host_bytes(station, 0))
+    assert (second.values["id"], second.time_utc) == (1, 1795222007)
+    (only,) = request(station, "LOG_REQUEST_LIST", start=1, end=1)
+    assert only.values["id"] == 1
+
+
+@pytest.mark.parametrize("bounds", [(5, 9), (2, 0xFFFF)])
+def test_a_list_of_logs_that_are_not_there_is_silence(station, bounds):
+    assert request(station, "LOG_REQUEST_LIST", start=bounds[0], end=bounds[1]) == []
+
+
+def test_parts_hold_ninety_bytes_and_the_last_one_the_rest(station):
+    whole = host_bytes(station, 0)
+    parts = request(station, "LOG_REQUEST_DATA", id=0, ofs=len(whole) - 100, count=1000)
+    assert [(m.ofs, m.count) for m in parts] == [(len(whole) - 100, 90), (len(whole) - 10, 10)]
+    assert bytes(parts[0].data) + bytes(parts[1].data[:10]) == whole[-100:]
+
+
+@pytest.mark.parametrize("fields", [{"id": 50, "ofs": 0, "count": 90}, {"id": 0, "ofs": 1 << 30, "count": 90},
+                                    {"id": 0, "ofs": 0, "count": 0}])  # fmt: skip
+def test_nonsense_is_answered_by_silence(station, fields):
+    assert request(station, "LOG_REQUEST_DATA", **fields) == []
+
+
+def test_a_download_that_loses_parts_ends_as_what_ftp_reads(station):
+    (entry,) = [m for m in request(station, "LOG_REQUEST_LIST", start=0, end=0)]
+    lossy, got = random.Random(3), {}
+    for _ in range(40):
+        missing = [at for at in range(0, entry.size, 90) if at not in got]
+        if not missing:
+            break
+        count = 90 * (
+            1 + next((k for k in range(1, len(missing)) if missing[k] != missing[0] + 90 * k), 0) or 1
+        )
+        count = min(entry.size - missing[0], count if len(missing) < 200 else entry.size)
+        for part in request(station, "LOG_REQUEST_DATA", 1.0, id=0, ofs=missing[0], count=count):
+            if lossy.random() > 0.05:
+                got[part.ofs] = bytes(part.data[: part.count])
+        station.log.clear()
+        if len(missing) < 200:
+            for at in missing:
+                for part in request(station, "LOG_REQUEST_DATA", 0.02, id=0, ofs=at, count=90):
+                    got[part.ofs] = bytes(part.data[: part.count])
+    downloaded = b"".join(got[at] for at in sorted(got))
+    assert downloaded == host_bytes(station, 0)
+    path = sorted((station.sim.files[0].root / "log").rglob("*.ulg"))[0].relative_to(
+        station.sim.files[0].root
+    )
+    client, read = Client(station.sim), b""
+    assert client.one(ftp.OPEN_RO, str(path).encode())[0] == ftp.ACK
+    while len(read) < len(downloaded):
+        answers = client.ask(ftp.BURST, offset=len(read), wait_s=0.4)
+        read += b"".join(data for head, data in answers if head[2] == ftp.ACK)
+    assert read == downloaded
+
+
+def test_five_thousand_parts_a_second_at_most_and_an_end_on_request(station):
+    parts = request(station, "LOG_REQUEST_DATA", 0.1, id=0, ofs=0, count=0xFFFFFFFF)
+    assert 400 <= len(parts) <= 520
+    station.send("LOG_REQUEST_END", **TARGET)
+    station.run(0.02)
+    since_s = station.now_s
+    station.run(0.2)
+    assert station.heard("LOG_DATA", since_s=since_s + 0.001) == []
+
+
+def test_erasing_leaves_nothing_and_the_vehicle_logs_again_after_the_next_arming(station):
+    station.send("LOG_ERASE", **TARGET)
+    station.run(0.2)
+    assert request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF) == []
+    station.sim.loggers[0].stop()
+    assert station.sim.loggers[0].start_by_hand()
+    station.run(0.1)
+    assert len(request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)) == 1
+
+
+def test_who_is_not_meant_stays_silent(station):
+    station.send("LOG_REQUEST_LIST", target_system=2, target_component=1, start=0, end=0xFFFF)
+    station.send("LOG_ERASE", target_system=1, target_component=42)
+    since_s = station.now_s
+    station.run(0.2)
+    assert station.heard("LOG_ENTRY", since_s=since_s) == []
+    assert host_bytes(station, 0)
+
+
+def test_a_log_erased_during_its_download_ends_it(station):
+    station.send("LOG_REQUEST_DATA", **TARGET, id=0, ofs=0, count=0xFFFFFFFF)
+    station.run(0.05)
+    station.sim.files[0].forget("log")
+    station.run(0.1)
+    assert not station.sim.nodes[0]._logs.busy

@@ -1,0 +1,286 @@
+"""Onboard logs read back by pyulog: what was flown stands in them, as often as in PX4's own."""
+
+import json
+from io import FileIO
+
+import numpy as np
+import pytest
+from pyulog import ULog
+from sim_station import Station
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.storage.files import VehicleFiles
+
+ARMED_AT_S, BOOT_UNIX_S = 12.0, 1795222005  # 2026-11-21 00:46:45 UTC
+RECORDED_HEAD = (
+    "554c6f67011235014072070000000000280042010000000000000000000000000000000000000000000000000000000000000000"
+    "000000000000003800490f636861725b34305d207665725f7377366561333533393135376361333538633730613531353837"
+    "386237373037376166376434363131641c00491775696e7433325f74207665725f73775f72656c65617365ff001001230049"
+    "1e75696e7433325f74207665725f76656e646f725f73775f72656c65"
+)
+"""The first 180 bytes of a log, as a PX4 sent them."""
+
+
+class Flight:
+    """A vehicle that was armed for a while; its log and what the simulation held meanwhile."""
+
+    def __init__(self, folder):
+        files = VehicleFiles(folder)
+        self.station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S, files=[files])
+        sim = self.station.sim
+        self.station.run(ARMED_AT_S)
+        assert sim.loggers[0].running
+        sim.simulation.parameters[0].set("MPC_XY_CRUISE", 7.0)
+        self.station.command(400, 1)
+        self.seen = {}
+        for _ in range(750):
+            sim.step(0.004)
+            estimate = sim.simulation.estimate
+            self.seen[round(sim.time_s * 1e6)] = (
+                estimate.q_ned_frd[0].copy(), estimate.position_ned_m[0].copy(),
+                sim.simulation.sensors.gyro_frd_rad_s[0].copy(), float(estimate.lat_deg[0]),
+                sim.simulation.motors_us[0].copy(),
+            )  # fmt: skip
+        self.station.command(400, 0)
+        self.station.run(0.9)
+        assert sim.loggers[0].running
+        self.station.run(0.3)
+        assert not sim.loggers[0].running
+        self.path = folder / sim.loggers[0].path
+        self.log = ULog(str(self.path))
+        self.data = {each.name: each.data for each in self.log.data_list}
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    return Flight(tmp_path_factory.mktemp("vehicle"))
+
+
+def test_it_is_named_by_the_time_and_begins_as_px4s_does(flight):
+    assert str(flight.path).endswith("log/2026-11-21/00_46_45.ulg")
+    assert flight.path.read_bytes()[:180].hex() == RECORDED_HEAD
+    assert flight.log.msg_info_dict["sys_name"] == "PX4"
+    assert flight.log.msg_info_dict["time_ref_utc"] == 0
+    assert not flight.log.dropouts
+    assert not flight.log.file_corruption
+
+
+@pytest.mark.parametrize(
+    ("topic", "columns", "index"),
+    [
+        ("vehicle_attitude", [f"q[{k}]" for k in range(4)], 0),
+        ("vehicle_local_position", ["x", "y", "z"], 1),
+        ("sensor_combined", [f"gyro_rad[{k}]" for k in range(3)], 2),
+        ("vehicle_global_position", ["lat"], 3),
+        ("actuator_outputs", [f"output[{k}]" for k in range(4)], 4),
+    ],
+)
+def test_values_are_those_of_the_simulation_at_that_time(flight, topic, columns, index):
+    data = flight.data[topic]
+    compared = 0
+    for k, time_us in enumerate(data["timestamp"]):
+        if int(time_us) in flight.seen:
+            written = np.array([data[name][k] for name in columns])
+            known = np.atleast_1d(flight.seen[int(time_us)][index])
+            assert written == pytest.approx(np.round(known) if topic.endswith("outputs") else known, rel=1e-6)
+            compared += 1
+    assert compared >= 29
+
+
+def test_motors_are_no_numbers_until_armed(flight):
+    motors = flight.data["actuator_motors"]
+    before = motors["timestamp"] < ARMED_AT_S * 1e6
+    assert np.isnan(motors["control[0]"][before]).all()
+    armed = (motors["timestamp"] > (ARMED_AT_S + 0.5) * 1e6) & (motors["timestamp"] < (ARMED_AT_S + 3) * 1e6)
+    assert (motors["control[0]"][armed] >= 0.0).all()
+    assert np.isnan(motors["control[4]"]).all()
+
+
+def test_state_topics_are_written_when_they_change(flight):
+    status = flight.data["vehicle_status"]
+    armed_at = status["timestamp"][np.flatnonzero(status["arming_state"] == 2)[0]]
+    assert armed_at == pytest.approx(ARMED_AT_S * 1e6, abs=30_000)
+    assert status["armed_time"].max() == pytest.approx(ARMED_AT_S * 1e6, abs=30_000)
+    assert set(status["nav_state"]) == {4}
+    assert status["latest_arming_reason"].max() == 4
+    assert flight.data["actuator_armed"]["armed"].max() == 1
+    assert flight.data["battery_status"]["voltage_v"].min() > 14.0
+    assert flight.data["estimator_status_flags"]["cs_gnss_pos"][-1] == 1
+    assert flight.data["vehicle_land_detected"]["landed"][0] == 1
+
+
+def test_every_topic_of_px4s_log_that_is_here_has_its_fields_and_its_rate(flight, shared):
+    facts = json.loads((shared / "px4/logs/flight-short.json").read_text())
+    theirs = {topic["name"]: topic for topic in facts["topics"] if topic["instance"] == 0}
+    assert len(theirs.keys() & flight.data.keys()) >= 39
+    for name, data in flight.data.items():
+        assert name in theirs, f"{name} is no topic of PX4's log"
+        assert not data.keys() - set(theirs[name]["fields"]), name
+        times = data["timestamp"].astype(np.int64)
+        assert (np.diff(times) > 0).all() or name == "event"
+        hz = theirs[name]["hz"]
+        if hz is not None and hz >= 5.0 and len(times) > 20:
+            assert (len(times) - 1) / ((times[-1] - times[0]) / 1e6) == pytest.approx(hz, rel=0.03), name
+
+
+def test_parameters_as_they_were_and_as_they_became(flight):
+    log = flight.log
+    assert len(log.initial_parameters) == 929
+    assert log.initial_parameters["MPC_XY_CRUISE"] == pytest.approx(5.0)
+    assert log.initial_parameters["SDLOG_MODE"] == 1
+    changes = [(name, value) for _, name, value in log.changed_parameters]
+    assert ("MPC_XY_CRUISE", pytest.approx(7.0)) in changes
+
+
+def test_texts_and_events_stand_in_it(flight):
+    texts = [(each.log_level_str(), each.message) for each in flight.log.logged_messages]
+    assert ("INFO", "Armed by external command\t") in texts
+    events = flight.data["event"]
+    assert {17980399} <= set(events["id"])
+    assert events["event_sequence"].max() <= 0xFFFF
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [(-1, (False, False, False)), (0, (False, True, False)), (1, (True, True, False)),
+     (2, (True, True, True)), (3, (False, False, False)), (4, (False, True, True))],
+)  # fmt: skip
+def test_sdlog_mode_says_from_when_to_when(mode, expected):
+    station = Station(log=True, parameters={"SDLOG_MODE": mode})
+    station.run(12)
+    logger, commander = station.sim.loggers[0], station.sim.autopilots[0].commander
+    seen = [logger.running]
+    assert commander.arm()
+    station.run(0.1)
+    seen.append(logger.running)
+    assert commander.disarm()
+    station.run(1.5)
+    seen.append(logger.running)
+    assert tuple(seen) == expected
+    station.sim.close()
+    assert not logger.running
+
+
+def test_the_next_arming_opens_the_next_file_and_says_so():
+    station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S)
+    station.run(12)
+    for _ in range(2):
+        station.command(400, 1)
+        station.run(0.3)
+        station.command(400, 0)
+        station.run(0.3)
+    logger = station.sim.loggers[0]
+    assert logger.path == "log/2026-11-21/00_46_57.ulg"
+    heard = station.heard("EVENT", since_s=11.9)
+    opened = [bytes(m.arguments)[:7] for m in heard if m.values["id"] == 17980399]
+    assert opened == [bytes((0xEA, 0x07, 11, 21, 0, 46, 57))]
+    assert f"[logger] ./{logger.path}\t" in station.texts(since_s=11.9)
+
+
+def test_two_logs_of_one_second_get_two_names():
+    sim = VehicleSim(log=True, parameters={"SDLOG_MODE": -1})
+    sim.simulation.parameters[0].set("SDLOG_MODE", 0)
+    sim.step(1.0)
+    logger, paths = sim.loggers[0], []
+    for _ in range(3):
+        assert logger.start_by_hand()
+        paths.append(logger.path)
+        logger.stop_by_hand()
+    assert len(set(paths)) == 3
+    assert paths[1] == paths[0].replace(".ulg", "_01.ulg")
+
+
+def test_the_default_profile_alone_writes_less():
+    sim = VehicleSim(log=True, parameters={"SDLOG_PROFILE": 1})
+    sim.step(3.0)
+    sim.close()
+    log = ULog(str(sim.files[0].host_path(sim.loggers[0].path)))
+    data = {each.name: len(each.data["timestamp"]) / 2.5 for each in log.data_list}
+    assert data["vehicle_attitude"] == pytest.approx(20, abs=1)
+    assert data["vehicle_local_position"] == pytest.approx(10, abs=1)
+    assert data["estimator_status"] == pytest.approx(5, abs=1)
+
+
+def test_each_vehicle_of_a_fleet_writes_its_own():
+    sim = VehicleSim(3, log=True)
+    sim.step(2.0)
+    sim.loggers[1].stop()
+    sim.step(1.0)
+    sim.close()
+    logs = [ULog(str(f.host_path(one.path))) for f, one in zip(sim.files, sim.loggers, strict=True)]
+    ends = [log.last_timestamp for log in logs]
+    assert ends[1] <= 2_004_000 < 2_900_000 < ends[0]
+    east = [log.get_dataset("vehicle_local_position_groundtruth").data["y"][-1] for log in logs]
+    assert east == pytest.approx([0.0, 3.0, 6.0], abs=1e-3)
+    assert [int(log.get_dataset("vehicle_status").data["system_id"][0]) for log in logs] == [1, 2, 3]
+
+
+def test_the_oldest_days_go_when_there_are_too_many(tmp_path):
+    for day in range(1, 11):
+        (tmp_path / f"log/2026-01-{day:02d}").mkdir(parents=True)
+    sim = VehicleSim(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_DIRS_MAX": 3})
+    sim.step(0.6)
+    kept = sorted(entry.name for entry in (tmp_path / "log").iterdir())
+    assert kept[:3] == ["2026-01-08", "2026-01-09", "2026-01-10"]
+    assert len(kept) == 4
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_the_vehicle_flies_on(tmp_path):
+    (tmp_path / "log").write_text("in the way")
+    station = Station(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_MODE": 0})
+    station.run(12)
+    station.command(400, 1)
+    station.run(0.3)
+    assert station.armed
+    assert not station.sim.loggers[0].running
+    assert any(text.startswith("[logger] no log: ") for text in station.texts())
+
+
+def test_a_disk_that_fills_up_ends_the_log_and_nothing_else():
+    station = Station(log=True)
+    station.run(2)
+    logger = station.sim.loggers[0]
+    logger._file = FileIO("/dev/full", "wb")
+    station.run(1)
+    assert not logger.running
+    assert "[logger] the log ends: No space left on device\t" in station.texts()
+    before_s = station.now_s
+    station.run(1)
+    assert station.heard("HEARTBEAT", since_s=before_s)
+
+
+def test_too_little_room_is_told_before_and_during_a_log():
+    station = Station(log=True, parameters={"SDLOG_MODE": 0})
+    logger, room = station.sim.loggers[0], [10 << 20]
+    logger._room = lambda path: room[0]
+    station.run(2)
+    assert not logger.start_by_hand()
+    station.run(0.1)
+    assert "[logger] no log: 10 MiB left, 50 are needed\t" in station.texts()
+    assert "logger_storage_full" in station.events()
+    room[0] = 10 << 30
+    assert logger.start_by_hand()
+    room[0] = 49 << 20
+    station.run(5.1)
+    assert not logger.running
+
+
+def test_without_logs_nothing_is_written_and_nobody_told():
+    station = Station()
+    station.run(12)
+    assert station.sim.autopilots[0].commander.arm()
+    station.run(0.5)
+    assert not station.sim.loggers[0].start_by_hand()
+    assert "logger_open_file_time" not in station.events()
+    assert "root" not in vars(station.sim.files[0])  # no folder was ever made
+
+
+def test_a_log_does_not_change_the_flight():
+    flights = []
+    for log in (False, True):
+        sim = VehicleSim(log=log, seed=5)
+        sim.step(12)
+        assert sim.autopilots[0].commander.arm()
+        sim.step(1)
+        flights.append(sim.simulation.estimate.position_ned_m.tobytes())
+    assert flights[0] == flights[1]
