@@ -15,6 +15,7 @@ from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.simulation import STEP_S, Home, Simulation
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
@@ -44,6 +45,7 @@ class VehicleSim:
         sensor_noise: False for perfect sensors (the shape of a flight without its wander).
         start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
         world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
+        script: what goes wrong, and when.
         log: whether the vehicles write onboard logs, when SDLOG_MODE says so; without it they cost nothing.
     """
 
@@ -62,6 +64,7 @@ class VehicleSim:
         sensor_noise: bool = True,
         start_ned_m: NDArray[np.float64] | None = None,
         world: World | None = None,
+        script: Script | None = None,
         log: bool = False,
     ) -> None:
         if stores is None:
@@ -86,6 +89,9 @@ class VehicleSim:
         for row in range(count):
             for name, profile in links:
                 self.add_link(row, name, profile)
+        self._down: set[tuple[int, str]] = set()
+        """(row, link) that carry nothing now."""
+        self._script = ScriptRunner(script, self) if script is not None else None
         self._debt_s = 0.0
 
     @property
@@ -109,15 +115,39 @@ class VehicleSim:
 
     def feed(self, instance: int, link: str, data: bytes) -> None:
         """Bytes that arrived for vehicle `instance` (row, from 0) on one of its links."""
-        self.nodes[instance].receive(self._links[instance][link], data)
+        if (instance, link) not in self._down:
+            self.nodes[instance].receive(self._links[instance][link], data)
 
     def drain(self, instance: int, link: str) -> bytes:
         """Bytes the vehicle has sent on this link since the last call."""
-        return b"".join(self._links[instance][link].drain())
+        return b"".join(self.frames(instance, link))
 
     def frames(self, instance: int, link: str) -> list[bytes]:
         """The same as whole frames."""
-        return self._links[instance][link].drain()
+        frames = self._links[instance][link].drain()
+        return [] if (instance, link) in self._down else frames
+
+    def set_link_up(self, instance: int, link: str, up: bool) -> None:
+        """Cut a link (or "all"), in both directions, or let it carry again."""
+        names = ("gcs", "api", "tcp", *self._links[instance]) if link == "all" else (link,)
+        for name in names:
+            if up:
+                self._down.discard((instance, name))
+            else:
+                self._down.add((instance, name))
+
+    def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
+        """A parameter changed from outside, as by a hand in the vehicle."""
+        self.simulation.parameters[instance].set(name, value)
+        self.simulation.reload_parameters(instance)
+
+    def tell_time(self, instance: int, link: str) -> None:
+        """Say SYSTEM_TIME on a link now, as lockstep promises."""
+        body = self.autopilots[instance].body
+        if link in self._links[instance]:
+            self._links[instance][link].send(
+                "SYSTEM_TIME", time_unix_usec=body.time_unix_us(), time_boot_ms=body.time_boot_ms()
+            )
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` pass; what does not fill a simulation step is kept for the next call."""
@@ -134,6 +164,8 @@ class VehicleSim:
         if self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0:
             for autopilot in self.autopilots:
                 autopilot.update()
+            if self._script is not None:
+                self._script.step()
         for node in self.nodes:
             node.step()
         if self._logbook is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import select
 import socket
 import time
@@ -9,10 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.lockstep import Lockstep
 from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
 
 TURN_S = 0.008
 """How often the sockets are looked at: two simulation steps."""
+FLAT_OUT_TURN_S = 0.02
+LOCKSTEP_WAIT_S = 0.05
 MAX_TURN_S = 0.1
 """Simulated time a turn may catch up at once; a machine too slow falls behind instead of freezing."""
 
@@ -47,6 +51,7 @@ class SimServer:
             self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
         ]
         self._stopping = False
+        self._end_s = math.inf
         self.behind_s = 0.0
         """Real time that could not be kept up with, all together."""
 
@@ -88,11 +93,48 @@ class SimServer:
         """Let `run` return."""
         self._stopping = True
 
-    def run(self, speed: float) -> None:
-        """Simulate until stopped; `speed` 1 is real time."""
+    def run(self, speed: float, duration_s: float = math.inf) -> None:
+        """Simulate until stopped, or for so many simulated seconds; `speed` 1 is real time, inf flat out."""
+        self._end_s = self.fleet.time_s + duration_s
+        if math.isinf(speed):
+            self._run_flat_out()
+        else:
+            self._run_at(speed)
+
+    def run_in_lockstep(self, duration_s: float = math.inf) -> None:
+        """Time stands until a client asks for more; it is told when that time has come."""
+        self._end_s = self.fleet.time_s + duration_s
+        asker: Lockstep = Lockstep()
+        while not self._over:
+            self._receive(asker)
+            wanted = asker.take()
+            if wanted is not None:
+                steps = math.ceil(
+                    max(0.0, wanted.time_s - self.fleet.time_s) / self.fleet.simulation.dt_s - 1e-6
+                )
+                for _ in range(steps):
+                    if self._over:
+                        break
+                    self.fleet.step(self.fleet.simulation.dt_s)
+                self.fleet.tell_time(wanted.row, wanted.link)
+            self._send()
+            if wanted is None:
+                self._wait(LOCKSTEP_WAIT_S)
+
+    @property
+    def _over(self) -> bool:
+        return self._stopping or self.fleet.time_s >= self._end_s - 1e-9
+
+    def _run_flat_out(self) -> None:
+        while not self._over:
+            self._receive()
+            self.fleet.step(FLAT_OUT_TURN_S)
+            self._send()
+
+    def _run_at(self, speed: float) -> None:
         started = time.monotonic()
         begun_s = self.fleet.time_s
-        while not self._stopping:
+        while not self._over:
             wanted_s = begun_s + (time.monotonic() - started) * speed
             owed_s = wanted_s - self.fleet.time_s
             if owed_s > MAX_TURN_S * max(1.0, speed):
@@ -130,12 +172,14 @@ class SimServer:
             return
         select.select(sockets, [], [], seconds)
 
-    def _receive(self) -> None:
+    def _receive(self, asker: Lockstep | None = None) -> None:
         for row, vehicle in enumerate(self.vehicles):
             for name, transport in vehicle.transports.items():
                 data = transport.receive()
                 if data and not (isinstance(transport, TcpServer) and not transport.connected):
                     self.fleet.feed(row, name, data)
+                    if asker is not None:
+                        asker.hear(row, name, data)
 
     def _send(self) -> None:
         for row, vehicle in enumerate(self.vehicles):

@@ -100,10 +100,11 @@ class Fields:
             raise self.problem(key, f"is {_plain(value)}; give a whole number")
         return int(value)
 
-    def numbers(self, key: str, count: int, what: str) -> tuple[float, ...]:
-        """A list such as [1, 2, 3]; `what` names its parts."""
+    def numbers(self, key: str, count: int | None, what: str) -> tuple[float, ...]:
+        """A list such as [1, 2, 3] (count None: of any length but none); `what` names its parts."""
         values = self._value(self._required(key, what))
-        good = isinstance(values, list) and len(values) == count and all(_is_number(v) for v in values)
+        good = isinstance(values, list) and values and (count is None or len(values) == count)
+        good = good and all(_is_number(v) for v in values)
         if not good:
             raise self.problem(key, f"is {_said(values)}; give {what}")
         return tuple(float(v) for v in values)

@@ -1,0 +1,99 @@
+"""Fault scripts on a fleet without a clock: each breaks what it names, once, in the step it says."""
+
+import math
+
+import pytest
+
+from tests.unit.vehicle_sim.sim_station import Station
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.script import script_of
+from vehicle_sim.yaml_fields import FileProblem, parse_yaml
+
+
+def script(*events):
+    return script_of(
+        parse_yaml("name: test\nevents:\n" + "".join(f"  - {{{e}}}\n" for e in events), "test.yaml")
+    )
+
+
+def test_by_time_gps_goes_and_comes_again():
+    sim = VehicleSim(script=script("at_s: 2, gps: lost", "at_s: 3.5, gps: ok"))
+    fixes = []
+    for _ in range(50):
+        sim.step(0.1)
+        fixes.append((round(sim.time_s, 1), int(sim.simulation.sensors.gps_fix_type[0])))
+    assert all(fix == 3 for t, fix in fixes if 0.5 < t < 2.0 or t > 3.8)
+    assert all(fix < 3 for t, fix in fixes if 2.2 < t < 3.5)
+
+
+def test_by_state_the_battery_falls_and_the_wind_rises_after_the_lift_off():
+    station = Station(
+        script=script("when: airborne, after_s: 2, battery_percent: 40, wind_ned_m_s: [0, 6, 0]")
+    )
+    station.run(15)
+    assert station.sim.simulation.battery.remaining[0] == 1.0, "still on the ground"
+    station.fly_to(5.0)
+    station.run(6.0)
+    assert station.sim.simulation.battery.remaining[0] <= 0.4
+    assert not station.sim.simulation.truth.on_ground[0]
+
+
+def test_above_a_height_a_motor_stops_on_one_vehicle_only():
+    sim = VehicleSim(2, script=script("above_m: 5, vehicles: [2], motor: {number: 3}"))
+    sim.simulation.truth.position_ned_m[:, 2] = -20.0
+    sim.step(0.1)
+    assert sim.simulation.motor_health.tolist() == [[1, 1, 1, 1], [1, 1, 0, 1]]
+
+
+def test_a_cut_link_is_deaf_and_dumb_and_carries_again():
+    station = Station(
+        script=script("at_s: 3, link: {name: gcs, up: false}", "at_s: 6, link: {name: gcs, up: true}")
+    )
+    station.run(9.0)
+    times = [t for t, link, m in station.log if link == "gcs" and m.name == "HEARTBEAT"]
+    assert min(times) < 3
+    assert max(times) > 6
+    assert not [t for t in times if 3.1 < t < 6.0]
+    assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], "the other link goes on"
+
+
+def test_landed_waits_for_a_flight_and_parameters_are_set():
+    sim = VehicleSim(
+        script=script("when: landed, gps: lost", "at_s: 1, parameter: {name: MPC_XY_CRUISE, value: 3}")
+    )
+    sim.step(2.0)
+    assert sim.simulation.sensors.gps_fix_type[0] == 3, "it has not flown yet"
+    assert sim.simulation.parameters[0].get("MPC_XY_CRUISE") == 3.0
+
+
+def test_a_glitch_moves_what_gps_says():
+    sim = VehicleSim(script=script("at_s: 2, gps_offset_ned_m: [100, 0, 0]"), sensor_noise=False)
+    sim.step(1.9)
+    before = float(sim.simulation.sensors.gps_lat_deg[0])
+    sim.step(1.0)
+    moved_m = math.radians(float(sim.simulation.sensors.gps_lat_deg[0]) - before) * 6371000.0
+    assert moved_m == pytest.approx(100.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("event", "says"),
+    [
+        ("gps: lost", "events[0] needs one of at_s, when, above_m"),
+        ("at_s: 1, when: armed, gps: lost", "needs one of"),
+        ("at_s: 1", "does nothing; give one of gps"),
+        ("at_s: -1, gps: lost", "events[0].at_s is -1; give a number from 0"),
+        ("at_s: 1, gps: off", "gps is 'off'; give one of ok, lost, stuck"),
+        ("when: bored, gps: ok", "give one of armed, disarmed"),
+        ("at_s: 1, motor: {number: 5}", "motor.number is 5; give a number from 1 to 4"),
+        ("at_s: 1, battery_percent: 101", "from 0 to 100"),
+        ("at_s: 1, link: {name: radio}", "give one of gcs, api, tcp, all"),
+        ("at_s: 1, parameter: {name: NOPE, value: 1}", "events[0].parameter.name cannot be set"),
+        ("at_s: 1, gps: ok, wnid_ned_m_s: [1, 2, 3]", "wnid_ned_m_s is not known"),
+        ("at_s: 1, vehicles: [], gps: ok", "a list of system ids"),
+    ],
+)
+def test_a_wrong_event_is_told_where_it_is_wrong(event, says):
+    with pytest.raises(FileProblem) as problem:
+        script(event)
+    assert says in str(problem.value)
+    assert "test.yaml line 3" in str(problem.value)

@@ -1,0 +1,193 @@
+"""The simulator's command line: what can be asked for, and what is wrong with what was."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
+from vehicle_sim.script import Script, load_script
+from vehicle_sim.server import Ports
+from vehicle_sim.simulation import Home
+from vehicle_sim.world.files import load_world, shipped
+from vehicle_sim.world.world import World
+from vehicle_sim.yaml_fields import FileProblem
+
+EPILOG = """\
+Each vehicle N (from 0) has MAVLink system id N+1 and talks MAVLink 2 on
+  UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
+  UDP 14580+N  to an onboard computer or MAVSDK at port 14540+N
+  TCP 5760+N   to one client that connects
+All on loopback unless --bind says otherwise. The first who writes to a UDP port is answered there.
+Nothing is needed beside it: no PX4, no Gazebo. Stop it with Ctrl+C.
+
+examples:
+  python -m vehicle_sim
+  python -m vehicle_sim --instances 3 --home 47.3977,8.5456,488
+  python -m vehicle_sim --param COM_OBL_RC_ACT=5 --param SIM_BAT_DRAIN=600
+  python -m vehicle_sim --world obstacle-box --wind 0,5,1.5 --battery 60
+  python -m vehicle_sim --script faults.yaml --speed max --duration 300
+"""
+
+
+def _home(text: str) -> Home:
+    parts = text.split(",")
+    try:
+        lat_deg, lon_deg, alt_amsl_m = (float(part) for part in parts)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not lat,lon,alt; give three numbers such as 47.3977,8.5456,488"
+        ) from None
+    if not (abs(lat_deg) < 89.0 and abs(lon_deg) <= 180.0 and math.isfinite(alt_amsl_m)):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: latitude must lie within ±89, longitude within ±180 degrees, altitude be a number"
+        )
+    return Home(lat_deg, lon_deg, alt_amsl_m)
+
+
+def _parameter(text: str) -> tuple[str, ParameterValue]:
+    name, equals, value = text.partition("=")
+    try:
+        number = float(value)
+        Parameters({name: number})
+    except UnknownParameterError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER") from None
+    del equals
+    return name, int(number) if number.is_integer() else number
+
+
+def _count(text: str) -> int:
+    number = int(text)
+    if not 1 <= number <= 250:
+        raise argparse.ArgumentTypeError(f"{number} vehicles: give 1 to 250")
+    return number
+
+
+def _speed(text: str) -> float:
+    if text == "max":
+        return math.inf
+    number = _number(text, "speed")
+    if number == 0.0:
+        return math.inf
+    if not 0.05 <= number <= 100.0:
+        raise argparse.ArgumentTypeError(
+            f"speed {text}: give 0.05 to 100 (1 is real time), or max for as fast as it goes"
+        )
+    return number
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{what} {text!r} is no number") from None
+
+
+@dataclass(frozen=True, slots=True)
+class WindOption:
+    """Steady wind and gusts, m/s."""
+
+    north_m_s: float
+    east_m_s: float
+    gusts_m_s: float
+
+
+def _wind(text: str) -> WindOption:
+    parts = text.split(",")
+    numbers = [_number(part, "wind") for part in parts]
+    if len(numbers) not in (2, 3) or not all(abs(number) <= 50.0 for number in numbers):
+        raise argparse.ArgumentTypeError(
+            f"wind {text!r}: give NORTH,EAST in m/s (where it blows to) and perhaps the gusts' sigma: 0,5,1.5"
+        )
+    if len(numbers) == 3 and numbers[2] < 0.0:
+        raise argparse.ArgumentTypeError(f"gusts {numbers[2]:g}: give 0 or more m/s")
+    return WindOption(numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0)
+
+
+def _percent(text: str) -> float:
+    number = _number(text, "battery")
+    if not 0.0 <= number <= 100.0:
+        raise argparse.ArgumentTypeError(f"battery {text}: give the charge in percent, 0 to 100")
+    return number
+
+
+def _seconds(text: str) -> float:
+    number = _number(text, "duration")
+    if not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"duration {text}: give simulated seconds above 0")
+    return number
+
+
+def _world(text: str) -> World:
+    try:
+        return load_world(text)
+    except FileProblem as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
+def _script(text: str) -> Script:
+    try:
+        return load_script(text)
+    except FileProblem as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
+def _port(text: str) -> int:
+    number = int(text)
+    if not 0 <= number <= 65535:
+        raise argparse.ArgumentTypeError(f"port {number}: give 0 to 65535")
+    return number
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m vehicle_sim",
+        description="Simulated PX4 v1.16 quadrotors with gimbal that behave on MAVLink as the real one does.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--instances", type=_count, default=1, metavar="N", help="how many vehicles (default 1)")
+    add("--first-instance", type=int, default=0, metavar="I", help="number of the first (default 0)")
+    add("--speed", type=_speed, default=1.0, metavar="X", 
+        help="simulated over real time (default 1); max or 0: as fast as it goes")  # fmt: skip
+    add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="where the first vehicle stands")
+    add("--seed", type=int, default=0, metavar="S", help="of the sensor noise: same seed, same flight")
+    add("--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
+        help="set a PX4 parameter before boot; may be repeated")  # fmt: skip
+    add("--data-dir", type=Path, default=None, metavar="DIR",
+        help="keep changed parameters and files here over restarts (default: forgotten)")  # fmt: skip
+    add("--no-log", action="store_true",
+        help="no onboard logs (default: as SDLOG_MODE says; 0.4 GB an hour and vehicle)")  # fmt: skip
+    add("--world", type=_world, default=None, metavar="FILE",
+        help=f"terrain, obstacles and lidars: a YAML file or one of {', '.join(shipped())} (default: flat)")  # fmt: skip
+    add("--wind", type=_wind, default=None, metavar="N,E[,GUSTS]",
+        help="m/s to the north and east, and one sigma of the gusts")  # fmt: skip
+    add("--battery", type=_percent, default=None, metavar="PERCENT", help="charge at the start (default 100)")
+    add("--script", type=_script, default=None, metavar="FILE",
+        help="what goes wrong and when, a YAML file")  # fmt: skip
+    add(
+        "--duration", type=_seconds, default=math.inf, metavar="S", help="end after so many simulated seconds"
+    )
+    add("--lockstep", action="store_true",
+        help="time stands until a client sends SYSTEM_TIME with the time_boot_ms to go on to")  # fmt: skip
+    ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
+    default = Ports()
+    ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
+    ports.add_argument("--gcs-host", default="127.0.0.1", metavar="ADDR", help="where UDP is sent to")
+    for name, help_text in (
+        ("gcs-local-port", "UDP port of the ground-station link; 0: any free one"),
+        ("gcs-remote-port", "where the ground station listens; 0: no such link"),
+        ("api-local-port", "UDP port of the onboard link; 0: any free one"),
+        ("api-remote-port", "where the onboard computer listens; 0: no such link"),
+        ("tcp-port", "TCP server; 0: none"),
+    ):
+        value = getattr(default, name.replace("-port", "").replace("-", "_"))
+        ports.add_argument(f"--{name}", type=_port, default=value, metavar="P", help=f"{help_text} ({value})")
+    ports.add_argument("--no-api", action="store_true", help="no onboard link")
+    return parser

@@ -1,0 +1,256 @@
+"""Fault scripts: what goes wrong in a flight, and when, from a YAML file.
+
+    name: GPS goes over the field
+    events:
+      - {at_s: 40, gps: lost}                            seconds since boot
+      - {when: airborne, after_s: 5, wind_ned_m_s: [0, 8, 0], gusts_m_s: 2}
+      - {when: mission, after_s: 20, vehicles: [1], motor: {number: 2, works: false}}
+      - {above_m: 15, battery_percent: 12}
+      - {when: landed, gps: ok, link: {name: gcs, up: true}}
+
+Each event happens once for each vehicle, in the step in which its time or state comes: same script, same flight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.parameters import Parameters, UnknownParameterError
+from vehicle_sim.yaml_fields import Fields, read_yaml
+
+if TYPE_CHECKING:
+    from vehicle_sim.fleet import VehicleSim
+
+STATES = ("armed", "disarmed", "airborne", "landed")
+MODES = {mode.name.lower(): mode for mode in NavState}
+GPS_STATES = ("ok", "lost", "stuck")
+LINK_NAMES = ("gcs", "api", "tcp", "all")
+LONGEST_S = 1e6
+
+Action = Callable[["VehicleSim", int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """When, for whom, what."""
+
+    at_s: float | None
+    """Since boot; None: the state below."""
+    state: str
+    above_m: float | None
+    after_s: float
+    vehicles: tuple[int, ...]
+    """System ids; empty: all."""
+    actions: tuple[Action, ...]
+
+    def holds(self, sim: VehicleSim, row: int) -> bool:
+        """Whether its time or state has come for the vehicle in this row."""
+        if self.at_s is not None:
+            return sim.time_s >= self.at_s - 1e-9
+        commander = sim.autopilots[row].commander
+        if self.above_m is not None:
+            # The truth, as whoever breaks things on a test field sees it; what the vehicle believes may be broken.
+            return -float(sim.simulation.truth.position_ned_m[row, 2]) > self.above_m
+        if self.state in MODES:
+            return commander.armed and commander.active is MODES[self.state]
+        airborne = commander.armed and not commander.landed
+        return {
+            "armed": commander.armed,
+            "disarmed": not commander.armed,
+            "airborne": airborne,
+            "landed": not airborne,
+        }[self.state]
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """All events of a file."""
+
+    name: str
+    events: tuple[Event, ...]
+
+
+class ScriptRunner:
+    """A script on a fleet; `step` it after the autopilots."""
+
+    def __init__(self, script: Script, sim: VehicleSim) -> None:
+        self._sim = sim
+        self._waiting: list[tuple[Event, int, list[float]]] = []
+        """Event, row, and when its state came (empty: not yet)."""
+        for event in script.events:
+            rows = [
+                n
+                for n, node in enumerate(sim.nodes)
+                if not event.vehicles or node.system_id in event.vehicles
+            ]
+            self._waiting += [(event, row, []) for row in rows]
+        self._flown = [False] * len(sim.nodes)
+
+    def step(self) -> None:
+        """Do what is due."""
+        if not self._waiting:
+            return
+        now_s = self._sim.time_s
+        for row, autopilot in enumerate(self._sim.autopilots):
+            self._flown[row] = self._flown[row] or (
+                autopilot.commander.armed and not autopilot.commander.landed
+            )
+        waiting: list[tuple[Event, int, list[float]]] = []
+        for event, row, since in self._waiting:
+            # Who has not flown yet has not landed either.
+            if not since and event.holds(self._sim, row) and (event.state != "landed" or self._flown[row]):
+                since.append(now_s)
+            if since and now_s >= since[0] + event.after_s - 1e-9:
+                for action in event.actions:
+                    action(self._sim, row)
+            else:
+                waiting.append((event, row, since))
+        self._waiting = waiting
+
+
+def load_script(path: str) -> Script:
+    """The script of a file.
+
+    Raises:
+        FileProblem: it cannot be used; the text names line, field and fix.
+    """
+    return script_of(read_yaml(Path(path)))
+
+
+def script_of(fields: Fields) -> Script:
+    """The script that a parsed file describes.
+
+    Raises:
+        FileProblem: a field is missing, unknown or impossible.
+    """
+    name = fields.text("name", "script")
+    if not fields.has("events"):
+        raise fields.problem(None, "lacks events; give a list, each entry with a dash")
+    events = tuple(_event(entry) for entry in fields.items("events"))
+    fields.finish()
+    return Script(name, events)
+
+
+def _event(fields: Fields) -> Event:
+    given = [key for key in ("at_s", "when", "above_m") if fields.has(key)]
+    if len(given) != 1:
+        raise fields.problem(None, "needs one of at_s, when, above_m, to say when it happens")
+    at_s = fields.number("at_s", 0.0, low=0.0, high=LONGEST_S)
+    state = fields.text("when", "", choices=() if "when" not in given else (*STATES, *MODES))
+    above_m = fields.number("above_m", 0.0, low=-500, high=20_000)
+    after_s = fields.number("after_s", 0.0, low=0.0, high=LONGEST_S)
+    vehicles = _vehicles(fields)
+    actions = _actions(fields)
+    fields.finish()
+    if not actions:
+        raise fields.problem(None, f"does nothing; give one of {', '.join(ACTIONS)}")
+    return Event(
+        at_s if "at_s" in given else None,
+        state,
+        above_m if "above_m" in given else None,
+        after_s,
+        vehicles,
+        actions,
+    )
+
+
+def _vehicles(fields: Fields) -> tuple[int, ...]:
+    if not fields.has("vehicles"):
+        return ()
+    return tuple(
+        int(each) for each in fields.numbers("vehicles", None, "a list of system ids such as [1, 2]")
+    )
+
+
+def _actions(fields: Fields) -> tuple[Action, ...]:
+    return tuple(make(fields) for key, make in ACTIONS.items() if fields.has(key))
+
+
+def _gps(fields: Fields) -> Action:
+    state = fields.text("gps", choices=GPS_STATES)
+
+    def act(sim: VehicleSim, row: int) -> None:
+        sim.simulation.set_gps_enabled(row, state != "lost")
+        sim.simulation.set_gps_stuck(row, state == "stuck")
+        if state == "ok":
+            sim.simulation.set_gps_offset(row, np.zeros(3))
+
+    return act
+
+
+def _glitch(fields: Fields) -> Action:
+    offset = np.array(fields.numbers("gps_offset_ned_m", 3, "[north, east, down] in metres"))
+    return lambda sim, row: sim.simulation.set_gps_offset(row, offset)
+
+
+def _motor(fields: Fields) -> Action:
+    inside = fields.mapping("motor")
+    if inside is None:
+        raise fields.problem("motor", "must be {number: 1, works: false}")
+    number, works = inside.integer("number", low=1, high=4), inside.flag("works", False)
+    inside.finish()
+
+    def act(sim: VehicleSim, row: int) -> None:
+        sim.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
+
+    return act
+
+
+def _battery(fields: Fields) -> Action:
+    part = fields.number("battery_percent", low=0.0, high=100.0) / 100.0
+    return lambda sim, row: sim.simulation.set_battery_remaining(row, part)
+
+
+def _wind(fields: Fields) -> Action:
+    wind = np.array(fields.numbers("wind_ned_m_s", 3, "[north, east, down] in m/s"))
+    return lambda sim, row: sim.simulation.set_wind(wind)
+
+
+def _gusts(fields: Fields) -> Action:
+    strength = fields.number("gusts_m_s", low=0.0, high=30.0)
+    return lambda sim, row: sim.simulation.set_gusts(strength)
+
+
+def _link(fields: Fields) -> Action:
+    inside = fields.mapping("link")
+    if inside is None:
+        raise fields.problem("link", "must be {name: gcs, up: false}")
+    name, up = inside.text("name", "all", choices=LINK_NAMES), inside.flag("up", False)
+    inside.finish()
+    return lambda sim, row: sim.set_link_up(row, name, up)
+
+
+def _parameter(fields: Fields) -> Action:
+    inside = fields.mapping("parameter")
+    if inside is None:
+        raise fields.problem("parameter", "must be {name: …, value: …}")
+    name, value = inside.text("name"), inside.number("value", low=-math.inf, high=math.inf)
+    try:
+        Parameters({name: value})
+    except (UnknownParameterError, ValueError) as error:
+        raise inside.problem("name", f"cannot be set: {error}") from None
+    inside.finish()
+
+    def act(sim: VehicleSim, row: int) -> None:
+        sim.set_parameter(row, name, value)
+
+    return act
+
+
+ACTIONS: dict[str, Callable[[Fields], Action]] = {
+    "gps": _gps,
+    "gps_offset_ned_m": _glitch,
+    "motor": _motor,
+    "battery_percent": _battery,
+    "wind_ned_m_s": _wind,
+    "gusts_m_s": _gusts,
+    "link": _link,
+    "parameter": _parameter,
+}
