@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from gcs_server.scene.frames import Vector3
 
-SPACING_M = 0.25
+SPACING_M = 0.5
+NEIGHBOURS = 24
+"""So many of the newest points are kept clear of: a hover that wanders is a few strokes, not a tangle."""
 MAX_POINTS = 512
 JUMP_M = 50.0
 """A step no multicopter makes between two looks: the estimator was reset, or the log was rewound."""
 
 
 class Trail:
-    """Points at least `SPACING_M` apart; the older half is thinned whenever it is full.
+    """Points at least `SPACING_M` from their newest neighbours; the older half is thinned whenever it is full.
 
     `sealed` holds what does not change until `version` does, so that a view can send it once; what came
     since is `recent`, at most `RECENT_POINTS`.
@@ -24,6 +27,7 @@ class Trail:
     def __init__(self) -> None:
         self.sealed: list[Vector3] = []
         self.recent: list[Vector3] = []
+        self._newest: deque[Vector3] = deque(maxlen=NEIGHBOURS)
         self.version = 0
         """Counts the changes of `sealed`."""
 
@@ -31,12 +35,11 @@ class Trail:
         """Takes note of where the vehicle is; True: a point was kept."""
         if not all(math.isfinite(c) for c in position_enu_m):
             return False
-        if self.recent:
-            step_m = math.dist(self.recent[-1], position_enu_m)
-            if step_m < SPACING_M:
-                return False
-            if step_m > JUMP_M:
-                self.clear()
+        if self._newest and math.dist(self._newest[-1], position_enu_m) > JUMP_M:
+            self.clear()
+        if any(math.dist(other, position_enu_m) < SPACING_M for other in self._newest):
+            return False
+        self._newest.append(position_enu_m)
         self.recent.append(position_enu_m)
         if len(self.recent) >= self.RECENT_POINTS:
             self._seal()
@@ -45,6 +48,7 @@ class Trail:
     def clear(self) -> None:
         """Forgets everything."""
         self.sealed, self.recent = [], []
+        self._newest.clear()
         self.version += 1
 
     def _seal(self) -> None:

@@ -10,16 +10,16 @@ DEFAULT_COM_OF_LOSS_T_S = 1.0
 # COM_OBL_RC_ACT: (with a transmitter, without one); the first line without one was seen on PX4 v1.16.
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
-        "switches to Position mode, flown by the transmitter's sticks",
-        "switches to Position mode, which without a transmitter sinks and lands where it is",
+        "is flown by the transmitter's sticks in Position mode",
+        "sinks and lands where it is, in Position mode",
     ),
     1: (
-        "switches to Altitude mode, flown by the transmitter's sticks",
-        "switches to Altitude mode, which without a transmitter nobody steers: it drifts and comes down",
+        "is flown by the transmitter's sticks in Altitude mode",
+        "drifts and comes down, steered by nobody, in Altitude mode",
     ),
     2: (
-        "switches to Stabilized mode, flown by the transmitter's sticks",
-        "switches to Stabilized mode, which without a transmitter nobody steers: it drifts and comes down",
+        "is flown by the transmitter's sticks in Stabilized mode",
+        "drifts and comes down, steered by nobody, in Stabilized mode",
     ),
     3: ("returns to launch and lands there", "returns to launch and lands there"),
     4: ("lands where it is", "lands where it is"),
@@ -55,5 +55,5 @@ class Failsafe:
             else options[0 if self.transmitter else 1]
         )
         return (
-            f"{after_s:g} s after the last setpoint the vehicle {what} (COM_OBL_RC_ACT {self.action}, {who})."
+            f"after {after_s:g} s the vehicle {what} (COM_OBL_RC_ACT {self.action}, {who})."
         )

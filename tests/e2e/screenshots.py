@@ -29,6 +29,7 @@ from tools import build_page
 IMAGES = REPOSITORY / "docs" / "images"
 LARGEST_BYTES = 100_000
 QUALITIES = (85, 78, 70, 60, 50)
+SCHEMES: tuple[Any, ...] = ("dark", "light")
 SIZE, TABLET = (1440, 900), (1024, 768)
 SETTLE_S = 1.6
 """Both views draw themselves anew after a change of theme, in software."""
@@ -65,8 +66,7 @@ def save(page: Page, path: Path) -> None:
 
 def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
     """One state in both themes; `keep` brings back what would have expired meanwhile."""
-    schemes: tuple[Any, ...] = ("dark", "light")
-    for theme in schemes:
+    for theme in SCHEMES:
         page.emulate_media(color_scheme=theme)
         time.sleep(SETTLE_S)
         keep()
@@ -91,6 +91,19 @@ def flying(at: Set) -> None:
     at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
     time.sleep(2.5)
     shoot(at.page, at.folder, "fly")
+
+
+def places(at: Set) -> None:
+    """The map fills the stage; a click asks what to do at that place."""
+    page = at.page
+    page.keyboard.press("m")
+    page.get_by_role("toolbar", name="Map").wait_for()
+    time.sleep(3)
+    page.mouse.click(SIZE[0] * 0.5, SIZE[1] * 0.34)
+    page.get_by_role("dialog").wait_for()
+    shoot(page, at.folder, "map")
+    page.keyboard.press("Escape")
+    page.keyboard.press("m")
 
 
 def confirmation(at: Set) -> None:
@@ -140,15 +153,19 @@ def refused(at: Set) -> None:
 
 def tablet(at: Set) -> None:
     """A touch screen, held in two hands."""
-    context = at.browser.new_context(
-        viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme="dark"
-    )
-    page = context.new_page()
-    page.goto(at.url)
-    wait_until(lambda: pill(page) not in ("", "No vehicle state"), "the vehicle on the tablet")
-    time.sleep(6)  # its 3D view loads anew
-    shoot(page, at.folder, "tablet")
-    context.close()
+    at.page.goto("about:blank")  # two 3D views at once are too much for drawing in software
+    for theme in SCHEMES:
+        context = at.browser.new_context(
+            viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme=theme
+        )
+        page = context.new_page()
+        page.goto(at.url)
+        until_pill(page, "Holding")
+        time.sleep(6)  # its 3D view loads anew
+        save(page, at.folder / f"tablet-{theme}.webp")
+        context.close()
+    at.page.goto(at.url)
+    until_pill(at.page, "Holding")
 
 
 def two(at: Set) -> None:
@@ -179,7 +196,7 @@ def replay(at: Set) -> None:
     page.get_by_role("button", name="Recorded flights").click()
     page.locator("section.list ol button").first.click()
     slider = page.get_by_label("Replay", exact=True).get_by_role("slider").first
-    slider.wait_for()
+    wait_until(slider.bounding_box, "the time bar")
     box = slider.bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
@@ -190,11 +207,12 @@ def replay(at: Set) -> None:
 
 STATES: tuple[Callable[[Set], None], ...] = (
     flying,
+    places,
     confirmation,
     gimbal,
+    tablet,
     offboard,
     refused,
-    tablet,
     two,
     lost,
     replay,

@@ -21,6 +21,11 @@ export function staleAfterS(topic: string, period_s: number | null): number {
   return Math.max(FLOOR_S, PERIODS * Math.max(period_s ?? nominal, 0));
 }
 
+/** The same in whole seconds, where there is little room. */
+export function shortAge(age_s: number): string {
+  return Number.isFinite(age_s) && age_s < 9.95 ? `${Math.max(1, Math.round(age_s))} s` : ageText(age_s);
+}
+
 /** "4 s", "2 min", "3 h": an age as a person says it. */
 export function ageText(age_s: number): string {
   if (!Number.isFinite(age_s)) return '–';

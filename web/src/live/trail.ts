@@ -6,20 +6,24 @@ export interface TrailPoint {
 }
 
 const METRES_PER_DEG = 111_320;
+/** So many of the newest points are kept clear of: a hover that wanders is a few strokes, not a tangle. */
+const NEIGHBOURS = 24;
 
 export class Trail {
   readonly points: TrailPoint[] = [];
   private readonly spacing_m: number;
   private readonly capacity: number;
 
-  constructor(spacing_m = 0.3, capacity = 4000) {
+  constructor(spacing_m = 0.5, capacity = 4000) {
     this.spacing_m = spacing_m;
     this.capacity = capacity;
   }
 
   add(point: TrailPoint): boolean {
-    const last = this.points.at(-1);
-    if (last !== undefined && distance_m(last, point) < this.spacing_m) return false;
+    for (let i = this.points.length - 1; i >= Math.max(0, this.points.length - NEIGHBOURS); i--) {
+      const other = this.points[i];
+      if (other !== undefined && distance_m(other, point) < this.spacing_m) return false;
+    }
     this.points.push(point);
     if (this.points.length > this.capacity) this.thin();
     return true;

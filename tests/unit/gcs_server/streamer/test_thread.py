@@ -93,7 +93,7 @@ def test_a_second_start_is_refused_and_close_ends_everything(stream):
     [
         (Failsafe(1.0, 0, False), "lands where it is"),
         (Failsafe(1.0, 0, True), "sticks"),
-        (Failsafe(0.5, 3, False), "0.5 s after the last setpoint the vehicle returns to launch"),
+        (Failsafe(0.5, 3, False), "after 0.5 s the vehicle returns to launch"),
         (Failsafe(1.0, 5, False), "Hold"),
         (Failsafe(1.0, 7, False), "falls"),
         (Failsafe(None, None, False), "did not tell"),

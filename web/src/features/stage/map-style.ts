@@ -6,5 +6,6 @@ import type { Palette } from './map-draw';
 export const GROUND = 'ground';
 
 export function mapStyle(palette: Palette): StyleSpecification {
-  return { version: 8, sources: {}, layers: [{ id: GROUND, type: 'background', paint: { 'background-color': palette.map } }] };
+  // At once: a fade would need frames that a slow machine does not draw.
+  return { version: 8, transition: { duration: 0, delay: 0 }, sources: {}, layers: [{ id: GROUND, type: 'background', paint: { 'background-color': palette.map } }] };
 }
