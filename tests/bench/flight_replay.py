@@ -38,6 +38,11 @@ second, at a phase that no message shows: it is read off each recording, as the 
 NAN = math.nan
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
 """Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
+STEADY_ORBIT_M = 21.05
+"""The radius that such an orbit settles at."""
+CENTRE_M = {"orbit_r10_v3": (0.01, -0.49)}
+"""Centre of a commanded orbit in the frame of its recording (north, east), read off the headings there:
+that frame begins as far off as the GPS was when it was set."""
 SPEED_BEFORE = {"reposition_50m_then_stop": 8.0}
 """Cruise speed left over from the flight before [m/s]."""
 
@@ -151,7 +156,15 @@ class _Pilot:
         for at_s, name, fields in self.recording.sends():
             while self.now_s - start_s < at_s - 1e-6:
                 yield
-            self.send(name, fields)
+            self.send(name, self._in_our_frame(name, fields))
+
+    def _in_our_frame(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
+        """An orbit about the same place of the local frame as in the recording."""
+        centre = CENTRE_M.get(self.recording.name)
+        if centre is None or name != "COMMAND_INT":
+            return fields
+        lat_deg, lon_deg = self._place(*centre)
+        return fields | {"x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7)}
 
     def _prepare(self) -> Script:
         recording, autopilot = self.recording, self.sim.autopilots[self.row]
@@ -204,7 +217,15 @@ class _Pilot:
 
     def _orbit(self, height: float) -> Script:
         radius, speed, behaviour = ORBIT_BEFORE_HOLD
-        lat_deg, lon_deg = self._place(0.0, 0.0)
+        self.reposition(0.0, 0.0, height, self.recording.at("syaw", -0.05))
+        yield from self._wait(6.0)
+        early = self.recording.t_s < 0.0
+        columns = {name: self.recording.columns[name][early] for name in ("x", "y", "vx", "vy")}
+        speed_now = np.hypot(columns["vx"], columns["vy"])
+        # The velocity points along the circle, the centre lies across it.
+        centre_n = float(np.mean(columns["x"] + STEADY_ORBIT_M * columns["vy"] / speed_now))
+        centre_e = float(np.mean(columns["y"] - STEADY_ORBIT_M * columns["vx"] / speed_now))
+        lat_deg, lon_deg = self._place(centre_n, centre_e)
         self.send(
             "COMMAND_INT",
             {"command": 34, "param1": radius, "param2": speed, "param3": behaviour, "param4": NAN,
@@ -212,10 +233,11 @@ class _Pilot:
              "z": self.sim.simulation.home.alt_amsl_m + height},
         )  # fmt: skip
         yield from self._wait(30.0)
-        goal = math.atan2(self.recording.at("y", 0.0), self.recording.at("x", 0.0))
+        goal = math.atan2(self.recording.at("y", 0.0) - centre_e, self.recording.at("x", 0.0) - centre_n)
 
         def there() -> bool:
-            return abs(math.remainder(math.atan2(self.position[1], self.position[0]) - goal, math.tau)) < 0.01
+            now = math.atan2(self.position[1] - centre_e, self.position[0] - centre_n)
+            return abs(math.remainder(now - goal, math.tau)) < 0.01
 
         yield from self._until(there, "coming round")
 

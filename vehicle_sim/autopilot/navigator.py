@@ -90,6 +90,7 @@ class Navigator:
         if math.isfinite(alt_amsl_m):
             target_d = -(alt_amsl_m - origin_alt)
         self.path.target_ned_m = (target_n, target_e, target_d)
+        self.path.faces_target = not math.isfinite(yaw_ned_rad)
         if math.isfinite(yaw_ned_rad):
             self.path.yaw_target_rad = yaw_ned_rad
         else:
@@ -116,7 +117,7 @@ class Navigator:
         if not stays or mode is not NavState.HOLD:
             self.path.restart(in_air=in_air, goes_on=previous not in WITHOUT_TASK)
             if mode is NavState.HOLD and in_air:
-                self.path.target_ned_m = self._stopping_place()
+                self.path.target_ned_m, self.path.faces_target = self._stopping_place(), True
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:

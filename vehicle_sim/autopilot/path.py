@@ -9,12 +9,15 @@ import math
 
 from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.autopilot.trajectory import Axis, YawRamp, max_speed_for_distance
+from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
+from vehicle_sim.autopilot.trajectory import YawRamp
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
 TAKEN_OVER_M_S2 = 10.0
 """More is no motion but a push against the ground."""
+MAX_Z_LEAD_M = 1.0
+"""So far the trajectory may be above or below the vehicle."""
 
 
 class Path:
@@ -23,10 +26,16 @@ class Path:
     def __init__(self, body: Body, row: SetpointRow) -> None:
         self._body = body
         self._row = row
-        self.x, self.y, self.z, self.yaw = Axis(), Axis(), Axis(), YawRamp()
+        self._smoothing = Smoothing(body)
+        self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
+        self.yaw = YawRamp()
+        self._way: Way | None = None
+        """The way to `target_ned_m`, from where the vehicle was when that was chosen."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
         """None: not chosen yet, the vehicle comes to rest first."""
         self.yaw_target_rad = 0.0
+        self.faces_target = False
+        """The nose follows the target while that is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
         """NaN, here and below: as the parameters say."""
         self.climb_m_s = math.nan
@@ -40,6 +49,8 @@ class Path:
             goes_on: take over what the flight task before asked for last, where it controlled it.
         """
         belief = self._body.belief
+        self._smoothing.begin()
+        self._way = None
         asked = self._row.asked() if goes_on and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
             at, speed, acceleration = (row[k] for row in asked)
@@ -51,6 +62,7 @@ class Path:
                 axis.acceleration_m_s2 = acceleration
         self.yaw.reset(belief.yaw_ned_rad)
         self.yaw_target_rad = belief.yaw_ned_rad
+        self.faces_target = False
         self.target_ned_m = (None, None, None)
 
     def idle(self) -> None:
@@ -71,84 +83,76 @@ class Path:
         if math.hypot(dn, de) > 1.0 and self._body.choice("MPC_YAW_MODE") in (0, 3, 4):
             self.yaw_target_rad = math.atan2(de, dn)
 
+    @property
+    def _limits(self) -> Limits:
+        return Limits(self.cruise_m_s, self.climb_m_s, self.descent_m_s)
+
+    def _face_target(self) -> None:
+        north, east, _ = self.target_ned_m
+        if not self.faces_target or north is None or east is None:
+            return
+        x, y, _ = self._body.belief.position_ned_m
+        if math.hypot(north - x, east - y) > self._body.parameter("NAV_ACC_RAD"):
+            self.face(north, east)
+
     def fly_to_target(self, flying: bool) -> None:
-        """One tick towards the target in all axes."""
+        """One tick towards the target in all axes; what is not chosen yet comes to rest first."""
+        self._face_target()
+        north, east, down = self.target_ned_m
+        if flying and north is not None and east is not None and down is not None:
+            self.fly_way(self._way_to((north, east, down)), flying)
+            return
         self.advance_horizontal()
         self.advance_vertical(flying)
         self.write()
 
+    def fly_way(self, way: Way, flying: bool) -> None:
+        """One tick along a way."""
+        if not flying:
+            self.z.reset(self._body.belief.position_ned_m[2])
+        self._smoothing.fly(TICK_S, way, self._limits)
+        self._keep_near()
+        self.write()
+
+    def _way_to(self, target_ned_m: Vector) -> Way:
+        if self._way is None or self._way.target_ned_m != target_ned_m:
+            here = self._body.belief.position_ned_m
+            self._way = Way(here, target_ned_m, None, self._body.parameter("NAV_ACC_RAD"))
+        return self._way
+
     def advance_horizontal(self) -> None:
-        """One tick north and east: PX4 stretches time for a vehicle that lags."""
-        limit = dict(
-            acceleration_limit_m_s2=self._body.parameter("MPC_ACC_HOR"),
-            jerk_limit_m_s3=self._body.parameter("MPC_JERK_AUTO"),
-        )
-        north, east, _ = self.target_ned_m
-        if north is None or east is None:
-            wanted_n = wanted_e = 0.0
-            if math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
-                self.target_ned_m = (self.x.position_m, self.y.position_m, self.target_ned_m[2])
-        else:
-            dn, de = north - self.x.position_m, east - self.y.position_m
-            distance = math.hypot(dn, de)
-            cruise = self.cruise_m_s if math.isfinite(self.cruise_m_s) else math.inf
-            cruise = min(
-                cruise if cruise < math.inf else self._body.parameter("MPC_XY_CRUISE"),
-                self._body.parameter("MPC_XY_VEL_MAX"),
-            )
-            speed = min(
-                cruise,
-                max_speed_for_distance(limit["jerk_limit_m_s3"], limit["acceleration_limit_m_s2"], distance),
-            )
-            wanted_n = wanted_e = 0.0
-            if distance > 1e-6:
-                wanted_n, wanted_e = speed * dn / distance, speed * de / distance
-        x, y, _ = self._body.belief.position_ned_m
-        behind_n, behind_e = self.x.position_m - x, self.y.position_m - y
-        stretch = 1.0
-        if behind_n * self.x.velocity_m_s + behind_e * self.y.velocity_m_s >= 0.0:
-            # A vehicle that is ahead is not waited for: a trajectory that stood would never arrive.
-            error_m = math.hypot(behind_n, behind_e)
-            stretch -= min(1.0, error_m / max(0.1, self._body.parameter("MPC_XY_ERR_MAX")))
-        self.x.advance(wanted_n, TICK_S, stretch=stretch, **limit)
-        self.y.advance(wanted_e, TICK_S, stretch=stretch, **limit)
+        """One tick north and east."""
+        north, east, down = self.target_ned_m
+        way = None
+        if north is not None and east is not None:
+            way = self._way_to((north, east, self.z.position_m if down is None else down))
+        elif math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
+            self.target_ned_m = (self.x.position_m, self.y.position_m, down)
+        self._smoothing.fly_level(TICK_S, way, self._limits)
 
     def advance_vertical(self, flying: bool) -> None:
         """One tick up or down."""
-        down = self.target_ned_m[2]
-        z = self._body.belief.position_ned_m[2]
+        north, east, down = self.target_ned_m
         if not flying:
-            self.z.reset(z)
-        if down is None:
-            wanted = 0.0
-            if abs(self.z.velocity_m_s) < 0.05 and flying:
-                north, east, _ = self.target_ned_m
-                self.target_ned_m = (north, east, self.z.position_m)
-        else:
-            wanted = self._vertical_speed(down - self.z.position_m)
+            self.z.reset(self._body.belief.position_ned_m[2])
+        wanted = 0.0
+        if down is not None:
+            way_m = down - self.z.position_m
+            wanted = math.copysign(self._smoothing.vertical_speed(way_m, self._limits), way_m)
+        elif abs(self.z.velocity_m_s) < 0.05 and flying:
+            self.target_ned_m = (north, east, self.z.position_m)
         self.z_towards(wanted)
-        if abs(self.z.position_m - z) > 1.0:
-            self.z.position_m = z + math.copysign(1.0, self.z.position_m - z)
+        self._keep_near()
 
-    def _vertical_speed(self, way_m: float) -> float:
-        up = way_m < 0.0
-        override = self.climb_m_s if up else self.descent_m_s
-        limit = override if math.isfinite(override) else self._body.parameter(
-            "MPC_Z_V_AUTO_UP" if up else "MPC_Z_V_AUTO_DN"
-        )  # fmt: skip
-        acceleration = self._body.parameter("MPC_ACC_UP_MAX" if up else "MPC_ACC_DOWN_MAX")
-        jerk = self._body.parameter("MPC_JERK_AUTO")
-        return math.copysign(min(limit, max_speed_for_distance(jerk, acceleration, abs(way_m))), way_m)
+    def _keep_near(self) -> None:
+        z = self._body.belief.position_ned_m[2]
+        if abs(self.z.position_m - z) > MAX_Z_LEAD_M:
+            self.z.position_m = z + math.copysign(MAX_Z_LEAD_M, self.z.position_m - z)
 
     def z_towards(self, velocity_m_s: float) -> None:
         """One tick towards a vertical speed (down is positive)."""
-        name = "MPC_ACC_UP_MAX" if velocity_m_s < self.z.velocity_m_s else "MPC_ACC_DOWN_MAX"
-        self.z.advance(
-            velocity_m_s,
-            TICK_S,
-            acceleration_limit_m_s2=self._body.parameter(name),
-            jerk_limit_m_s3=self._body.parameter("MPC_JERK_AUTO"),
-        )
+        self.z.fly(TICK_S)
+        self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:
         """One tick of the heading towards its target."""

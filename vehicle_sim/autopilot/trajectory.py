@@ -1,7 +1,7 @@
-"""Smooth motion to a target: jerk- and acceleration-limited velocity, integrated to positions.
+"""Smooth motion of one direction: a velocity reached as fast as acceleration and jerk allow.
 
-Follows the idea of PX4's position smoothing: the speed wanted falls with the distance left so that the stop
-fits into the limits, and the position set point waits for a vehicle that lags.
+The change of velocity has three parts (jerk, constant acceleration, jerk back), as in PX4's smoothing. Axes
+that move together are given the time of the slowest, so that they bend along one curve.
 """
 
 from __future__ import annotations
@@ -20,19 +20,85 @@ def max_speed_for_distance(
     return max(0.5 * (-b + math.sqrt(max(0.0, b * b - 4.0 * c))), final_speed_m_s)
 
 
+_STANDS = 1e-6
+"""Accelerations and changes below this are none."""
+
+
 @dataclass(slots=True)
 class Axis:
-    """Position, velocity and acceleration of one direction."""
+    """Position, velocity and acceleration of one direction, and what it is about to do."""
 
     position_m: float = 0.0
     velocity_m_s: float = 0.0
     acceleration_m_s2: float = 0.0
+    _jerk_m_s3: float = 0.0
+    """Of the first part, with its sign; the last part has the opposite."""
+    _acceleration_limit_m_s2: float = 0.0
+    _change_m_s: float = 0.0
+    _parts_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def reset(self, position_m: float, velocity_m_s: float = 0.0) -> None:
         """Start over from where the vehicle is."""
         self.position_m = position_m
         self.velocity_m_s = velocity_m_s
         self.acceleration_m_s2 = 0.0
+        self._parts_s = (0.0, 0.0, 0.0)
+
+    @property
+    def change_s(self) -> float:
+        """How long the planned change of velocity takes."""
+        return sum(self._parts_s)
+
+    def plan(
+        self, velocity_wanted_m_s: float, *, acceleration_limit_m_s2: float, jerk_limit_m_s3: float
+    ) -> None:
+        """Choose the fastest change to the wanted velocity."""
+        a, limit = self.acceleration_m_s2, acceleration_limit_m_s2
+        jerk_limit_m_s3 = max(0.1, jerk_limit_m_s3)
+        coasted = self.velocity_m_s + 0.5 * a * abs(a) / jerk_limit_m_s3
+        gap = velocity_wanted_m_s - coasted
+        jerk = math.copysign(jerk_limit_m_s3, gap if abs(gap) > _STANDS else a)
+        change = velocity_wanted_m_s - self.velocity_m_s
+        self._jerk_m_s3, self._acceleration_limit_m_s2, self._change_m_s = jerk, limit, change
+        root = math.sqrt(max(0.0, 0.5 * a * a + change * jerk))
+        first_s = self._within_limit(max(0.0, (root - abs(a) * math.copysign(1.0, a * jerk)) / abs(jerk)))
+        last_s = max(0.0, a / jerk + first_s)
+        self._parts_s = (first_s, self._middle_s(first_s, last_s), last_s)
+
+    def take(self, total_s: float) -> None:
+        """Let the planned change take so long; a fastest one that is longer stays."""
+        if total_s <= self.change_s:
+            return
+        a, jerk, change = self.acceleration_m_s2, self._jerk_m_s3, self._change_m_s
+        b = jerk * total_s - a
+        inner = jerk * jerk * total_s * total_s + 2.0 * total_s * a * jerk - a * a - 4.0 * jerk * change
+        first_s = 0.0
+        if inner > 0.0:
+            root = math.sqrt(inner)
+            fits = [
+                first
+                for first in (max(0.0, (b - root) / (2.0 * jerk)), max(0.0, (b + root) / (2.0 * jerk)))
+                if 2.0 * first + a / jerk <= total_s + 1e-9
+            ]
+            first_s = fits[0] if fits else 0.0
+        first_s = self._within_limit(first_s)
+        last_s = max(0.0, a / jerk + first_s)
+        self._parts_s = (first_s, max(0.0, total_s - first_s - last_s), last_s)
+
+    def fly(self, dt_s: float) -> None:
+        """Move on along the plan; when it is over the velocity stays."""
+        left_s = dt_s
+        done: list[float] = []
+        for part_s, jerk in zip(self._parts_s, (self._jerk_m_s3, 0.0, -self._jerk_m_s3), strict=True):
+            step_s = min(left_s, part_s)
+            done.append(part_s - step_s)
+            if step_s > 0.0:
+                self._move(step_s, jerk)
+                left_s -= step_s
+        self._parts_s = (done[0], done[1], done[2])
+        if left_s > 0.0:
+            self.acceleration_m_s2 = 0.0
+            self.position_m += self.velocity_m_s * left_s
 
     def advance(
         self,
@@ -41,20 +107,43 @@ class Axis:
         *,
         acceleration_limit_m_s2: float,
         jerk_limit_m_s3: float,
-        stretch: float = 1.0,
     ) -> None:
-        """Move `dt_s` on towards the wanted velocity; `stretch` slows the position down (0..1)."""
-        gap = velocity_wanted_m_s - self.velocity_m_s
-        wanted = math.copysign(min(acceleration_limit_m_s2, math.sqrt(2.0 * jerk_limit_m_s3 * abs(gap))), gap)
-        change = jerk_limit_m_s3 * dt_s
-        previous = self.acceleration_m_s2
-        self.acceleration_m_s2 = max(previous - change, min(previous + change, wanted))
-        step = 0.5 * (previous + self.acceleration_m_s2) * dt_s
-        if abs(step) > abs(gap) and step * gap > 0.0:
-            step, self.acceleration_m_s2 = gap, 0.0
-        before = self.velocity_m_s
-        self.velocity_m_s += step
-        self.position_m += 0.5 * (before + self.velocity_m_s) * dt_s * stretch
+        """Move `dt_s` on, then plan towards the wanted velocity."""
+        self.fly(dt_s)
+        self.plan(
+            velocity_wanted_m_s,
+            acceleration_limit_m_s2=acceleration_limit_m_s2,
+            jerk_limit_m_s3=jerk_limit_m_s3,
+        )
+
+    def _move(self, dt_s: float, jerk: float) -> None:
+        a, v = self.acceleration_m_s2, self.velocity_m_s
+        self.position_m += v * dt_s + 0.5 * a * dt_s * dt_s + jerk * dt_s**3 / 6.0
+        self.velocity_m_s += a * dt_s + 0.5 * jerk * dt_s * dt_s
+        self.acceleration_m_s2 += jerk * dt_s
+
+    def _within_limit(self, first_s: float) -> float:
+        a, jerk, limit = self.acceleration_m_s2, self._jerk_m_s3, self._acceleration_limit_m_s2
+        peak = a + jerk * first_s
+        if abs(peak) > limit:
+            first_s = (math.copysign(limit, peak) - a) / jerk
+        return max(0.0, first_s)
+
+    def _middle_s(self, first_s: float, last_s: float) -> float:
+        a, jerk = self.acceleration_m_s2, self._jerk_m_s3
+        peak = a + jerk * first_s
+        if abs(peak) < _STANDS:
+            return 0.0
+        first_m_s = (a + 0.5 * jerk * first_s) * first_s
+        last_m_s = (peak - 0.5 * jerk * last_s) * last_s
+        return max(0.0, (self._change_m_s - first_m_s - last_m_s) / peak)
+
+
+def synchronise(*axes: Axis) -> None:
+    """Give all axes the time of the slowest."""
+    longest_s = max(axis.change_s for axis in axes)
+    for axis in axes:
+        axis.take(longest_s)
 
 
 def wrap_pi(angle_rad: float) -> float:

@@ -66,7 +66,7 @@ class Mission:
         self._body, self._announcer, self._path, self._home = body, announcer, path, home
         self._plans, self._fence, self._commands = plans, fence, commands
         self._climb, self._descent = climb, descent
-        self._leg = Leg(body, path)
+        self._leg = Leg(path)
         self.heading = Heading(body, path, home)
         self.current = 0
         self.reached: int | None = None
@@ -127,6 +127,11 @@ class Mission:
             self.reached, self.finished = None, False
             self._jumps.clear()
             self._work = Work.NONE
+
+    @property
+    def count(self) -> int:
+        """Items."""
+        return len(self._items)
 
     def set_current(self, seq: int) -> bool:
         """Go on with another item."""

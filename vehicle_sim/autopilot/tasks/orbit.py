@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
-from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.path import TICK_S, Path
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.geodesy import is_place, to_local
 
@@ -51,18 +51,22 @@ class Orbit:
         self._row = row
         self._circle: Circle | None = None
         self._around = False
+        self._speed_m_s = 0.0
+        """Along the circle, so far: it rises with MPC_ACC_HOR."""
         self._initial_yaw_rad = 0.0
+        self._asked = self._commanded = False
 
     @property
     def circle(self) -> Circle | None:
-        """What is flown around."""
-        return self._circle
+        """What is flown around by command; None: the mode was entered without an acceptable one."""
+        return self._circle if self._commanded else None
 
     def enter(self) -> None:
         """Without a command before: 1 m around where the vehicle is."""
         self._around = False
         self._initial_yaw_rad = self._body.belief.yaw_ned_rad
-        if self._circle is None:
+        self._commanded, self._asked = self._asked, False
+        if not self._commanded:
             north, east, down = self._body.belief.position_ned_m
             self._circle = Circle(north, east, down, RADIUS_MIN_M, 1.0, self._parameter_yaw())
 
@@ -83,13 +87,14 @@ class Orbit:
         speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
         if not RADIUS_MIN_M <= abs(radius) <= self._body.parameter("MC_ORBIT_RAD_MAX"):
             self._announcer.both(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
+            self._asked = False
             return
         yaw = self._parameter_yaw()
         if math.isfinite(yaw_behaviour) and 0 <= int(yaw_behaviour) < len(YawBehaviour):
             yaw = YawBehaviour(int(yaw_behaviour))
         speed = math.copysign(speed, radius * speed)
         self._circle = Circle(north, east, down, abs(radius), speed, yaw)
-        self._around = False
+        self._around, self._asked, self._commanded = False, True, True
 
     def _parameter_yaw(self) -> YawBehaviour:
         choice = self._body.choice("MC_ORBIT_YAW_MOD")
@@ -122,13 +127,17 @@ class Orbit:
     def _go_around(
         self, circle: Circle, outward: tuple[float, float], distance_m: float, flying: bool
     ) -> None:
-        self._around = True
+        north, east, _ = self._body.belief.position_ned_m
+        if not self._around:
+            # As on the way the height comes to rest where it is; the circle's own was near enough.
+            self._around, self._speed_m_s = True, 0.0
+            self._path.target_ned_m = (north, east, None)
         un, ue = outward
         back = RADIUS_GAIN_PER_S * (circle.radius_m - distance_m)
-        speed = circle.speed_m_s
-        centripetal = -speed * speed / circle.radius_m
-        north, east, _ = self._body.belief.position_ned_m
-        self._path.target_ned_m = (north, east, circle.down_m)
+        step = self._body.parameter("MPC_ACC_HOR") * TICK_S
+        self._speed_m_s += max(-step, min(step, circle.speed_m_s - self._speed_m_s))
+        speed = self._speed_m_s
+        centripetal = -circle.speed_m_s * circle.speed_m_s / circle.radius_m
         self._path.x.reset(north)
         self._path.y.reset(east)
         self._path.advance_vertical(flying)

@@ -56,7 +56,7 @@ class ReturnHome:
         self._plans = plans
         self._commands = commands
         self._chooser = Chooser(body, announcer, home, plans)
-        self._leg = Leg(body, path)
+        self._leg = Leg(path)
         self.phase = ReturnPhase.CLIMB
         self._phase_since_s = 0.0
         self._return_z_m = 0.0
