@@ -84,6 +84,7 @@ def main(argv: list[str] | None = None) -> int:
         arguments.instances, first_instance=arguments.first_instance, stores=stores, files=_files(arguments),
         links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
         log=not arguments.no_log, world=arguments.world, script=arguments.script,
+        camera=arguments.camera,
     )  # fmt: skip
     _weather(fleet, arguments.wind, arguments.battery)
     ports = Ports(

@@ -15,6 +15,7 @@ from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.payload.camera import Camera
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.simulation import STEP_S, Home, Simulation
 from vehicle_sim.storage.files import VehicleFiles
@@ -46,6 +47,7 @@ class VehicleSim:
         start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
         world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
         script: what goes wrong, and when.
+        camera: whether each carries one; the recorded PX4 did not.
         log: whether the vehicles write onboard logs, when SDLOG_MODE says so; without it they cost nothing.
     """
 
@@ -65,6 +67,7 @@ class VehicleSim:
         start_ned_m: NDArray[np.float64] | None = None,
         world: World | None = None,
         script: Script | None = None,
+        camera: bool = False,
         log: bool = False,
     ) -> None:
         if stores is None:
@@ -84,6 +87,8 @@ class VehicleSim:
             states = States(autopilot, first_instance + row + 1)
             self.loggers.append(Logger(autopilot, states, own, recorders))
             self.nodes.append(Node(autopilot, first_instance + row + 1, own, self.loggers[-1], states))
+            if camera:
+                self.nodes[-1].carry(Camera(autopilot.body, autopilot.gimbal, autopilot.home, own))
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         for row in range(count):

@@ -154,7 +154,7 @@ def build_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--instances", type=_count, default=1, metavar="N", help="how many vehicles (default 1)")
     add("--first-instance", type=int, default=0, metavar="I", help="number of the first (default 0)")
-    add("--speed", type=_speed, default=1.0, metavar="X", 
+    add("--speed", type=_speed, default=1.0, metavar="X",
         help="simulated over real time (default 1); max or 0: as fast as it goes")  # fmt: skip
     add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="where the first vehicle stands")
     add("--seed", type=int, default=0, metavar="S", help="of the sensor noise: same seed, same flight")
@@ -165,9 +165,11 @@ def build_parser() -> argparse.ArgumentParser:
     add("--no-log", action="store_true",
         help="no onboard logs (default: as SDLOG_MODE says; 0.4 GB an hour and vehicle)")  # fmt: skip
     add("--world", type=_world, default=None, metavar="FILE",
-        help=f"terrain, obstacles and lidars: a YAML file or one of {', '.join(shipped())} (default: flat)")  # fmt: skip
+        help=f"terrain, obstacles, lidars: a YAML file or one of {', '.join(shipped())}")  # fmt: skip
     add("--wind", type=_wind, default=None, metavar="N,E[,GUSTS]",
         help="m/s to the north and east, and one sigma of the gusts")  # fmt: skip
+    add("--camera", action="store_true",
+        help="a camera on the gimbal (component 100); its pictures come by MAVLink FTP")  # fmt: skip
     add("--battery", type=_percent, default=None, metavar="PERCENT", help="charge at the start (default 100)")
     add("--script", type=_script, default=None, metavar="FILE",
         help="what goes wrong and when, a YAML file")  # fmt: skip

@@ -8,7 +8,7 @@
       - {above_m: 15, battery_percent: 12}
       - {when: landed, gps: ok, link: {name: gcs, up: true}}
 
-Each event happens once for each vehicle, in the step in which its time or state comes: same script, same flight.
+Each event happens once for each vehicle, in the step in which its time or state comes.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Event:
             return sim.time_s >= self.at_s - 1e-9
         commander = sim.autopilots[row].commander
         if self.above_m is not None:
-            # The truth, as whoever breaks things on a test field sees it; what the vehicle believes may be broken.
+            # The truth: what the vehicle believes may be broken already.
             return -float(sim.simulation.truth.position_ned_m[row, 2]) > self.above_m
         if self.state in MODES:
             return commander.armed and commander.active is MODES[self.state]

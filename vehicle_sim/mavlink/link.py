@@ -32,6 +32,7 @@ class Link:
         self.rx_rate = 0
         self.ping_sequence = 0
         self._sequence = 0
+        self._component_sequences: dict[int, int] = {}
         self._outbox: list[bytes] = []
         self._outbox_bytes = 0
         self._intervals_us: dict[int, int] = {}
@@ -41,7 +42,7 @@ class Link:
         self._generations: dict[int, int] = {}
         self._dropped_bytes = 0
         for name_, hz in PROFILES[profile].items():
-            self.set_interval(BY_NAME[name_].id, round(1e6 / hz), 0)
+            self.set_interval(BY_NAME[name_].id, int(1e6 / hz), 0)
 
     # --- sending ---------------------------------------------------------------------------------------
 
@@ -54,6 +55,13 @@ class Link:
         """Queue a packed payload."""
         self.send_raw(frame_v2(layout, payload, self._sequence, self.system_id, 1))
         self._sequence = (self._sequence + 1) & 0xFF
+
+    def send_from(self, component_id: int, name: str, /, **fields: Any) -> None:
+        """Queue one message of another component of the vehicle, which counts its own sequence."""
+        layout, payload = pack(name, **fields)
+        sequence = self._component_sequences.get(component_id, 0)
+        self._component_sequences[component_id] = (sequence + 1) & 0xFF
+        self.send_raw(frame_v2(layout, payload, sequence, self.system_id, component_id))
 
     def send_raw(self, frame: bytes) -> None:
         """Queue bytes as they are (forwarded frames keep their sender)."""
@@ -99,7 +107,7 @@ class Link:
     def restore_interval(self, name: str, now_us: int) -> None:
         """Back to PX4's default for this link."""
         hz = RESTORED.get(name, PROFILES[self.profile].get(name, 0.0))
-        self.set_interval(BY_NAME[name].id, round(1e6 / hz) if hz else 0, now_us)
+        self.set_interval(BY_NAME[name].id, int(1e6 / hz) if hz else 0, now_us)
 
     @property
     def next_due_us(self) -> int:

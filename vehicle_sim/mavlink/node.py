@@ -11,6 +11,7 @@ from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.services.calibration import CalibrationService
+from vehicle_sim.mavlink.services.camera import CameraService
 from vehicle_sim.mavlink.services.commands import CommandService
 from vehicle_sim.mavlink.services.failures import FailureService
 from vehicle_sim.mavlink.services.ftp import FtpService
@@ -26,10 +27,11 @@ from vehicle_sim.mavlink.services.requests import RequestService
 from vehicle_sim.mavlink.services.shell import ShellService
 from vehicle_sim.mavlink.services.texts import TextService
 from vehicle_sim.mavlink.services.time import TimeService
+from vehicle_sim.payload.camera import Camera
 from vehicle_sim.shell.commands import Shell
 from vehicle_sim.storage.files import VehicleFiles
 
-MAV_TYPE_GCS = 6
+MAV_TYPE_GCS, MAV_TYPE_ONBOARD_CONTROLLER = 6, 18
 RATE_EVERY_US = 1_000_000
 
 
@@ -47,6 +49,7 @@ class Node:
         self._ftp = FtpService(self.context, files)
         self._logs = LogService(self.context, files, logger)
         self._ranging = RangingService(self.context)
+        self._camera: CameraService | None = None
         requests = RequestService(self.context)
         gimbal = GimbalService(self.context)
         calibration = CalibrationService(self.context, self._params)
@@ -82,6 +85,10 @@ class Node:
         """Of the vehicle."""
         return self.context.system_id
 
+    def carry(self, camera: Camera) -> None:
+        """Let a camera speak, as a component of its own."""
+        self._camera = CameraService(self.context, camera)
+
     def add_link(self, link: Link) -> None:
         """Start talking on a link."""
         now_us = self.context.body.time_boot_us()
@@ -101,6 +108,10 @@ class Node:
             handler = self._handlers.get(message.name)
             if handler is not None:
                 handler(link, message)
+            if self._camera is not None:
+                self._camera.hear(link, message)
+                if self._camera.owns(message):
+                    continue
             self._forward(link, message)
 
     def step(self) -> None:
@@ -117,6 +128,8 @@ class Node:
         if self._params.busy:
             self._params.step()
         self._mission.step()
+        if self._camera is not None:
+            self._camera.step()
         now_us = context.body.time_boot_us()
         telemetry, streamers = context.telemetry, self._streamers
         for link in context.links:
@@ -144,6 +157,8 @@ class Node:
         if message.type == MAV_TYPE_GCS:
             link.heard_gcs = True
             self.context.autopilot.commander.checks.gcs_heard_at_s = self.context.body.time_s
+        elif message.type == MAV_TYPE_ONBOARD_CONTROLLER and message.system_id == self.system_id:
+            self.context.autopilot.commander.checks.companion_heard_at_s = self.context.body.time_s
 
     def _forward(self, link: Link, message: Message) -> None:
         if message.system_id == self.system_id and message.component_id == 1:

@@ -1,0 +1,166 @@
+"""The camera: who it is, pictures one by one and in series, its log, and what is on the pictures."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.unit.vehicle_sim.sim_station import NAN, Station
+from vehicle_sim.payload.picture import HEIGHT, WIDTH, Painter
+from vehicle_sim.world.terrain import Hill, Terrain
+from vehicle_sim.world.world import Box, World
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture
+def station():
+    station = Station(camera=True)
+    station.run(4.0)
+    return station
+
+
+def ask(station, number, *parameters):
+    """The camera's answer to a command."""
+    since_s = station.now_s
+    values = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+    station.send("COMMAND_LONG", target_system=1, target_component=100, command=number, **values)
+    station.run(0.06)
+    acks = [m for m in station.heard("COMMAND_ACK", since_s=since_s) if m.component_id == 100]
+    return [m.result for m in acks if m.command == number]
+
+
+def camera_said(station, name, since_s=0.0, via="gcs"):
+    return [m for m in station.heard(name, via, since_s) if m.component_id == 100]
+
+
+def test_without_being_asked_for_there_is_no_camera():
+    station = Station()
+    station.run(3.0)
+    assert ask(station, 512, 259) == []
+    assert {m.component_id for _, _, m in station.log} == {1}
+
+
+def test_it_has_a_heartbeat_and_tells_what_it_is(station):
+    beats = camera_said(station, "HEARTBEAT")
+    assert len(beats) in (4, 5)
+    assert (beats[0].type, beats[0].autopilot) == (30, 8)
+    for number in (259, 260, 261, 262, 271):
+        assert ask(station, 512, number) == [ACCEPTED]
+    info = camera_said(station, "CAMERA_INFORMATION")[-1]
+    assert bytes(info.model_name).rstrip(b"\0") == b"Simulated camera"
+    assert (info.resolution_h, info.resolution_v) == (WIDTH, HEIGHT)
+    assert info.flags & 0x102 == 2, "pictures, no stream"
+    assert camera_said(station, "STORAGE_INFORMATION")[-1].total_capacity == 32 * 1024
+    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_count == 0
+    fov = camera_said(station, "CAMERA_FOV_STATUS")[-1]
+    assert (fov.hfov, fov.vfov) == (pytest.approx(60.0, abs=0.1), pytest.approx(46.8, abs=0.2))
+    assert ask(station, 512, 269) == [DENIED], "no video stream"
+    assert ask(station, 2500) == [UNSUPPORTED], "no video"
+
+
+def test_a_picture_is_told_logged_kept_and_asked_for_again(station):
+    since_s = station.now_s
+    assert ask(station, 2000, 0, 0, 1, 5) == [ACCEPTED]
+    told = camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)
+    assert [m.image_index for m in told] == [0]
+    assert camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s, via="api"), "on every link"
+    assert ask(station, 2000, 0, 0, 1, 5) == [ACCEPTED], "the same command sent again"
+    assert len(camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)) == 1, "is no second picture"
+    belief = station.sim.autopilots[0].body.belief
+    assert told[0].lat == pytest.approx(belief.lat_deg * 1e7, abs=100)
+    assert told[0].capture_result == 1
+    path = told[0].file_url.removeprefix("mftp://[;comp=1]")
+    files = station.sim.files[0]
+    data = files.read(path, 0, files.size(path))
+    picture = Image.open(io.BytesIO(data))
+    assert picture.size == (WIDTH, HEIGHT)
+    degrees, minutes, seconds = picture.getexif().get_ifd(0x8825)[2]
+    assert float(degrees + minutes / 60 + seconds / 3600) == pytest.approx(belief.lat_deg, abs=1e-4)
+    for number, index in ((2002, (0,)), (512, (263, 0))):
+        since_s = station.now_s
+        assert ask(station, number, *index) == [ACCEPTED]
+        assert camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)[0].values == told[0].values
+    assert ask(station, 2002, 7) == [DENIED]
+
+
+def test_a_series_has_its_interval_and_count_and_can_be_stopped(station):
+    since_s = station.now_s
+    assert ask(station, 2000, 0, 1.0, 3) == [ACCEPTED]
+    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_status == 2
+    assert ask(station, 2000, 0, 0, 1) == [TEMPORARILY_REJECTED], "busy"
+    station.run(5.0)
+    told = camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)
+    assert [m.image_index for m in told] == [0, 1, 2]
+    assert np.diff([m.time_boot_ms for m in told]) == pytest.approx([1000, 1000], abs=5)
+    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_status == 0
+    assert ask(station, 2000, 0, 0.5, 0) == [ACCEPTED]
+    station.run(1.2)
+    assert ask(station, 2001) == [ACCEPTED]
+    count = len(station.sim.nodes[0]._camera._camera.captures)
+    station.run(2.0)
+    assert len(station.sim.nodes[0]._camera._camera.captures) == count >= 5
+    assert ask(station, 2000, 0, 0, 5) == [DENIED], "no interval"
+
+
+def test_mode_zoom_format_and_reset(station):
+    assert ask(station, 530, 0, 2) == [ACCEPTED]
+    assert camera_said(station, "CAMERA_SETTINGS")[-1].mode_id == 2
+    assert ask(station, 530, 0, 1) == [UNSUPPORTED], "video"
+    assert ask(station, 531, 2, 100) == [ACCEPTED]
+    assert camera_said(station, "CAMERA_SETTINGS")[-1].zoomLevel == 100.0
+    assert ask(station, 512, 271) == [ACCEPTED]
+    assert camera_said(station, "CAMERA_FOV_STATUS")[-1].hfov == pytest.approx(16.4, abs=0.2)
+    assert ask(station, 531, 2, 101) == [DENIED]
+    assert ask(station, 531, 1, 1) == [UNSUPPORTED], "no motor zoom"
+    ask(station, 2000, 0, 0, 1)
+    assert ask(station, 526, 1, 1) == [ACCEPTED]
+    assert station.sim.files[0].is_directory("camera") is False
+    assert ask(station, 512, 262) == [ACCEPTED]
+    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_count == 0
+    assert ask(station, 529, 1) == [ACCEPTED]
+    assert camera_said(station, "CAMERA_SETTINGS")[-1].zoomLevel == 0.0
+
+
+def test_it_looks_where_the_gimbal_points():
+    station = Station(camera=True, sensor_noise=False)
+    station.fly_to(15.0)
+    station.command(1001, 255, 190)
+    station.command(1000, -40, 0, NAN, NAN, 0)
+    station.run(2.0)
+    since_s = station.now_s
+    ask(station, 2000, 0, 0, 1)
+    told = camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)[0]
+    w, x, y, z = told.q
+    assert math.degrees(math.asin(2 * (w * y - z * x))) == pytest.approx(-40, abs=2)
+    assert told.relative_alt == pytest.approx(15_000, abs=1500)
+
+
+def brightness(pixels, rows):
+    return float(pixels[rows].mean())
+
+
+def test_the_horizon_is_in_the_middle_of_a_level_picture_and_boxes_stand_where_they_are():
+    plain = Painter(World()).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
+    assert plain.shape == (HEIGHT, WIDTH, 3)
+    middle = HEIGHT // 2
+    assert plain[: middle - 2, :, 2].min() > plain[middle + 20 :, :, 2].max() - 60, "sky is bluer than grass"
+    box = World(boxes=(Box("box", 20.0, 0.0, 2.0, 4.0, 30.0),))
+    with_box = Painter(box).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
+    changed = (plain.astype(int) != with_box.astype(int)).any(axis=2)
+    columns = np.flatnonzero(changed[middle])
+    half = WIDTH / 2 / math.tan(math.radians(30)) * 2.0 / 19.0
+    assert columns.min() == pytest.approx(WIDTH / 2 - half, abs=2)
+    assert columns.max() == pytest.approx(WIDTH / 2 + half, abs=2)
+
+
+def test_a_hill_hides_the_horizon():
+    hill = World(terrain=Terrain((Hill(100, 0, 60, 40),)))
+    flat = Painter(World()).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
+    seen = Painter(hill).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
+    above = HEIGHT // 2 - 30
+    assert (flat[above, WIDTH // 2].astype(int) != seen[above, WIDTH // 2].astype(int)).any()
+    assert (flat[above, 2] == seen[above, 2]).all(), "beside the hill there is sky"

@@ -1,0 +1,284 @@
+"""The camera protocol (version 2) of the vehicle's camera, a component with a heartbeat of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from vehicle_sim.autopilot.own_commands import OwnCommand
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import BY_NAME, Message
+from vehicle_sim.mavlink.link import Link
+from vehicle_sim.mavlink.services.command_types import (
+    ACCEPTED,
+    DENIED,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+)
+from vehicle_sim.payload.camera import (
+    CAPACITY_BYTES,
+    FOCAL_LENGTH_MM,
+    SENSOR_HEIGHT_MM,
+    SENSOR_WIDTH_MM,
+    Camera,
+    CameraMode,
+    Capture,
+)
+from vehicle_sim.payload.picture import HEIGHT, WIDTH
+
+CAMERA_COMPONENT = 100
+"""MAV_COMP_ID_CAMERA."""
+MAV_TYPE_CAMERA, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE = 30, 8, 4
+CAPTURE_IMAGE, HAS_MODES, HAS_IMAGE_SURVEY_MODE, HAS_BASIC_ZOOM = 2, 4, 32, 64
+"""CAMERA_CAP_FLAGS; no video, no stream."""
+ZOOM_STEP, ZOOM_RANGE = 0, 2
+"""CAMERA_ZOOM_TYPE."""
+STEP_PERCENT = 10.0
+STORAGE_READY, STORAGE_MICROSD, STORAGE_FOR_PICTURES = 2, 3, 3
+MIB = 1024.0**2
+UNKNOWN_INT32 = 0x7FFFFFFF
+VENDOR, MODEL = b"Simulated", b"Simulated camera"
+FIRMWARE = 1
+HEARTBEAT_US = 1_000_000
+REQUEST_MESSAGE = 512
+
+
+class CameraService:
+    """Commands to component 100 (or all), answers and captures from it."""
+
+    def __init__(self, context: Context, camera: Camera) -> None:
+        self._context, self._camera = context, camera
+        self._last_sequence = 0
+        self._heartbeat_at_us = 0
+        self._commands: dict[int, Callable[[Message | _Given, Link | None], int]] = {
+            REQUEST_MESSAGE: lambda m, link: self._request(m, link),
+            521: lambda m, link: self._send("CAMERA_INFORMATION", link),
+            522: lambda m, link: self._send("CAMERA_SETTINGS", link),
+            525: lambda m, link: self._send("STORAGE_INFORMATION", link),
+            526: self._format,
+            527: lambda m, link: self._send("CAMERA_CAPTURE_STATUS", link),
+            529: self._reset,
+            530: self._set_mode,
+            531: self._set_zoom,
+            2000: self._start,
+            2001: self._stop,
+            2002: lambda m, link: self._again(m.param1, link),
+        }
+        self._messages: dict[str, Callable[[], dict[str, Any]]] = {
+            "CAMERA_INFORMATION": self._information,
+            "CAMERA_SETTINGS": self._settings,
+            "STORAGE_INFORMATION": self._storage,
+            "CAMERA_CAPTURE_STATUS": self._capture_status,
+            "CAMERA_FOV_STATUS": self._field_of_view,
+        }
+        self._by_id = {BY_NAME[name].id: name for name in self._messages}
+        context.autopilot.own_commands.add_listener(self._from_autopilot)
+
+    # --- arrival ---------------------------------------------------------------------------------------
+
+    def hear(self, link: Link, m: Message) -> None:
+        """A message that may be for the camera."""
+        if m.name not in ("COMMAND_LONG", "COMMAND_INT"):
+            return
+        values = m.values
+        if values["target_system"] != self._context.system_id:
+            return
+        handler = self._commands.get(m.command)
+        if values["target_component"] == CAMERA_COMPONENT:
+            result = UNSUPPORTED if handler is None else handler(m, link)
+        elif values["target_component"] == 0 and handler is not None and m.command != REQUEST_MESSAGE:
+            result = handler(m, link)
+        else:
+            return
+        link.send_from(
+            CAMERA_COMPONENT, "COMMAND_ACK", command=m.command, result=result,
+            target_system=m.system_id, target_component=m.component_id,
+        )  # fmt: skip
+
+    def owns(self, m: Message) -> bool:
+        """Whether a message ends here and goes to no other link."""
+        values = m.values
+        return (
+            values.get("target_system") == self._context.system_id
+            and values.get("target_component") == CAMERA_COMPONENT
+        )
+
+    def step(self) -> None:
+        """Heartbeat and pictures that are due."""
+        now_us = self._context.body.time_boot_us()
+        if now_us >= self._heartbeat_at_us:
+            self._heartbeat_at_us = now_us + HEARTBEAT_US
+            self._tell(
+                "HEARTBEAT", type=MAV_TYPE_CAMERA, autopilot=MAV_AUTOPILOT_INVALID,
+                system_status=MAV_STATE_ACTIVE, mavlink_version=3,
+            )  # fmt: skip
+        if self._camera.series_runs:
+            capture = self._camera.step()
+            if capture is not None:
+                self._tell("CAMERA_IMAGE_CAPTURED", **self._captured(capture))
+                self._tell("CAMERA_CAPTURE_STATUS", **self._capture_status())
+
+    def _from_autopilot(self, command: OwnCommand) -> None:
+        """Missions photograph too."""
+        handler = self._commands.get(command.number)
+        if handler is not None and command.number != REQUEST_MESSAGE:
+            handler(_Given(*command.parameters), None)
+
+    # --- commands --------------------------------------------------------------------------------------
+
+    def _request(self, m: Message | _Given, link: Link | None) -> int:
+        number = _whole(m.param1)
+        if number == BY_NAME["CAMERA_IMAGE_CAPTURED"].id:
+            return self._again(m.param2, link)
+        name = self._by_id.get(number)
+        return DENIED if name is None else self._send(name, link)
+
+    def _send(self, name: str, link: Link | None) -> int:
+        if link is not None:
+            link.send_from(CAMERA_COMPONENT, name, **self._messages[name]())
+        return ACCEPTED
+
+    def _again(self, index: float, link: Link | None) -> int:
+        number = _whole(index)
+        if not 0 <= number < len(self._camera.captures) or link is None:
+            return DENIED
+        link.send_from(
+            CAMERA_COMPONENT, "CAMERA_IMAGE_CAPTURED", **self._captured(self._camera.captures[number])
+        )
+        return ACCEPTED
+
+    def _start(self, m: Message | _Given, link: Link | None) -> int:
+        interval, count, sequence = m.param2, _whole(m.param3), _whole(m.param4)
+        if count < 0 or (count != 1 and not (math.isfinite(interval) and interval > 0.0)):
+            return DENIED
+        if count == 1 and sequence > 0 and sequence == self._last_sequence:
+            return ACCEPTED
+        if self._camera.series_runs or not self._camera.free_bytes:
+            return TEMPORARILY_REJECTED
+        self._last_sequence = sequence if count == 1 else 0
+        self._camera.start(interval if count != 1 else 0.0, count)
+        return ACCEPTED
+
+    def _stop(self, m: Message | _Given, link: Link | None) -> int:
+        self._camera.stop()
+        self._tell("CAMERA_CAPTURE_STATUS", **self._capture_status())
+        return ACCEPTED
+
+    def _set_mode(self, m: Message | _Given, link: Link | None) -> int:
+        try:
+            self._camera.mode = CameraMode(_whole(m.param2))
+        except ValueError:
+            return UNSUPPORTED
+        self._tell("CAMERA_SETTINGS", **self._settings())
+        return ACCEPTED
+
+    def _set_zoom(self, m: Message | _Given, link: Link | None) -> int:
+        kind, value = _whole(m.param1), m.param2
+        if kind not in (ZOOM_STEP, ZOOM_RANGE):
+            return UNSUPPORTED
+        if not math.isfinite(value) or (kind == ZOOM_RANGE and not 0.0 <= value <= 100.0):
+            return DENIED
+        wanted = value if kind == ZOOM_RANGE else self._camera.zoom_percent + STEP_PERCENT * value
+        self._camera.zoom_percent = max(0.0, min(100.0, wanted))
+        self._tell("CAMERA_SETTINGS", **self._settings())
+        return ACCEPTED
+
+    def _format(self, m: Message | _Given, link: Link | None) -> int:
+        if _whole(m.param2) != 1 or _whole(m.param1) not in (0, 1):
+            return DENIED
+        if self._camera.series_runs:
+            return TEMPORARILY_REJECTED
+        self._camera.format_storage()
+        self._tell("STORAGE_INFORMATION", **self._storage())
+        return ACCEPTED
+
+    def _reset(self, m: Message | _Given, link: Link | None) -> int:
+        if _whole(m.param1) != 1:
+            return DENIED
+        self._camera.reset_settings()
+        self._tell("CAMERA_SETTINGS", **self._settings())
+        return ACCEPTED
+
+    # --- messages --------------------------------------------------------------------------------------
+
+    def _tell(self, name: str, /, **fields: Any) -> None:
+        for link in self._context.links:
+            link.send_from(CAMERA_COMPONENT, name, **fields)
+
+    def _information(self) -> dict[str, Any]:
+        return {
+            "time_boot_ms": self._context.body.time_boot_ms(),
+            "vendor_name": list(VENDOR), "model_name": list(MODEL), "firmware_version": FIRMWARE,
+            "focal_length": FOCAL_LENGTH_MM, "sensor_size_h": SENSOR_WIDTH_MM,
+            "sensor_size_v": SENSOR_HEIGHT_MM, "resolution_h": WIDTH, "resolution_v": HEIGHT,
+            "flags": CAPTURE_IMAGE | HAS_MODES | HAS_IMAGE_SURVEY_MODE | HAS_BASIC_ZOOM,
+            "gimbal_device_id": self._context.autopilot.gimbal.device_id,
+        }  # fmt: skip
+
+    def _settings(self) -> dict[str, Any]:
+        camera = self._camera
+        return {
+            "time_boot_ms": self._context.body.time_boot_ms(), "mode_id": int(camera.mode),
+            "zoomLevel": camera.zoom_percent, "focusLevel": math.nan,
+        }  # fmt: skip
+
+    def _storage(self) -> dict[str, Any]:
+        camera = self._camera
+        return {
+            "time_boot_ms": self._context.body.time_boot_ms(), "storage_id": 1, "storage_count": 1,
+            "status": STORAGE_READY, "type": STORAGE_MICROSD, "storage_usage": STORAGE_FOR_PICTURES,
+            "total_capacity": CAPACITY_BYTES / MIB, "used_capacity": camera.used_bytes / MIB,
+            "available_capacity": camera.free_bytes / MIB,
+        }  # fmt: skip
+
+    def _capture_status(self) -> dict[str, Any]:
+        camera = self._camera
+        return {
+            "time_boot_ms": self._context.body.time_boot_ms(),
+            "image_status": (2 if camera.interval_s > 0.0 else 1) if camera.series_runs else 0,
+            "image_interval": camera.interval_s, "image_count": len(camera.captures),
+            "available_capacity": camera.free_bytes / MIB,
+        }  # fmt: skip
+
+    def _field_of_view(self) -> dict[str, Any]:
+        camera = self._camera
+        lat, lon, alt = _place(camera)
+        return {
+            "time_boot_ms": self._context.body.time_boot_ms(),
+            "lat_camera": lat, "lon_camera": lon, "alt_camera": alt, "q": camera.orientation(),
+            "lat_image": UNKNOWN_INT32, "lon_image": UNKNOWN_INT32, "alt_image": UNKNOWN_INT32,
+            "hfov": math.degrees(camera.width_rad), "vfov": math.degrees(camera.height_rad),
+        }  # fmt: skip
+
+    def _captured(self, capture: Capture) -> dict[str, Any]:
+        place = capture.place
+        return {
+            "time_boot_ms": capture.time_boot_ms, "time_utc": capture.time_utc_us, "camera_id": 0,
+            "lat": UNKNOWN_INT32 if place is None else round(place.lat_deg * 1e7),
+            "lon": UNKNOWN_INT32 if place is None else round(place.lon_deg * 1e7),
+            "alt": UNKNOWN_INT32 if place is None else round(place.alt_amsl_m * 1000),
+            "relative_alt": round(capture.alt_home_m * 1000) if math.isfinite(capture.alt_home_m) else 0,
+            "q": capture.q_ned_camera, "image_index": capture.index,
+            "capture_result": 1 if capture.path else 0,
+            # The files are the autopilot's: its FTP serves them.
+            "file_url": f"mftp://[;comp=1]{capture.path}" if capture.path else "",
+        }  # fmt: skip
+
+
+class _Given:
+    """Parameters of a command that came from within."""
+
+    def __init__(self, *parameters: float) -> None:
+        self.param1, self.param2, self.param3, self.param4 = parameters[:4]
+
+
+def _place(camera: Camera) -> tuple[int, int, int]:
+    place = camera.place()
+    if place is None:
+        return UNKNOWN_INT32, UNKNOWN_INT32, UNKNOWN_INT32
+    return round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.alt_amsl_m * 1000)
+
+
+def _whole(value: float) -> int:
+    return int(value) if math.isfinite(value) else -1

@@ -1,0 +1,149 @@
+"""What the simulated camera sees: sky, ground with lines each metre, the world's boxes; one ray a pixel."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from vehicle_sim.frames import rotation_matrix
+from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
+from vehicle_sim.world.world import World
+
+FloatArray = NDArray[np.float64]
+
+WIDTH, HEIGHT = 320, 240
+"""Pixels: a picture takes some 30 ms to draw, and the vehicle flies on meanwhile."""
+FLAT_RANGE_M = 3000.0
+TERRAIN_RANGE_M = 600.0
+HAZE_M = 900.0
+JPEG_QUALITY = 85
+_ZENITH, _HORIZON = np.array([70.0, 120.0, 190.0]), np.array([190.0, 205.0, 215.0])
+_GRASS, _SOIL, _LINE = (
+    np.array([92.0, 122.0, 70.0]),
+    np.array([112.0, 128.0, 84.0]),
+    np.array([205.0, 205.0, 190.0]),
+)
+_EXIF_GPS = 0x8825
+_EXIF_MODEL, _EXIF_TIME = 0x0110, 0x0132
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a picture says that it was taken."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+
+class Painter:
+    """Draws one world."""
+
+    def __init__(self, world: World) -> None:
+        self._caster = RayCaster(world)
+        self._range_m = FLAT_RANGE_M if world.terrain.flat else TERRAIN_RANGE_M
+        self._world = world
+
+    def draw(
+        self, position_ned_m: FloatArray, q_ned_camera: FloatArray, width_rad: float
+    ) -> NDArray[np.uint8]:
+        """(HEIGHT, WIDTH, 3) RGB from a place (3,), an attitude (4,) and a horizontal field of view."""
+        rays = self._rays(q_ned_camera, width_rad)
+        origin = np.broadcast_to(position_ned_m, rays.shape)
+        hits = self._caster.cast(origin, rays, self._range_m)
+        colour = _sky(rays)
+        haze = colour.copy()
+        seen = hits.what != NOTHING
+        points = origin[seen] + rays[seen] * hits.distance_m[seen, None]
+        what = hits.what[seen]
+        surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[seen]), 0.0)
+        for number in range(len(self._world.boxes)):
+            met = what == number
+            if met.any():
+                surface[met] = self._box(number, points[met])
+        clear = np.exp(-hits.distance_m[seen] / HAZE_M)[:, None]
+        colour[seen] = clear * surface + (1.0 - clear) * haze[seen]
+        return np.clip(np.rint(colour), 0, 255).astype(np.uint8).reshape(HEIGHT, WIDTH, 3)
+
+    def _rays(self, q_ned_camera: FloatArray, width_rad: float) -> FloatArray:
+        focal = 0.5 * WIDTH / math.tan(0.5 * width_rad)
+        right = (np.arange(WIDTH) + 0.5 - 0.5 * WIDTH) / focal
+        down = (np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / focal
+        rays = np.ones((HEIGHT, WIDTH, 3))
+        rays[:, :, 1] = right[None, :]
+        rays[:, :, 2] = down[:, None]
+        rays = rays.reshape(-1, 3) / np.linalg.norm(rays.reshape(-1, 3), axis=1, keepdims=True)
+        return rays @ rotation_matrix(q_ned_camera[None, :])[0].T
+
+    def _box(self, number: int, points: FloatArray) -> FloatArray:
+        """A hue of its own, faces by their direction, a line each metre of height."""
+        box = self._world.boxes[number]
+        c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
+        north, east = points[:, 0] - box.north_m, points[:, 1] - box.east_m
+        x = np.abs(c * north + s * east) / (0.5 * box.length_m)
+        y = np.abs(c * east - s * north) / (0.5 * box.width_m)
+        height = -points[:, 2] - box.base_alt_home_m
+        on_roof = height > box.height_m - 1e-3
+        light = np.where(on_roof, 1.0, np.where(x > y, 0.8, 0.62))
+        light = light * np.where(~on_roof & (np.mod(height, 1.0) < 0.06), 0.75, 1.0)
+        hue = 2.4 * number
+        tint = np.array(
+            [170 + 50 * math.cos(hue), 140 + 40 * math.cos(hue + 2.1), 120 + 50 * math.cos(hue + 4.2)]
+        )
+        return light[:, None] * tint
+
+
+def jpeg(pixels: NDArray[np.uint8], place: Place | None, time_unix_s: float) -> bytes:
+    """The file, with the place and time in its EXIF data."""
+    picture = Image.fromarray(pixels)
+    exif = Image.Exif()
+    exif[_EXIF_MODEL] = "Simulated camera"
+    exif[_EXIF_TIME] = datetime.fromtimestamp(time_unix_s, UTC).strftime("%Y:%m:%d %H:%M:%S")
+    if place is not None:
+        exif.get_ifd(_EXIF_GPS).update(
+            {
+                1: "N" if place.lat_deg >= 0 else "S",
+                2: _degrees(place.lat_deg),
+                3: "E" if place.lon_deg >= 0 else "W",
+                4: _degrees(place.lon_deg),
+                5: 0 if place.alt_amsl_m >= 0 else 1,
+                6: round(abs(place.alt_amsl_m), 3),
+            }
+        )
+    out = io.BytesIO()
+    picture.save(out, "JPEG", quality=JPEG_QUALITY, exif=exif)
+    return out.getvalue()
+
+
+def _degrees(angle_deg: float) -> tuple[float, float, float]:
+    """Degrees, minutes, seconds, as EXIF wants them."""
+    minutes, seconds = divmod(abs(angle_deg) * 3600.0, 60.0)
+    degrees, minutes = divmod(minutes, 60.0)
+    return degrees, minutes, round(seconds, 5)
+
+
+def _sky(rays: FloatArray) -> FloatArray:
+    up = np.clip(-rays[:, 2], 0.0, 1.0)[:, None] ** 0.5
+    return (1.0 - up) * _HORIZON + up * _ZENITH
+
+
+def _ground(points: FloatArray, distance_m: FloatArray) -> FloatArray:
+    """Fields of ten metres in two greens with lines between them; metres where they are near enough."""
+    north, east = points[:, 0], points[:, 1]
+    field = np.mod(np.floor(north / 10.0) + np.floor(east / 10.0), 2.0)[:, None]
+    colour = field * _GRASS + (1.0 - field) * _SOIL
+    for spacing, half_width, farthest in ((1.0, 0.03, 25.0), (10.0, 0.12, 250.0)):
+        near = np.minimum(_to_line(north, spacing), _to_line(east, spacing)) < half_width
+        near &= distance_m < farthest
+        colour = np.where(near[:, None], 0.5 * colour + 0.5 * _LINE, colour)
+    return colour
+
+
+def _to_line(at: FloatArray, spacing: float) -> FloatArray:
+    return np.abs(at - spacing * np.rint(at / spacing))
