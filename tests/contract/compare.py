@@ -166,6 +166,7 @@ def _joined(heard: list[Heard], kind: str) -> list[Heard]:
         return list(texts.values())
     if kind == "SERIAL_CONTROL" and same:
         text = "".join(_serial_text(h.values) for h in same)
+        text = re.sub(r" timestamp: \d+ \([\d.]+ s", " timestamp: … (… s", text)
         return [Heard(same[0].dt_s, kind, {"text": text})]
     if kind == "FILE_TRANSFER_PROTOCOL":
         return [Heard(h.dt_s, kind, _ftp(h.values["payload"])) for h in same]
@@ -195,7 +196,8 @@ def _key(heard: Heard) -> Any:
         case "COMMAND_ACK" | "COMMAND_LONG" | "COMMAND_INT":
             return v["command"]
         case "STATUSTEXT":
-            return re.sub(r"\[[-\d. ]+\]", "[…]", v["text"])  # measured, with their noise
+            text = re.sub(r"\[[-\d. ]+\]", "[…]", v["text"])  # measured, with their noise
+            return re.sub(r"[\d-]+/[\d_]+\.ulg", "….ulg", text)  # the time
         case "EVENT":
             return EVENT_NAMES.get(v["id"], v["id"])
         case "PARAM_VALUE":
@@ -248,6 +250,10 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
         if name in skipped or name not in own or name == "int_value":
             continue
         a, b = _plain(value), _plain(own[name])
+        if kind == "LOG_DATA" and name == "data":
+            a, b = list(bytes.fromhex(value)), b[: own["count"]]
+        if name == "arguments" and EVENT_NAMES.get(real["id"]) == "logger_open_file_time":
+            continue  # the time
         if kind == "STATUSTEXT" and name == "text":
             continue  # the key
         if name == "arguments" and real["id"] == HEALTH:

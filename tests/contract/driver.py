@@ -106,7 +106,7 @@ class Vehicle:
     def __init__(self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True) -> None:
         self.parameters = parameters
         self.heartbeats = heartbeats
-        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters)
+        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, log=True)
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
         self.commander = self.autopilot.commander

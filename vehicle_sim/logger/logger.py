@@ -27,6 +27,7 @@ STOPS_AFTER_US: Final = 1_000_000
 TELLS_AFTER_US: Final = 45_000
 """The file is named so long after its event."""
 TICK_US: Final = 20_000
+"""With the autopilot's, so that what it read in this step is read once."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
 """SDLOG_MODE; AUX1 comes with a remote control only, which a simulated vehicle has not."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
@@ -119,7 +120,7 @@ class Logger:
             self._tell_at_us = None
             self._announcer.text(6, f"[logger] ./{self.path}\t")
         if self._file is not None and now_us >= self._tick_at_us:
-            self._tick_at_us = now_us + TICK_US
+            self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
             self._tick(now_us)
 
     def start_by_hand(self) -> bool:

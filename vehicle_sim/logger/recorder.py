@@ -46,7 +46,8 @@ class _Group:
     def __init__(self, simulation: Simulation, pace: Pace, topics: Sequence[ArrayTopic]) -> None:
         self._simulation = simulation
         self._pace = pace
-        self._due_us = 0
+        self.due_us = 0
+        """Before this there is nothing to take."""
         self._seen = -1
         self._used = 0
         self._plans: list[tuple[ArrayTopic, NDArray[Any], list[_Column]]] = []
@@ -71,7 +72,7 @@ class _Group:
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
     def take(self, now_us: int) -> bool:
-        """Sample if it is time; whether the buffer is full now."""
+        """Sample, at the pace of a sensor only if it has measured; whether the buffer is full now."""
         pace = self._pace
         if isinstance(pace, str):
             count = getattr(self._simulation.sensors, pace)
@@ -79,9 +80,7 @@ class _Group:
                 return False
             self._seen = count
         else:
-            if now_us < self._due_us:
-                return False
-            self._due_us = (now_us // (pace * 1000) + 1) * pace * 1000
+            self.due_us = (now_us // (pace * 1000) + 1) * pace * 1000
         k = self._used
         row, simulation = self._values[k], self._simulation
         for column in self._columns:
@@ -158,7 +157,7 @@ class Recorder:
         if not self._sinks:
             return
         for group in self._groups:
-            if group.take(now_us):
+            if now_us >= group.due_us and group.take(now_us):
                 group.write(tuple(self._sinks))
 
 

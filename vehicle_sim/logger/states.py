@@ -23,6 +23,7 @@ VALID_STATES, SETTABLE_STATES = 0x7FFEE47F, 0x007EC47F
 """Bit masks of the modes there are and of those one may choose, as `vehicle_status` tells them."""
 ARMING_DISARMED, ARMING_ARMED = 1, 2
 ROTARY_WING, QUADROTOR = 1, 2
+NEVER_MS = 1 << 62
 FIRST_MODE_US = 116_000
 """When the commander of a PX4 in simulation takes its first mode."""
 EVENT_ARGUMENTS = 25
@@ -78,7 +79,9 @@ class States:
             len(ARRAY_TOPICS) + len(self.topics),
         )
         self._due_ms = [0] * len(self.topics)
-        self._keys: list[object] = [None] * len(self.topics)
+        self._next_ms = 0
+        self._watched = list(dict.fromkeys(topic.key for topic in self.topics if topic.key is not None))
+        self._keys: list[object] = [None] * len(self._watched)
         autopilot.announcer.add_listener(self._note)
 
     @property
@@ -89,23 +92,25 @@ class States:
     def restart(self) -> None:
         """A log begins: everything is due."""
         self._due_ms = [0] * len(self.topics)
+        self._next_ms = 0
 
     def due(self, now_us: int) -> bytes:
         """Messages of what changed or is due again."""
         now_ms = now_us // 1000
-        out: list[bytes] = []
+        keys = [key() for key in self._watched]
+        if keys == self._keys and now_ms < self._next_ms:
+            return b""
+        changed = {f for f, old, new in zip(self._watched, self._keys, keys, strict=True) if old != new}
+        self._keys = keys
         if self._commander.active is not self._mode:
             self._mode, self._mode_us = self._commander.active, now_us
+        out: list[bytes] = []
         for n, topic in enumerate(self.topics):
-            changed = False
-            if topic.key is not None:
-                key = topic.key()
-                changed, self._keys[n] = key != self._keys[n], key
-            if changed or now_ms >= self._due_ms[n]:
-                self._due_ms[n] = (
-                    (now_ms // topic.every_ms + 1) * topic.every_ms if topic.every_ms else 1 << 62
-                )
+            if topic.key in changed or now_ms >= self._due_ms[n]:
+                every_ms = topic.every_ms
+                self._due_ms[n] = (now_ms // every_ms + 1) * every_ms if every_ms else NEVER_MS
                 out.append(topic.pack(now_us))
+        self._next_ms = min(self._due_ms)
         return b"".join(out)
 
     def event(self, event: Event) -> bytes:
