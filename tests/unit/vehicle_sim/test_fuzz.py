@@ -1,0 +1,212 @@
+"""Whatever arrives, the simulator goes on: garbage, cut and wrong frames, odd values everywhere, floods."""
+
+import random
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.unit.vehicle_sim.sim_station import HOLD, Station
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, Layout, pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.world.files import load_world
+
+ODD_FLOATS = (
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    1e-40,
+    3.4e38,
+    -3.4e38,
+    float("inf"),
+    float("-inf"),
+    float("nan"),
+    255.0,
+    1e9,
+)
+LIMITS = {"b": (-128, 127), "B": (0, 255), "h": (-(2**15), 2**15 - 1), "H": (0, 2**16 - 1)}
+LIMITS |= {"i": (-(2**31), 2**31 - 1), "I": (0, 2**32 - 1), "q": (-(2**63), 2**63 - 1), "Q": (0, 2**64 - 1)}
+
+
+def odd_payload(layout: Layout, chance: random.Random) -> bytes:
+    """Values at and beyond the edges of what a field means; addressed to the vehicle more often than not."""
+    letters = layout.packer.format.lstrip("<")
+    flat, kinds, count = [], [], ""
+    for letter in letters:
+        if letter.isdigit():
+            count += letter
+            continue
+        kinds += [letter] if letter == "s" else [letter] * int(count or 1)
+        if letter == "s":
+            flat.append(chance.randbytes(int(count or 1)))
+        else:
+            flat += [_odd(letter, chance) for _ in range(int(count or 1))]
+        count = ""
+    at = 0
+    for name, length, is_text in layout.slots:
+        if name in ("target_system", "target") and chance.random() < 0.9:
+            flat[at] = 1
+        if name == "target_component" and chance.random() < 0.9:
+            flat[at] = chance.choice((0, 1, 100))
+        if name == "command" and chance.random() < 0.8:
+            flat[at] = chance.choice(COMMANDS)
+        at += 1 if is_text or not length else length
+    assert len(flat) == len(kinds)
+    return layout.packer.pack(*flat)
+
+
+COMMANDS = (
+    16,
+    20,
+    21,
+    22,
+    34,
+    176,
+    178,
+    179,
+    192,
+    195,
+    197,
+    201,
+    203,
+    205,
+    206,
+    211,
+    241,
+    245,
+    300,
+    310,
+    400,
+    401,
+)
+COMMANDS += (420, 500, 510, 511, 512, 521, 526, 530, 531, 1000, 1001, 2000, 2001, 2002, 42429, 43004, 65535)
+
+
+def _odd(letter: str, chance: random.Random) -> float:
+    if letter in "fd":
+        return chance.choice((*ODD_FLOATS, chance.uniform(-1e3, 1e3), float(chance.randrange(0, 600))))
+    low, high = LIMITS[letter]
+    return chance.choice(
+        (low, high, max(low, min(high, 0)), max(low, min(high, 1)), chance.randint(low, high))
+    )
+
+
+def is_well(sim: VehicleSim) -> bool:
+    """Finite everywhere, still streaming, still answering."""
+    truth = sim.simulation.truth
+    finite = all(
+        np.isfinite(rows).all() for rows in (truth.position_ned_m, truth.q_ned_frd, truth.rates_frd_rad_s)
+    )
+    sim.drain(0, "gcs")
+    ask = {"target_system": 1, "target_component": 1, "param_id": "SYS_AUTOSTART", "param_index": -1}
+    layout, payload = pack("PARAM_REQUEST_READ", **ask)
+    # Whatever a cut frame still waits for is given to it: then the parser must be in step again.
+    sim.feed(0, "gcs", bytes(600) + frame_v2(layout, payload, 0, 255, 190))
+    sim.step(1.5)
+    names = [message.name for message in FrameParser().feed(sim.drain(0, "gcs"))]
+    return finite and "HEARTBEAT" in names and "PARAM_VALUE" in names
+
+
+@pytest.fixture(scope="module")
+def flying() -> Station:
+    station = Station(camera=True)
+    station.fly_to(5.0)
+    return station
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.binary(max_size=400))
+def test_garbage_while_flying_changes_nothing(flying: Station, data: bytes) -> None:
+    flying.sim.feed(0, "gcs", data)
+    flying.sim.feed(0, "api", b"\xfd" + data)
+    flying.run(0.04)
+    assert flying.armed
+    assert flying.flown_mode == HOLD
+    assert 3.0 < flying.height_m < 7.0
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.integers(0, 2**31), st.integers(0, 40), st.integers(0, 255))
+def test_frames_cut_flipped_and_lengthened_change_nothing(
+    flying: Station, seed: int, cut: int, flip: int
+) -> None:
+    chance = random.Random(seed)
+    layout, payload = pack("COMMAND_LONG", target_system=1, target_component=1, command=400, param2=21196.0)
+    frame = bytearray(frame_v2(layout, payload, 0, 255, 190))
+    frame[chance.randrange(1, len(frame))] ^= flip or 1
+    flying.sim.feed(0, "gcs", bytes(frame[: len(frame) - cut]) + bytes(300))
+    flying.run(0.04)
+    assert flying.armed
+
+
+def test_unknown_ids_are_skipped_whole(flying: Station) -> None:
+    unknown = next(number for number in range(60000, 70000) if number not in LAYOUTS)
+    head = struct.pack("<BBBBBBBHB", 0xFD, 9, 0, 0, 1, 255, 190, unknown & 0xFFFF, unknown >> 16)
+    link = flying.sim.nodes[0].context.links[0]
+    before = link.parser.counts.unknown
+    flying.sim.feed(0, "gcs", (head + bytes(11)) * 50)
+    flying.run(0.1)
+    assert link.parser.counts.unknown == before + 50
+    assert flying.armed
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_odd_values_in_every_message_leave_the_simulator_well(seed: int) -> None:
+    chance = random.Random(seed)
+    sim = VehicleSim(camera=True, world=load_world("yard"), seed=seed, log=False)
+    sim.step(6.0)
+    layouts = list(LAYOUTS.values())
+    for _ in range(3):
+        chance.shuffle(layouts)
+        for n, layout in enumerate(layouts):
+            payload = odd_payload(layout, chance)
+            if chance.random() < 0.2:
+                payload = payload[: chance.randrange(1, len(payload) + 1)]
+            sender = chance.choice(((255, 190), (1, 1), (1, 191), (0, 0), (254, 1)))
+            sim.feed(0, chance.choice(("gcs", "api")), frame_v2(layout, payload, n & 0xFF, *sender))
+            if n % 10 == 0:
+                sim.step(0.02)
+    assert is_well(sim)
+
+
+SERVICES = (
+    "COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "MISSION_COUNT",
+    "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_ACK",
+    "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST", "FILE_TRANSFER_PROTOCOL", "SERIAL_CONTROL",
+    "LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_ERASE", "LOG_REQUEST_END", "MANUAL_CONTROL", "PING",
+    "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET", "TIMESYNC",
+    "GIMBAL_MANAGER_SET_ATTITUDE", "GIMBAL_MANAGER_SET_MANUAL_CONTROL", "SET_GPS_GLOBAL_ORIGIN", "ODOMETRY",
+    "VISION_POSITION_ESTIMATE", "SYSTEM_TIME", "SET_MODE", "RC_CHANNELS_OVERRIDE", "FOLLOW_TARGET",
+    "REQUEST_EVENT",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_odd_values_to_every_service_in_flight_leave_the_simulator_well(seed: int) -> None:
+    chance = random.Random(1000 + seed)
+    station = Station(camera=True, seed=seed)
+    station.fly_to(5.0)
+    sim = station.sim
+    for n in range(500):
+        layout = BY_NAME[chance.choice(SERVICES)]
+        sim.feed(0, "gcs", frame_v2(layout, odd_payload(layout, chance), n & 0xFF, 255, 190))
+        if n % 5 == 0:
+            sim.step(0.02)
+    assert is_well(sim)
+
+
+def test_a_flood_is_worked_off_and_memory_stays_bounded() -> None:
+    sim = VehicleSim()
+    sim.step(1.0)
+    layout, payload = pack("PARAM_REQUEST_LIST", target_system=1, target_component=1)
+    flood = b"".join(frame_v2(layout, payload, n & 0xFF, 255, 190) for n in range(2000))
+    for _ in range(20):
+        sim.feed(0, "gcs", flood)
+        sim.step(0.02)
+    link = sim.nodes[0].context.links[0]
+    assert link._outbox_bytes < 4_100_000
+    assert is_well(sim)
