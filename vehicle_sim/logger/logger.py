@@ -35,6 +35,8 @@ BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
 UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
 LEAST_FREE_BYTES: Final = 50 << 20
 """With less room no log is begun, and one that runs ends."""
+LARGEST_BYTES: Final = 1 << 30
+"""A log that has grown so large ends: a vehicle left running must not fill the machine it runs on."""
 LOOKS_EVERY_US: Final = 5_000_000
 DEFAULT_PROFILE: Final = 1
 
@@ -178,6 +180,10 @@ class Logger:
             self._look()
 
     def _look(self) -> None:
+        if self.written_bytes >= LARGEST_BYTES:
+            self.stop()
+            self._announcer.text(4, "[logger] the log ends: it has grown to 1 GiB\t")
+            return
         try:
             free = self._room(self._files.root)
         except OSError as error:

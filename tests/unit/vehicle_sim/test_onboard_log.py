@@ -265,6 +265,20 @@ def test_too_little_room_is_told_before_and_during_a_log():
     assert not logger.running
 
 
+def test_a_log_does_not_grow_without_end_and_the_next_arming_opens_another():
+    station = Station(log=True)
+    station.run(12)
+    logger = station.sim.loggers[0]
+    first, logger.written_bytes = logger.path, (1 << 30) + 1
+    station.run(5.1)
+    assert not logger.running
+    assert "[logger] the log ends: it has grown to 1 GiB\t" in station.texts()
+    assert station.sim.autopilots[0].commander.arm()
+    station.run(0.1)
+    assert logger.running
+    assert logger.path != first
+
+
 def test_without_logs_nothing_is_written_and_nobody_told():
     station = Station()
     station.run(12)
