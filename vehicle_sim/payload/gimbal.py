@@ -1,7 +1,9 @@
 """A three-axis gimbal and its manager: who may command it, what is wanted, and how it gets there.
 
-The manager follows PX4's (MNT_MODE_IN 4, MNT_MODE_OUT 0: manager and device with id 1). The device follows
-its set point like a first-order lag with a rate limit, which PX4's dummy output does not: real ones do.
+The manager follows PX4's (MNT_MODE_IN 4). With MNT_MODE_OUT 0 it drives servos: angles at once, within half
+of MNT_RANGE_* to either side, counted from the body unless MNT_DO_STAB takes the vehicle's attitude out.
+With MNT_MODE_OUT 2 a gimbal device of its own turns: it lags, has a top speed, and holds its yaw against
+north where that is locked.
 """
 
 from __future__ import annotations
@@ -16,6 +18,10 @@ from vehicle_sim.geodesy import to_local
 TIME_CONSTANT_S = 0.15
 RATE_LIMIT_RAD_S = math.radians(90.0)
 INPUT_MAVLINK_V2 = 4
+OUTPUT_DEVICE = 2
+STABILISE_ALL, STABILISE_YAW = 1, 2
+"""MNT_DO_STAB."""
+AXES = ("ROLL", "PITCH", "YAW")
 Quaternion = tuple[float, float, float, float]
 
 
@@ -27,6 +33,9 @@ class Flag(IntFlag):
     ROLL_LOCK = 4
     PITCH_LOCK = 8
     YAW_LOCK = 16
+
+
+LOCKS = (Flag.ROLL_LOCK, Flag.PITCH_LOCK, Flag.YAW_LOCK)
 
 
 def wrap_pi(angle_rad: float) -> float:
@@ -69,8 +78,6 @@ class Angles:
 class Gimbal:
     """Manager and device of one vehicle."""
 
-    device_id = 1
-
     def __init__(self, body: Body) -> None:
         self._body = body
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
@@ -87,6 +94,16 @@ class Gimbal:
     def enabled(self) -> bool:
         """Whether the gimbal module runs (MNT_MODE_IN)."""
         return self._body.choice("MNT_MODE_IN") == INPUT_MAVLINK_V2
+
+    @property
+    def turns_itself(self) -> bool:
+        """A gimbal device of its own stands behind the manager, no servos."""
+        return self._body.choice("MNT_MODE_OUT") == OUTPUT_DEVICE
+
+    @property
+    def device_id(self) -> int:
+        """As the manager names its device: a component of its own, or 1 for servos."""
+        return self._body.choice("MNT_MAV_COMPID") if self.turns_itself else 1
 
     @property
     def yaw_locked(self) -> bool:
@@ -201,6 +218,12 @@ class Gimbal:
             self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + self._wanted_rates[1] * dt_s)
         elif self._roi is not None:
             self._aim()
+        if self.turns_itself:
+            self._turn_device(dt_s)
+        else:
+            self._set_servos()
+
+    def _turn_device(self, dt_s: float) -> None:
         goal_yaw_frd = self.wanted.yaw_rad
         if self.yaw_locked:
             goal_yaw_frd = wrap_pi(goal_yaw_frd - self._body.belief.yaw_ned_rad)
@@ -212,24 +235,62 @@ class Gimbal:
         actual.pitch_rad += rates.pitch_rad * dt_s
         actual.yaw_rad = wrap_pi(actual.yaw_rad + rates.yaw_rad * dt_s)
 
+    def _set_servos(self) -> None:
+        belief, how = self._body.belief, self._body.choice("MNT_DO_STAB")
+        wanted = self.wanted
+        vehicle = (belief.roll_rad, belief.pitch_rad, belief.yaw_ned_rad)
+        absolute = [self._roi is not None or bool(self.flags & flag) for flag in LOCKS]
+        stabilised = (how == STABILISE_ALL, how == STABILISE_ALL, how in (STABILISE_ALL, STABILISE_YAW))
+        angles = [
+            wrap_pi(angle - vehicle[k]) if stabilised[k] and absolute[k] else wrap_pi(angle)
+            for k, angle in enumerate((wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad))
+        ]
+        roll, pitch, yaw = (
+            max(-limit, min(limit, angle))
+            for angle, limit in zip(angles, self._half_ranges_rad(), strict=True)
+        )
+        if self._body.simulation.setpoints.landed[self._body.row]:
+            lowest, highest = (
+                math.radians(self._body.parameter(f"MNT_LND_P_{end}")) for end in ("MIN", "MAX")
+            )
+            pitch = max(lowest, min(highest, pitch))
+        if self._wanted_rates is not None:
+            wanted.pitch_rad += pitch - angles[1]
+            wanted.yaw_rad += yaw - angles[2]
+        self.actual, self.rates_rad_s = Angles(roll, pitch, yaw), Angles()
+
+    def _half_ranges_rad(self) -> tuple[float, float, float]:
+        roll, pitch, yaw = (math.radians(self._body.parameter(f"MNT_RANGE_{axis}")) / 2.0 for axis in AXES)
+        return (roll, pitch, yaw)
+
+    def servo_controls(self) -> tuple[float, float, float] | None:
+        """Roll, pitch and yaw as the servo functions 420 to 422 carry them, -1..1; None: not driven."""
+        if not self.enabled or self.turns_itself:
+            return None
+        angles = (self.actual.roll_rad, self.actual.pitch_rad, self.actual.yaw_rad)
+        offsets = (math.radians(self._body.parameter(f"MNT_OFF_{axis}")) for axis in AXES)
+        roll, pitch, yaw = (
+            max(-1.0, min(1.0, (angle + offset) / half)) if half > 0.0 else 0.0
+            for angle, offset, half in zip(angles, offsets, self._half_ranges_rad(), strict=True)
+        )
+        return (roll, pitch, yaw)
+
     @property
     def yaw_ned_rad(self) -> float:
         """Where the gimbal points, against north."""
         return wrap_pi(self.actual.yaw_rad + self._body.belief.yaw_ned_rad)
 
     def device_quaternion(self) -> Quaternion:
-        """As GIMBAL_DEVICE_ATTITUDE_STATUS reports it: yaw against north with the lock, else to the body."""
-        yaw = self.yaw_ned_rad if self.yaw_locked else self.actual.yaw_rad
+        """As GIMBAL_DEVICE_ATTITUDE_STATUS reports it: a device counts a locked yaw from north."""
+        yaw = self.yaw_ned_rad if self.yaw_locked and self.turns_itself else self.actual.yaw_rad
         return euler_to_q(self.actual.roll_rad, self.actual.pitch_rad, yaw)
 
     def _take_flags(self, flags: int) -> None:
         self._forget()
         locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
         heading = self._body.belief.yaw_ned_rad
-        if lock and not locked:
-            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + heading)
-        elif locked and not lock:
-            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad - heading)
+        if self.turns_itself and lock != locked:
+            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + (heading if lock else -heading))
         self.flags = Flag(flags & 0x1F) & ~(Flag.RETRACT | Flag.NEUTRAL)
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
             self.wanted = Angles()

@@ -23,8 +23,8 @@ def take(s: Station) -> None:
 
 
 def test_the_gimbal_programs_sequence() -> None:
-    """Take control, stream roll 90, pitch 90 and zero with yaw locked, release."""
-    s = ready()
+    """Take control, stream roll 90, pitch 90 and zero with yaw locked, release; its ranges allow that."""
+    s = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
     take(s)
     assert s.acks(1001) == [0]
 
@@ -59,15 +59,61 @@ def test_without_control_commands_are_denied_and_messages_ignored() -> None:
     assert q_pitch(s) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_it_turns_at_a_limited_rate_and_arrives() -> None:
+def test_servos_are_there_at_once_and_stop_at_half_their_range() -> None:
     s = ready()
     take(s)
+    gimbal = s.sim.autopilots[0].gimbal
+    s.command(1000, -30, 60, NAN, NAN)
+    s.run(0.1)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-30)
     s.command(1000, -60, 0, NAN, NAN)
+    s.run(0.1)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45)
+    s.command(1000, NAN, NAN, -10, 0)
+    s.run(2)
+    s.command(1000, NAN, NAN, 10, 0)
+    s.run(1)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-35, abs=0.5), "it waited at its stop"
+
+
+def test_a_device_of_its_own_turns_at_a_limited_rate_and_holds_north() -> None:
+    s = Station(parameters={"MNT_MODE_OUT": 2})
+    take(s)
+    s.command(1000, -60, 90, NAN, NAN, 16)
     s.run(0.3)
     gimbal = s.sim.autopilots[0].gimbal
     assert -45 < math.degrees(gimbal.actual.pitch_rad) < -10
     s.run(2)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-60, abs=0.5)
+    s.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
+    s.run(4)
+    assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1.5)
+    assert s.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
+
+
+def test_the_yaw_of_servos_is_held_against_north_where_stabilising_is_on() -> None:
+    s = Station(parameters={"MNT_DO_STAB": 2})
+    take(s)
+    s.command(1000, 0, 90, NAN, NAN, 16)
+    s.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
+    s.run(6)
+    gimbal = s.sim.autopilots[0].gimbal
+    assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=0.5)
+    assert math.degrees(gimbal.actual.yaw_rad) < 80
+
+
+def test_assigned_outputs_carry_the_angles_when_they_may() -> None:
+    s = Station(parameters={"PWM_MAIN_FUNC5": 421, "PWM_MAIN_FUNC7": 422})
+    take(s)
+    s.command(1000, -22.5, 90, NAN, NAN)
+    s.command(511, 36, 100000)
+    s.run(1)
+    assert s.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "disarmed, nothing turns"
+    s.sim.simulation.parameters[0].set("COM_PREARM_MODE", 2)
+    s.run(1)
+    outputs = s.last["SERVO_OUTPUT_RAW"]
+    assert (outputs.servo5_raw, outputs.servo6_raw, outputs.servo7_raw) == (1250, 900, 1750)
+    assert outputs.servo1_raw == 900
 
 
 def test_minus_two_gives_control_to_the_vehicle_itself() -> None:
@@ -101,7 +147,7 @@ def test_rates_turn_until_angles_stop_them_and_angles_alone_with_nan_change_noth
     s.run(2)
     gimbal = s.sim.autopilots[0].gimbal
     moved = math.degrees(gimbal.actual.pitch_rad)
-    assert -20 < moved < -15
+    assert moved == pytest.approx(-20, abs=0.5)
     s.command(1000, NAN, NAN, NAN, NAN)
     s.run(1)
     held = math.degrees(gimbal.wanted.pitch_rad)

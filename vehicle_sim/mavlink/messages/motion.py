@@ -18,6 +18,10 @@ _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
 _SERVO = packer("SERVO_OUTPUT_RAW")
 
 UNUSED_OUTPUT_US = 900
+OUTPUTS = 16
+FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
+"""PWM_MAIN_FUNC*: motors 1 to 12; the gimbal's roll, pitch and yaw."""
+PREARM_ALWAYS = 2
 
 
 class MotionMessages(Family):
@@ -165,6 +169,21 @@ class MotionMessages(Family):
 
     def servo_output_raw(self) -> bytes:
         motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
-        values = motors + [UNUSED_OUTPUT_US] * (16 - len(motors))
+        servos = self._servos_us()
+        values: list[int] = []
+        for n in range(1, OUTPUTS + 1):
+            function = int(self._body.parameter(f"PWM_MAIN_FUNC{n}"))
+            motor = function - FIRST_MOTOR_FUNCTION
+            values.append(
+                motors[motor] if 0 <= motor < len(motors) else servos.get(function, UNUSED_OUTPUT_US)
+            )
         port = 0
         return _SERVO(self._body.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
+
+    def _servos_us(self) -> dict[int, int]:
+        """Pulses of the gimbal's servo functions; none before arming unless COM_PREARM_MODE says always."""
+        controls = self._autopilot.gimbal.servo_controls()
+        armed = self._autopilot.commander.armed or self._body.choice("COM_PREARM_MODE") == PREARM_ALWAYS
+        if controls is None or not armed:
+            return {}
+        return {FIRST_GIMBAL_FUNCTION + k: round(1500.0 + 500.0 * value) for k, value in enumerate(controls)}

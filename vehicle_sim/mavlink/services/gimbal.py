@@ -91,9 +91,9 @@ class GimbalService:
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
-        """The old region-of-interest command."""
+        """The old region-of-interest command: PX4 keeps its mode only, and points at 0 N 0 E at sea level."""
         if _whole(command.p1) == 3:
-            return self.roi_location(command)
+            self._gimbal.look_at(0.0, 0.0, 0.0)
         if _whole(command.p1) == 0:
             self._gimbal.look_nowhere()
         return ACCEPTED
