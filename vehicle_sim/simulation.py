@@ -17,6 +17,7 @@ from vehicle_sim.control.allocation import mixer_of
 from vehicle_sim.control.cascade import Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import Estimator
+from vehicle_sim.estimator.vision import VisionSample
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.physics.battery import Batteries
 from vehicle_sim.physics.rigid_body import RigidBodies
@@ -240,6 +241,10 @@ class Simulation:
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
         """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
         self._sensors.set_gps_offset(i, offset_ned_m)
+
+    def take_vision(self, i: int, sample: VisionSample) -> None:
+        """What somebody outside measured of vehicle `i` (EKF2_EV_CTRL)."""
+        self._estimator.take_vision(i, sample)
 
     def set_wind(self, wind_ned_m_s: FloatArray) -> None:
         """Steady wind, (3,) for all or (N, 3)."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vehicle_sim.estimator.channels import ERROR, POSITION, VELOCITY, Channels
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.estimator.outputs import blank_estimate, blank_row
+from vehicle_sim.estimator.vision import Vision, VisionSample
 from vehicle_sim.frames import (
     GRAVITY_M_S2,
     quaternion_from_euler,
@@ -38,6 +39,8 @@ _SAMPLES_A_PREDICTION = 2
 _GLOBAL_EVERY_PREDICTIONS = 5
 _STANDING_VARIANCE = 0.25
 """(m²) of the assumption that a vehicle without an origin has not moved."""
+_GPS_POSITION_OR_SPEED = 0b101
+"""Bits of EKF2_GPS_CTRL: horizontal position, velocity."""
 _GRAVITY_FUSION = 4
 """Bit of EKF2_IMU_CTRL."""
 _GRAVITY_GATE = 0.25
@@ -77,6 +80,7 @@ class Estimator:
         self._heading_gate = np.ones(count)
         self._declination_rad = np.zeros(count)
         self._gps_good_s = np.zeros(count)
+        self._gps_fused = np.ones(count, dtype=bool)
         self._gps_wait_s = np.zeros(count)
         self._no_aid_s = np.full(count, math.inf)
         self._no_aid_limit_s = np.zeros(count)
@@ -92,6 +96,8 @@ class Estimator:
         self._leaning_count = np.zeros((count, 1))
         self._gravity_gate_m_s2 = np.zeros((count, 1))
         self._gravity_variance = np.full((count, 1), np.inf)
+        self._vision = Vision(count)
+        self._gps_aided = np.zeros(count, dtype=np.bool_)
         self._gravity_step = np.array([0.0, 0.0, GRAVITY_M_S2 * self._predict_s])
 
     def configure(self, i: int, parameters: Parameters) -> None:
@@ -101,6 +107,7 @@ class Estimator:
             return parameters.usable(name)
 
         self.channels.configure(i, parameters)
+        self._vision.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_POS", "EKF2_TAU_VEL")):
             self._decay[i, 0, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
@@ -111,6 +118,7 @@ class Estimator:
             self._yaw_variance[i] = self._heading_variance[i]
         self._declination_rad[i] = math.radians(value("EKF2_MAG_DECL"))
         self._gps_wait_s[i] = value("EKF2_REQ_GPS_H")
+        self._gps_fused[i] = bool(int(parameters.get("EKF2_GPS_CTRL")) & _GPS_POSITION_OR_SPEED)
         self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT")
         self._gps_noise[i] = value("EKF2_GPS_P_NOISE"), value("EKF2_GPS_V_NOISE")
         self._gates[i] = max(value("EKF2_GPS_P_GATE"), 1.0), max(value("EKF2_GPS_V_GATE"), 1.0)
@@ -124,6 +132,7 @@ class Estimator:
         """Vehicle `i` starts anew, as after a reboot."""
         blank_row(self.state, i)
         self.channels.reset(i)
+        self._vision.reset(i)
         self._gyro.reset(i)
         self._started[i] = False
         for rows in (
@@ -161,6 +170,28 @@ class Estimator:
                 if counts[2] != self._counts[2]:
                     self._fuse_mag(sensors)
                 self._counts = counts
+            if self._vision.waits:
+                self._fuse_vision()
+
+    def take_vision(self, i: int, sample: VisionSample) -> None:
+        """A position, velocity or heading of vehicle `i` measured from outside (EKF2_EV_CTRL)."""
+        self._vision.put(i, sample)
+
+    def _fuse_vision(self) -> None:
+        state, channels = self.state, self.channels
+        before = channels.state[:, :, :2].copy()
+        for aid in self._vision.fuse(channels, self._gps_aided, self._samples * self._dt_s):
+            i = aid.row
+            if aid.horizontal:
+                self._no_aid_s[i] = 0.0
+                state.valid_position[i] = state.valid_velocity[i] = True
+            gain = self._vision.heading_gain(i, float(self._yaw_variance[i]))
+            if gain > 0.0 and math.isfinite(aid.heading_rad):
+                turn = np.zeros((state.heading_rad.shape[0], 3))
+                turn[i, 2] = gain * math.remainder(aid.heading_rad - float(state.heading_rad[i]), math.tau)
+                self._turn(turn)
+                self._yaw_variance[i] *= 1.0 - gain
+        self._residual -= channels.state[:, :, :2] - before
 
     def _align(self, sensors: SensorState) -> None:
         """Level by the accelerometer and turn by the magnetometer where an estimator has just started."""
@@ -223,7 +254,7 @@ class Estimator:
             max(self._samples - self._gps_sample, 1) * self._dt_s if self._gps_sample >= 0 else self._dt_s
         )
         self._gps_sample = self._samples
-        fixed = sensors.gps_fix_type >= 3
+        fixed = (sensors.gps_fix_type >= 3) & self._gps_fused
         self._gps_good_s[:] = np.where(fixed, self._gps_good_s + interval_s, 0.0)
         self._set_origins(sensors, fixed)
         aided = fixed & np.isfinite(state.origin_lat_deg)
@@ -231,6 +262,8 @@ class Estimator:
         position_variance = np.empty_like(position)
         horizontal = np.maximum(sensors.gps_horizontal_accuracy_m, self._gps_noise[:, 0]) ** 2
         standing = np.where(np.isfinite(state.origin_lat_deg), self._fake_variance, _STANDING_VARIANCE)
+        # Who is seen from outside need not be taken to stand.
+        standing = np.where(self._vision.fresh(self._samples * self._dt_s), np.inf, standing)
         position_variance[:, :2] = np.where(aided, horizontal, standing)[:, None]
         vertical = np.maximum(sensors.gps_vertical_accuracy_m, self._gps_noise[:, 0]) ** 2
         position_variance[:, 2] = np.where(aided, vertical, np.inf)
@@ -260,6 +293,7 @@ class Estimator:
             self._rejected_s[:, k] = np.where(good, 0.0, self._rejected_s[:, k] + interval_s)
         np.copyto(state.gps_rejected, aided & ~(taken & taken_speed))
         aided &= taken | taken_speed
+        self._gps_aided[:] = aided
         self._fuse_gravity()
         self._residual -= channels.state[:, :, :2] - before
         self._no_aid_s[aided] = 0.0

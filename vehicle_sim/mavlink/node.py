@@ -27,6 +27,7 @@ from vehicle_sim.mavlink.services.requests import RequestService
 from vehicle_sim.mavlink.services.shell import ShellService
 from vehicle_sim.mavlink.services.texts import TextService
 from vehicle_sim.mavlink.services.time import TimeService
+from vehicle_sim.mavlink.services.vision import VisionService
 from vehicle_sim.payload.camera import Camera
 from vehicle_sim.shell.commands import Shell
 from vehicle_sim.storage.files import VehicleFiles
@@ -64,8 +65,8 @@ class Node:
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
             self._texts, self._time, self._params, self._mission, gimbal, commands,
-            OffboardService(self.context), ManualService(self.context), self._ftp,
-            self._logs, self._shell,
+            OffboardService(self.context), VisionService(self.context), ManualService(self.context),
+            self._ftp, self._logs, self._shell,
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers

@@ -1,0 +1,94 @@
+"""External vision and odometry: without GPS, and where EKF2_EV_CTRL says so, position is from them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.unit.vehicle_sim.sim_station import Station
+from vehicle_sim.frames import euler_of
+
+WITHOUT_GPS = {"EKF2_GPS_CTRL": 0, "SYS_HAS_GPS": 0}
+
+
+def truth(station):
+    return station.sim.simulation.truth
+
+
+def see(station):
+    """VISION_POSITION_ESTIMATE of what is, at 30 Hz or so."""
+    x, y, z = truth(station).position_ned_m[0]
+    roll, pitch, yaw = euler_of(truth(station).q_ned_frd)[0]
+    station.send("VISION_POSITION_ESTIMATE", x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=yaw,
+                 covariance=[math.nan] * 21)  # fmt: skip
+
+
+def odometry(station, frame=1, turned=0.0):
+    c, s = math.cos(turned), math.sin(turned)
+    position, velocity = (
+        np.array([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
+        for v in (truth(station).position_ned_m[0], truth(station).velocity_ned_m_s[0])
+    )
+    half = -turned / 2
+    w, z = math.cos(half), math.sin(half)
+    a, b, cc, d = truth(station).q_ned_frd[0]
+    q = [w * a - z * d, w * b - z * cc, w * cc + z * b, w * d + z * a]
+    x, y, down = position
+    vx, vy, vz = velocity
+    station.send("ODOMETRY", x=x, y=y, z=down, q=q, vx=vx, vy=vy, vz=vz, frame_id=frame, child_frame_id=frame,
+                 pose_covariance=[math.nan] * 21, velocity_covariance=[math.nan] * 21)  # fmt: skip
+
+
+def estimate(station):
+    return station.sim.simulation.estimate
+
+
+def test_without_gps_and_vision_there_is_no_position():
+    station = Station(parameters=WITHOUT_GPS)
+    station.run(15)
+    assert not estimate(station).valid_position[0]
+
+
+def test_vision_is_not_heard_unless_the_parameter_says_so():
+    station = Station(parameters=WITHOUT_GPS)
+    station.run(15, lambda: see(station))
+    assert not estimate(station).valid_position[0]
+
+
+def test_vision_gives_a_position_and_its_end_takes_it_away():
+    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 15})
+    truth(station).position_ned_m[0] = (4.0, -3.0, 0.0)
+    station.run(8, lambda: see(station))
+    assert estimate(station).valid_position[0]
+    assert estimate(station).position_ned_m[0, :2] == pytest.approx([4.0, -3.0], abs=0.15)
+    station.run(12)
+    assert not estimate(station).valid_position[0]
+
+
+@pytest.mark.parametrize(("frame", "turned"), [(1, 0.0), (20, 1.2)])
+def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned):
+    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7})
+    station.run(4, lambda: odometry(station, frame, turned))
+    truth(station).position_ned_m[0, 2] = -200.0
+    truth(station).velocity_ned_m_s[0] = (6.0, 2.0, 0.0)
+    station.run(3, lambda: odometry(station, frame, turned))
+    error = estimate(station).position_ned_m[0] - truth(station).position_ned_m[0]
+    assert np.abs(error[:2]).max() < 0.5
+    assert np.abs(estimate(station).velocity_ned_m_s[0] - truth(station).velocity_ned_m_s[0])[:2].max() < 0.6
+
+
+def test_an_outlier_is_not_believed():
+    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 3})
+    station.run(6, lambda: see(station))
+    before = estimate(station).position_ned_m[0].copy()
+    station.send("VISION_POSITION_ESTIMATE", x=500.0, y=0.0, z=0.0, covariance=[math.nan] * 21)
+    station.run(0.1)
+    assert np.abs(estimate(station).position_ned_m[0] - before).max() < 0.2
+
+
+def test_while_gps_is_there_vision_changes_nothing():
+    station = Station(parameters={"EKF2_EV_CTRL": 15})
+    station.run(10)
+    station.send("VISION_POSITION_ESTIMATE", x=50.0, y=0.0, z=0.0, covariance=[math.nan] * 21)
+    station.run(0.5)
+    assert abs(estimate(station).position_ned_m[0, 0]) < 2.0
