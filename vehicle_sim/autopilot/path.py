@@ -111,7 +111,7 @@ class Path:
         if not flying:
             self.z.reset(self._body.belief.position_ned_m[2])
         self._smoothing.fly(TICK_S, way, self._limits)
-        self._keep_near()
+        self.keep_near()
         self.write()
 
     def _way_to(self, target_ned_m: Vector) -> Way:
@@ -142,9 +142,10 @@ class Path:
         elif abs(self.z.velocity_m_s) < 0.05 and flying:
             self.target_ned_m = (north, east, self.z.position_m)
         self.z_towards(wanted)
-        self._keep_near()
+        self.keep_near()
 
-    def _keep_near(self) -> None:
+    def keep_near(self) -> None:
+        """The trajectory stays within MAX_Z_LEAD_M of the vehicle's height."""
         z = self._body.belief.position_ned_m[2]
         if abs(self.z.position_m - z) > MAX_Z_LEAD_M:
             self.z.position_m = z + math.copysign(MAX_Z_LEAD_M, self.z.position_m - z)

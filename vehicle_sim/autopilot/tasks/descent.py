@@ -22,7 +22,7 @@ class Descent:
         """One tick of the descent."""
         self._path.advance_horizontal()
         self._path.z_towards(self._land_speed())
-        self._path.z.position_m = self._body.belief.position_ned_m[2]
+        self._path.keep_near()
         self._path.write()
 
     def height_above_ground_m(self) -> float:
