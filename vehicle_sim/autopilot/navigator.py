@@ -16,6 +16,7 @@ from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
+from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome, ReturnPhase
 from vehicle_sim.geodesy import is_place, to_local
@@ -51,6 +52,7 @@ class Navigator:
         self._descent = Descent(body, self.path, home)
         self._return = ReturnHome(body, announcer, self.path, home, self._descent, plans, commands)
         self._orbit = Orbit(body, announcer, self.path, row)
+        self.follow = Follow(body, self.path, row, home)
         self.fence = FenceWatch(body, announcer, home, plans)
         self.mission = Mission(
             body, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
@@ -128,6 +130,8 @@ class Navigator:
             self._commands.park_gimbal()
         elif mode is NavState.ORBIT:
             self._orbit.enter()
+        elif mode is NavState.FOLLOW:
+            self.follow.enter()
         elif mode is NavState.MISSION:
             self.mission.enter()
 
@@ -198,7 +202,9 @@ class Navigator:
             self._orbit.run(flying)
         elif mode is NavState.MISSION and self.mission.active:
             self.mission.run(flying)
-        elif mode in (NavState.HOLD, NavState.FOLLOW):
+        elif mode is NavState.FOLLOW:
+            self.follow.run(flying)
+        elif mode is NavState.HOLD:
             self.path.fly_to_target(flying)
         else:
             self.sink()

@@ -14,6 +14,7 @@ from vehicle_sim.mavlink.services.calibration import CalibrationService
 from vehicle_sim.mavlink.services.camera import CameraService
 from vehicle_sim.mavlink.services.commands import CommandService
 from vehicle_sim.mavlink.services.failures import FailureService
+from vehicle_sim.mavlink.services.follow import FollowService
 from vehicle_sim.mavlink.services.ftp import FtpService
 from vehicle_sim.mavlink.services.gimbal import GimbalService
 from vehicle_sim.mavlink.services.logs import LogService
@@ -67,6 +68,7 @@ class Node:
             self._texts, self._time, self._params, self._mission, gimbal, commands,
             OffboardService(self.context), VisionService(self.context), ManualService(self.context),
             self._ftp, self._logs, self._shell,
+            FollowService(self.context),
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers

@@ -1,0 +1,158 @@
+"""Follow Target: beside whoever sends FOLLOW_TARGET, at the distance, angle and height of FLW_TGT_*.
+
+Where the target is comes through a filter of second order (FLW_TGT_RS is its time); the vehicle keeps its
+angle to the target's course and goes around it no faster than FLW_TGT_MAX_VEL. With no target it holds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.home import Home
+from vehicle_sim.autopilot.path import TICK_S, Path
+from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.trajectory import wrap_pi
+from vehicle_sim.geodesy import is_place, to_local
+
+LOST_AFTER_S = 3.0
+"""Without a message for so long the target is lost."""
+COURSE_FROM_M_S = 1.0
+"""A slower target has no course; the last one counts."""
+LOWEST_M = 2.0
+ABOVE_HOME, ABOVE_TERRAIN, ABOVE_TARGET = range(3)
+"""FLW_TGT_ALT_M; the ground is taken to be level."""
+YAW_FROM_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """The newest FOLLOW_TARGET."""
+
+    at_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    velocity_ned_m_s: tuple[float, float, float]
+
+
+class _Filtered:
+    """One direction of the target: follows position and speed without a jump."""
+
+    def __init__(self, position_m: float, velocity_m_s: float) -> None:
+        self.position_m = position_m
+        self.velocity_m_s = velocity_m_s
+
+    def update(self, position_m: float, velocity_m_s: float, time_constant_s: float) -> None:
+        frequency = 1.0 / max(time_constant_s, 2.0 * TICK_S)
+        pull = frequency * frequency * (position_m - self.position_m)
+        damping = 2.0 * frequency * (velocity_m_s - self.velocity_m_s)
+        self.velocity_m_s += (pull + damping) * TICK_S
+        self.position_m += self.velocity_m_s * TICK_S
+
+
+class Follow:
+    """The flight task of mode Follow Target."""
+
+    def __init__(self, body: Body, path: Path, row: SetpointRow, home: Home) -> None:
+        self._body, self._path, self._row, self._home = body, path, row, home
+        self._heard: Heard | None = None
+        self._target: tuple[_Filtered, _Filtered, _Filtered] | None = None
+        self._course_rad = math.nan
+        self._angle_rad = 0.0
+        """From the target to the vehicle, as flown: it turns to the wanted one at a limited speed."""
+
+    def hear(
+        self, lat_deg: float, lon_deg: float, alt_amsl_m: float, velocity_ned_m_s: tuple[float, float, float]
+    ) -> None:
+        """Take a message over; one without a place is none."""
+        if is_place(lat_deg, lon_deg) and math.isfinite(alt_amsl_m):
+            vn, ve, vd = (each if math.isfinite(each) else 0.0 for each in velocity_ned_m_s)
+            self._heard = Heard(self._body.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
+
+    def enter(self) -> None:
+        """Begin with what is heard next."""
+        self._target, self._course_rad = None, math.nan
+
+    @property
+    def tracks(self) -> bool:
+        """Whether there is a target."""
+        return self._heard is not None and self._body.time_s - self._heard.at_s < LOST_AFTER_S
+
+    def run(self, flying: bool) -> None:
+        """One tick beside the target, or of waiting for one."""
+        if self._heard is None or not self.tracks or not flying:
+            if self._target is not None:
+                self._target = None
+                self._path.restart(in_air=True, goes_on=True)
+            self._path.fly_to_target(flying)
+            return
+        north, east, down = self._where(self._heard)
+        self._turn(north, east)
+        parameter = self._body.parameter
+        distance_m = parameter("FLW_TGT_DST")
+        to_vehicle = (math.cos(self._angle_rad), math.sin(self._angle_rad))
+        around_rad_s = self._step_around(distance_m) / TICK_S
+        place = (north.position_m + distance_m * to_vehicle[0], east.position_m + distance_m * to_vehicle[1])
+        velocity = (
+            north.velocity_m_s - around_rad_s * distance_m * to_vehicle[1],
+            east.velocity_m_s + around_rad_s * distance_m * to_vehicle[0],
+        )
+        climb = 0.0
+        height_m = max(parameter("FLW_TGT_HT"), LOWEST_M)
+        if self._body.choice("FLW_TGT_ALT_M") == ABOVE_TARGET:
+            goal, climb = down.position_m - height_m, down.velocity_m_s
+        else:
+            goal = self._home.position_ned_m[2] - height_m
+        self._face(north.position_m, east.position_m)
+        self._row.trajectory(
+            (place[0], place[1], goal),
+            (velocity[0], velocity[1], climb),
+            (math.nan, math.nan, math.nan),
+            self._path.yaw.yaw_ned_rad,
+            self._path.yaw.rate_rad_s,
+        )
+
+    def _where(self, heard: Heard) -> tuple[_Filtered, _Filtered, _Filtered]:
+        """The target now, carried on from its last message."""
+        lat, lon, alt = self._body.origin
+        n, e = to_local(heard.lat_deg, heard.lon_deg, lat, lon)  # type: ignore[arg-type]
+        age_s = self._body.time_s - heard.at_s
+        now = [
+            at + age_s * speed
+            for at, speed in zip(
+                (float(n), float(e), alt - heard.alt_amsl_m), heard.velocity_ned_m_s, strict=True
+            )
+        ]
+        if self._target is None:
+            vn, ve, vd = heard.velocity_ned_m_s
+            self._target = (_Filtered(now[0], vn), _Filtered(now[1], ve), _Filtered(now[2], vd))
+            x, y, _ = self._body.belief.position_ned_m
+            self._angle_rad = math.atan2(y - now[1], x - now[0])
+            self._path.yaw.reset(self._body.belief.yaw_ned_rad)
+        slow_s = self._body.parameter("FLW_TGT_RS")
+        for axis, at, speed in zip(self._target, now, heard.velocity_ned_m_s, strict=True):
+            axis.update(at, speed, slow_s)
+        return self._target
+
+    def _turn(self, north: _Filtered, east: _Filtered) -> None:
+        speed = math.hypot(north.velocity_m_s, east.velocity_m_s)
+        if speed > COURSE_FROM_M_S:
+            self._course_rad = math.atan2(east.velocity_m_s, north.velocity_m_s)
+
+    def _step_around(self, distance_m: float) -> float:
+        """Turn the angle on towards the wanted one; a target that never moved is kept at the side it is."""
+        if math.isnan(self._course_rad):
+            return 0.0
+        wanted = self._course_rad + math.radians(self._body.parameter("FLW_TGT_FA"))
+        most = self._body.parameter("FLW_TGT_MAX_VEL") / max(distance_m, 1.0) * TICK_S
+        step = max(-most, min(most, wrap_pi(wanted - self._angle_rad)))
+        self._angle_rad = wrap_pi(self._angle_rad + step)
+        return step
+
+    def _face(self, north_m: float, east_m: float) -> None:
+        x, y, _ = self._body.belief.position_ned_m
+        if math.hypot(north_m - x, east_m - y) > YAW_FROM_M:
+            self._path.yaw_target_rad = math.atan2(east_m - y, north_m - x)
+        self._path.turn()
