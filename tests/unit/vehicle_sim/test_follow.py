@@ -21,7 +21,8 @@ def test_it_flies_behind_a_walker_looks_at_him_and_holds_without_him() -> None:
         north = 10.0 + SPEED_M_S * (s.now_s - start_s)
         s.send(
             "FOLLOW_TARGET", timestamp=0, est_capabilities=3,
-            lat=round((home.lat_deg + north / M_PER_DEG) * 1e7), lon=round(home.lon_deg * 1e7), alt=home.alt_amsl_m,
+            lat=round((home.lat_deg + north / M_PER_DEG) * 1e7),
+            lon=round(home.lon_deg * 1e7), alt=home.alt_amsl_m,
             vel=(SPEED_M_S, 0.0, 0.0),
         )  # fmt: skip
 
