@@ -35,9 +35,7 @@ class Autopilot:
         self.offboard = Offboard(body, self.announcer)
         self.plans = Plans()
         self.own_commands = OwnCommands()
-        self.navigator = Navigator(
-            body, self.announcer, self._row, self.home, self.plans, self.own_commands
-        )
+        self.navigator = Navigator(body, self.announcer, self._row, self.home, self.plans, self.own_commands)
         self.commander = Commander(
             body, self.announcer, self._row, self.navigator, self.offboard, self.own_commands
         )
@@ -59,6 +57,13 @@ class Autopilot:
         self._ramp()
         self._steer()
         self.gimbal.update(TICK_S)
+
+    @property
+    def flies_attitude(self) -> bool:
+        """Whether SET_ATTITUDE_TARGET asks for an attitude now."""
+        commander, offboard = self.commander, self.offboard
+        asked = offboard.setpoint.kind is Kind.ATTITUDE or offboard.no_attitude is not None
+        return commander.armed and commander.active is NavState.OFFBOARD and asked
 
     def _detect_landing(self) -> None:
         belief = self.body.belief

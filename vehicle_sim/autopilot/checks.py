@@ -14,6 +14,10 @@ from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.offboard import Offboard
 
 QUIET_AFTER_BOOT_S = 1.0
+COMPANION_SILENT_S = 3.0
+"""Heartbeats of an onboard computer count as there for so long; COM_OBC_LOSS_T runs from then."""
+REPORT_EVERY_S = 2.05
+"""Changes are reported at most this often, unless a failsafe or somebody asks for it."""
 BATTERY_TEXTS = {
     "check_battery_low": "Low battery",
     "check_battery_critical": "Critical battery",
@@ -39,9 +43,14 @@ class Checks:
         self._sticks_lost_at_s: float | None = None
         self.manual_control_at_s = -math.inf
         self.gcs_heard_at_s = -math.inf
+        self.companion_heard_at_s = -math.inf
+        self._companion_was_lost = False
         self._facts = self.facts(NavState.HOLD, terminated=False)
         self.report = self._examined = health.examine(self._facts)
         self._announced: health.Report | None = None
+        self._announced_at_s = -math.inf
+        self._changed = True
+        """Something changed that was not told yet."""
 
     def facts(self, mode: NavState, *, terminated: bool) -> health.Facts:
         """What the checks look at, for the mode asked for."""
@@ -65,6 +74,8 @@ class Checks:
             wind_too_high=monitors.wind_too_high,
             wind_m_s=round(monitors.wind_m_s, 1) if monitors.wind_too_high else 0.0,
             flight_time_over=monitors.flight_time_over,
+            compasses_required=body.choice("SYS_HAS_MAG"),
+            open_drone_id=body.choice("COM_ARM_ODID"),
         )
 
     def manual_control(self) -> bool:
@@ -82,6 +93,7 @@ class Checks:
     def watch_links(self) -> None:
         """Say when sticks or the ground station are lost, and when they are back."""
         self._watch_sticks()
+        self._watch_companion()
         lost = self.gcs_lost()
         if lost == self._gcs_was_lost:
             return
@@ -90,6 +102,18 @@ class Checks:
             self._announcer.both(4, "Connection to ground control station lost", "commander_gcs_lost")
         else:
             self._announcer.both(6, "GCS connection regained", "commander_dl_regained")
+
+    def _watch_companion(self) -> None:
+        heard_at_s = self.companion_heard_at_s
+        limit_s = COMPANION_SILENT_S + self._body.choice("COM_OBC_LOSS_T")
+        lost = math.isfinite(heard_at_s) and self._body.time_s - heard_at_s >= limit_s
+        if lost == self._companion_was_lost:
+            return
+        self._companion_was_lost = lost
+        if lost:
+            self._announcer.both(2, "Connection to mission computer lost", "commander_mission_comp_lost")
+        else:
+            self._announcer.both(6, "Onboard controller regained", "commander_onboard_ctrl_regained")
 
     def _watch_sticks(self) -> None:
         lost = math.isfinite(self.manual_control_at_s) and not self.manual_control()
@@ -118,8 +142,16 @@ class Checks:
 
     def run(self, mode: NavState, *, terminated: bool) -> None:
         """Check, and announce what changed."""
-        self.report = self.fresh(mode, terminated=terminated)
-        if self._announced is not self.report and self._announced != self.report:
+        report = self.fresh(mode, terminated=terminated)
+        if report is not self.report and report != self.report:
+            self._changed = True
+        self.report = report
+        if self._changed and self._body.time_s - self._announced_at_s >= REPORT_EVERY_S:
+            self.announce()
+
+    def announce_changes(self) -> None:
+        """Send the report now if it holds something new: before a failsafe is told."""
+        if self._changed:
             self.announce()
 
     def announce(self) -> None:
@@ -127,7 +159,7 @@ class Checks:
         before = self._announced
         if self._body.time_s <= QUIET_AFTER_BOOT_S:
             return
-        self._announced = self.report
+        self._announced, self._announced_at_s, self._changed = self.report, self._body.time_s, False
         health.announce(self.report, self._announcer)
         new = {check.event for check in self.report.checks}
         old = {check.event for check in before.checks} if before else set[str]()

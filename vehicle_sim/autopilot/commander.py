@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 
 from vehicle_sim.autopilot import health
@@ -12,24 +13,15 @@ from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
 from vehicle_sim.autopilot.home import HomeKeeper
 from vehicle_sim.autopilot.land_detector import LandedState
-from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
+from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState, event_number
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
 from vehicle_sim.autopilot.row import SetpointRow
 
-NAVIGATION_GROUPS = {
-    NavState.MANUAL: 0,
-    NavState.ALTITUDE: 1,
-    NavState.POSITION: 2,
-    NavState.MISSION: 3,
-    NavState.HOLD: 4,
-    NavState.RTL: 5,
-    NavState.ACRO: 6,
-    NavState.OFFBOARD: 7,
-    NavState.STABILIZED: 8,
-}
+REFUSAL_EVERY_S = 1.0
+"""A refused change of mode is told at most this often."""
 
 
 class Reason(IntEnum):
@@ -81,6 +73,8 @@ class Commander:
         self.landed = True
         self.terminated = False
         self.calibrating = False
+        self._mode_was_chosen = False
+        self._refused_at_s = -math.inf
         self._watch = FailsafeWatch(body, announcer, self.checks, offboard, navigator.fence, self.monitors)
         self._commands = commands
         commands.serve({RETURN: self._return, SET_HOME: self._set_home})
@@ -134,17 +128,27 @@ class Commander:
     def set_mode(self, mode: NavState) -> bool:
         """Change the mode asked for; in flight only to one that can run."""
         if self.armed and not self._can_switch(mode):
-            self._announcer.both(
-                2,
-                f"Switching to {MODES[mode].name} is currently not available",
-                "commander_modeswitch_not_avail",
-                "IB",
-                MODES[mode].custom_mode,
-                NAVIGATION_GROUPS.get(mode, 9),
-            )
             return False
+        self._mode_was_chosen = True
         self._choose(mode)
         return True
+
+    def tell_refusal(self, mode: NavState) -> None:
+        """Say that this mode is not available, unless a refusal was told a moment ago."""
+        now_s = self._body.time_s
+        if now_s - self._refused_at_s <= REFUSAL_EVERY_S:
+            return
+        self._refused_at_s = now_s
+        self._announcer.both(
+            2, f"Switching to {MODES[mode].name} is currently not available",
+            "commander_modeswitch_not_avail", "IB",
+            MODES[mode].custom_mode, event_number(mode),
+        )  # fmt: skip
+
+    def sticks_heard(self) -> None:
+        """Sticks on a disarmed vehicle that nobody chose a mode for: Position, as with a transmitter."""
+        if not self.armed and not self._mode_was_chosen:
+            self.set_mode(NavState.POSITION)
 
     def _choose(self, mode: NavState) -> None:
         self.intended = mode
@@ -159,19 +163,31 @@ class Commander:
 
     def return_to_launch(self) -> bool:
         """RETURN_TO_LAUNCH, by whoever: PX4 says it before the navigator says where to."""
+        if self.armed and not self._can_switch(NavState.RTL):
+            self.tell_refusal(NavState.RTL)
+            return False
         self._announcer.both(6, "Returning to launch", "commander_rtl")
         return self.set_mode(NavState.RTL)
 
     def start_mission(self, first_item: float) -> bool | None:
-        """MISSION_START: Mission mode, and armed; None: there is nothing to fly."""
+        """MISSION_START: Mission mode, and armed; None: there is nothing to fly, or no such item.
+
+        Args:
+            first_item: from 0; -1 goes on where the mission was left.
+        """
         if not self.checks.has_mission:
             self._announcer.both(
                 2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
             )
             return None
-        if first_item >= 1.0:
+        if not -1.0 <= first_item < self._navigator.mission.count:
+            return None
+        if first_item >= 0.0:
             self._navigator.mission.set_current(int(first_item))
-        return self.set_mode(NavState.MISSION) and self.arm(Reason.MISSION_START)
+        if self.set_mode(NavState.MISSION) and self.arm(Reason.MISSION_START):
+            return True
+        self.tell_refusal(NavState.MISSION)
+        return False
 
     def _return(self, _parameters: tuple[float, ...]) -> None:
         self.return_to_launch()
@@ -180,7 +196,7 @@ class Commander:
         if parameters[0] == 1.0:
             self.home.set_here()
         elif abs(parameters[4]) <= 90.0 and abs(parameters[5]) <= 180.0:
-            self.home.set(parameters[4], parameters[5], parameters[6])
+            self.home.set(parameters[4], parameters[5], parameters[6], parameters[3])
 
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:

@@ -69,7 +69,7 @@ class Conditions:
 
 def demands(c: Conditions) -> list[Demand]:
     """Everything that is wrong now."""
-    found = [*_links(c), *_limits(c), *_battery(c.battery_warning, c.low_battery_action), *_failures(c)]
+    found = [*_links(c), *_limits(c), *battery_demands(c), *_failures(c)]
     fallback = _mode_fallback(c)
     if fallback is not Action.NONE:
         found.append(Demand("mode", fallback, takeover=Takeover.ALWAYS))
@@ -115,8 +115,9 @@ def _limits(c: Conditions) -> list[Demand]:
     return found
 
 
-def _battery(warning: int, action: int) -> list[Demand]:
+def battery_demands(c: Conditions) -> list[Demand]:
     """COM_LOW_BAT_ACT: 0 warn, 2 land, 3 return when critical and land in an emergency."""
+    warning, action = c.battery_warning, c.low_battery_action
     acts = action in (2, 3)
     levels = (
         Demand("battery low", Action.WARN, Cause.BATTERY_LOW),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.checks import Checks
-from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, demands
+from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, battery_demands, demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Failsafe
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
@@ -51,10 +51,12 @@ class FailsafeWatch:
         """Decide, and say what changed.
 
         Args:
-            acts: the vehicle flies (or has flown), so that something may be done about it.
+            acts: the vehicle flies (or has flown), so that something may be done about it; about the
+                battery PX4 does it on the ground as well.
         """
         self._had_sticks = self._had_sticks or self._checks.manual_control()
-        wanted = demands(self._conditions(intended, armed_for_s)) if acts else []
+        conditions = self._conditions(intended, armed_for_s)
+        wanted = demands(conditions) if acts else battery_demands(conditions)
         before = self.decision
         self.decision = self._machine.update(
             self._body.time_s,
@@ -112,6 +114,7 @@ class FailsafeWatch:
         announcer = self._announcer
         if now.action is Action.NONE or (now.pending and before.pending):
             return
+        self._checks.announce_changes()
         if now.action is Action.WARN:
             if before.action <= Action.WARN:
                 self._warn(now.cause, custom)

@@ -21,9 +21,15 @@ COMPONENT_MOTORS = 8
 COMPONENT_LOCAL_POSITION = 17
 COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
+COMPONENT_MAGNETOMETER = 27
+COMPONENT_OPEN_DRONE_ID = 30
+COMPASSES = 1
+"""The airframe carries one."""
 
 PRESENT = 0x38021C0A
 """Health components present on a real simulated vehicle, as its health summary says."""
+POSITION_PRESENT = 0x08
+"""Of these, the one that goes with the local position."""
 
 
 def _mask(states: frozenset[NavState]) -> int:
@@ -58,6 +64,10 @@ class Facts:
     wind_too_high: bool = False
     wind_m_s: float = 0.0
     flight_time_over: bool = False
+    compasses_required: int = 1
+    """SYS_HAS_MAG."""
+    open_drone_id: int = 0
+    """COM_ARM_ODID: 1 warns without such a system, 2 requires it; none is ever there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +84,10 @@ class Check:
     severity: int = 2
     argument: float | None = None
     """Its own argument, where the event has one."""
+    counts: tuple[int, ...] = ()
+    """Small whole numbers as further arguments."""
+    warns: bool = False
+    """A warning, not an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +97,7 @@ class Report:
     checks: tuple[Check, ...]
     can_arm: int
     can_run: int
+    present: int = PRESENT
 
     def armable(self, mode: NavState) -> bool:
         """Whether one may arm in this mode."""
@@ -104,6 +119,13 @@ def examine(facts: Facts) -> Report:
                   modes if running is None else running, text)
         )  # fmt: skip
 
+    if facts.compasses_required > COMPASSES:
+        counts = COMPASSES, facts.compasses_required
+        text = f"Preflight Fail: Found {counts[0]} compass (required: {counts[1]})"
+        checks.append(
+            Check("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
+                  counts=counts)
+        )  # fmt: skip
     if facts.mode in CANNOT_TAKE_OFF and not facts.terminated:
         add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
     if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
@@ -113,8 +135,8 @@ def examine(facts: Facts) -> Report:
     if not facts.valid_global_position:
         add("check_modes_global_pos", GLOBAL_POSITION_MASK, COMPONENT_GLOBAL_POSITION)
     if not facts.has_mission:
-        add("check_modes_mission", 1 << NavState.MISSION, COMPONENT_SYSTEM,
-            arming=EVERY_MODE if facts.mission_required else None)  # fmt: skip
+        add("check_modes_mission", EVERY_MODE if facts.mission_required else 1 << NavState.MISSION,
+            COMPONENT_SYSTEM, running=1 << NavState.MISSION)  # fmt: skip
     if not facts.offboard_signal:
         add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
     if not facts.manual_control:
@@ -124,6 +146,14 @@ def examine(facts: Facts) -> Report:
             text="Preflight Fail: Flight termination active")  # fmt: skip
     if facts.gcs_missing:
         add("check_rc_dl_no_dllink", EVERY_MODE, COMPONENT_REMOTE_LINK, running=0)
+    if facts.open_drone_id:
+        required = facts.open_drone_id >= 2
+        modes, severity = (EVERY_MODE, 2) if required else (0, 4)
+        text = "Preflight Fail: Open Drone ID system missing"
+        checks.append(
+            Check("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
+                  warns=not required)
+        )  # fmt: skip
     checks += _failures(facts)
     if facts.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
@@ -137,7 +167,10 @@ def examine(facts: Facts) -> Report:
         can_run &= ~check.blocks_running
     if not facts.valid_attitude:
         can_arm = 0
-    return Report(tuple(checks), can_arm, can_run)
+    present = PRESENT | (1 << COMPONENT_REMOTE if facts.manual_control else 0)
+    if not facts.valid_local_position:
+        present &= ~POSITION_PRESENT
+    return Report(tuple(checks), can_arm, can_run, present)
 
 
 FENCE_EVENTS = {
@@ -179,7 +212,7 @@ def announce(report: Report, announcer: Announcer) -> None:
     """Send the report as PX4 does: summary, one event a finding, health summary."""
     errors = warnings = 0
     for check in report.checks:
-        if check.component == COMPONENT_REMOTE or check.event == "check_battery_low":
+        if check.warns or check.component == COMPONENT_REMOTE or check.event == "check_battery_low":
             warnings |= 1 << check.component
         else:
             errors |= 1 << check.component
@@ -191,7 +224,8 @@ def announce(report: Report, announcer: Announcer) -> None:
     for check in report.checks:
         modes = check.modes & EVERY_MODE
         if check.argument is None:
-            announcer.event(check.event, "IB", modes, check.component)
+            form = "IB" + "B" * len(check.counts)
+            announcer.event(check.event, form, modes, check.component, *check.counts)
         else:
             announcer.event(check.event, "IBf", modes, check.component, check.argument)
-    announcer.event("commander_health_summary", "BIII", 0, PRESENT, 0, 0)
+    announcer.event("commander_health_summary", "BIII", 0, report.present, 0, 0)

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.geodesy import to_local
 
+FIX_3D = 3
+GPS_HOME_EVERY_US = 2_000_000
+
 
 @dataclass(slots=True)
 class Home:
@@ -34,13 +37,14 @@ class HomeKeeper:
         self._body = body
         self.home = home
 
-    def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+    def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
         """A given place becomes home, and stays it until the next command or arming."""
         origin_lat, origin_lon, origin_alt = self._body.origin
         n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home
         home.lat_deg, home.lon_deg, home.alt_amsl_m = lat_deg, lon_deg, alt_amsl_m
         home.position_ned_m = (float(n), float(e), -(alt_amsl_m - origin_alt))
+        home.yaw_ned_rad = math.radians(yaw_deg)
         home.set_at_us, home.manual = self._body.time_boot_us(), True
 
     def set_here(self) -> bool:
@@ -55,6 +59,16 @@ class HomeKeeper:
             home.set_at_us, home.manual = self._body.time_boot_us(), False
         return True
 
+    def _follow_gps(self) -> None:
+        """Without a local position home is where the receiver says, anew every two seconds."""
+        sensors, i, now_us = self._body.simulation.sensors, self._body.row, self._body.time_boot_us()
+        home = self.home
+        if int(sensors.gps_fix_type[i]) < FIX_3D or now_us - home.set_at_us < GPS_HOME_EVERY_US:
+            return
+        home.lat_deg, home.lon_deg = float(sensors.gps_lat_deg[i]), float(sensors.gps_lon_deg[i])
+        home.alt_amsl_m = float(sensors.gps_alt_amsl_m[i])
+        home.position_ned_m, home.yaw_ned_rad, home.set_at_us = (0.0, 0.0, 0.0), 0.0, now_us
+
     def lifted(self) -> None:
         """The vehicle left the ground: where it did is home, unless a place was given."""
         if not self.home.manual:
@@ -63,7 +77,10 @@ class HomeKeeper:
     def follow(self) -> None:
         """While disarmed: home goes with a vehicle that is carried more than a metre."""
         belief = self._body.belief
-        if self.home.manual or not belief.valid_position:
+        if self.home.manual:
+            return
+        if not belief.valid_position:
+            self._follow_gps()
             return
         if not self.home.valid or math.dist(belief.position_ned_m, self.home.position_ned_m) > 1.0:
             self.set_here()

@@ -119,6 +119,15 @@ CANNOT_TAKE_OFF = frozenset(
 )
 """Modes one may not arm in."""
 
+_MODE_ORDER = (
+    _S.MANUAL, _S.ALTITUDE, _S.POSITION, _S.MISSION, _S.HOLD, _S.RTL,
+    _S.ACRO, _S.OFFBOARD, _S.STABILIZED, _S.POSITION_SLOW, _S.TAKEOFF,
+    _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT, _S.VTOL_TAKEOFF,
+    *(NavState(_S.EXTERNAL1 + n) for n in range(8)),
+)  # fmt: skip
+_EVENT_NUMBERS = {state: number for number, state in enumerate(_MODE_ORDER)}
+_NO_NUMBER = 255
+
 STANDARD_MODES: dict[int, NavState] = {
     1: _S.POSITION,
     2: _S.ORBIT,
@@ -131,7 +140,8 @@ STANDARD_MODES: dict[int, NavState] = {
 """MAV_STANDARD_MODE to mode, as DO_SET_STANDARD_MODE takes it."""
 
 _MAIN = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
-_POSITION_SUB = {0: _S.POSITION, 1: _S.ORBIT, 2: _S.POSITION_SLOW}
+_POSITION_SUB = {0: _S.POSITION, 2: _S.POSITION_SLOW}
+"""Orbit (1) is entered by DO_ORBIT only; asked for as a mode it is Position."""
 _AUTO_SUB = {
     0: _S.MISSION,
     2: _S.TAKEOFF,
@@ -163,3 +173,8 @@ def from_numbers(main: int, sub: int) -> NavState | None:
         except KeyError:
             raise UnsupportedAutoMode(sub) from None
     return _MAIN.get(main)
+
+
+def event_number(state: NavState) -> int:
+    """How events number the mode; 255: they do not know it."""
+    return _EVENT_NUMBERS.get(state, _NO_NUMBER)

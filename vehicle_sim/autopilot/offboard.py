@@ -92,6 +92,10 @@ class Offboard:
         self._announcer = announcer
         self._heard_at_s = -math.inf
         self.setpoint = Setpoint()
+        self.no_attitude: tuple[float, float, float, float] | None = None
+        """The newest attitude is none (zeros, not a number): no controller follows it, but it is echoed."""
+        self.told_thrust = math.nan
+        """Size of the newest thrust of an attitude or rates message, as it is echoed: PX4 drops the sign."""
         self.invalid = False
         """The newest set point controls nothing: the controllers sink level."""
         self.on_setpoint: Callable[[], None] = _nobody
@@ -161,11 +165,14 @@ class Offboard:
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
         asked = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
+        self.told_thrust = 0.0 if mask & 64 else abs(thrust)
         thrust = self.setpoint.thrust if mask & 64 else asked
         norm = math.sqrt(sum(each * each for each in q))
         self._heard_at_s = self._body.time_s
+        self.no_attitude = None
         if not mask & 128:
             if not math.isfinite(norm) or norm < 1e-6:
+                self.no_attitude = q
                 return
             unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
             rate = math.nan if mask & 4 else _sane(rates[2])
@@ -204,7 +211,7 @@ class Offboard:
 
     def _direct(self, setpoint: Setpoint) -> None:
         self._heard_at_s = self._body.time_s
-        self.setpoint, self.invalid = setpoint, False
+        self.setpoint, self.invalid, self.no_attitude = setpoint, False, None
         self.on_setpoint()
 
     def _from_body_yaw(self, v: Vector) -> Vector:
@@ -239,7 +246,7 @@ class Offboard:
             math.nan if mask & YAW_BIT else _sane(yaw_rad),
             math.nan if mask & YAW_RATE_BIT else _sane(yaw_rate_rad_s),
         )
-        self.invalid = kind is Kind.NONE or not valid
+        self.invalid, self.no_attitude = kind is Kind.NONE or not valid, None
         if not self.invalid:
             self._heard_at_s = self._body.time_s
         elif loud:

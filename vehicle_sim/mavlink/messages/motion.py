@@ -159,13 +159,13 @@ class MotionMessages(Family):
 
     def attitude_target(self) -> bytes:
         target, i = self._body.simulation.target, self._body.row
-        return _TARGET_ATTITUDE(
-            self._body.time_boot_ms(),
-            *target.q_ned_frd[i].tolist(),
-            *target.rates_frd_rad_s[i].tolist(),
-            float(target.thrust[i]),
-            0,
-        )
+        q, rates, thrust = target.q_ned_frd[i].tolist(), target.rates_frd_rad_s[i].tolist(), target.thrust[i]
+        offboard = self._autopilot.offboard
+        if self._autopilot.flies_attitude:
+            thrust = offboard.told_thrust
+            if offboard.no_attitude is not None:
+                q, rates = offboard.no_attitude, (NAN, NAN, NAN)
+        return _TARGET_ATTITUDE(self._body.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def servo_output_raw(self) -> bytes:
         motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]

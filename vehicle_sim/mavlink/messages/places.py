@@ -27,13 +27,13 @@ class PlaceMessages(Family):
             x=home.position_ned_m[0],
             y=home.position_ned_m[1],
             z=home.position_ned_m[2],
-            q=(math.cos(home.yaw_ned_rad / 2), 0.0, 0.0, math.sin(home.yaw_ned_rad / 2)),
+            q=_heading(home.yaw_ned_rad),
             time_usec=home.set_at_us,
         )[1]
 
     def orbit_execution_status(self) -> bytes | None:
-        circle = self._autopilot.navigator.circle
-        if circle is None or self._autopilot.commander.active is not NavState.ORBIT:
+        commander, circle = self._autopilot.commander, self._autopilot.navigator.circle
+        if circle is None or commander.landed or commander.active is not NavState.ORBIT:
             return None
         lat0, lon0, alt0 = self._body.origin
         lat, lon = to_global(circle.north_m, circle.east_m, lat0, lon0)  # type: ignore[arg-type]
@@ -109,3 +109,10 @@ class PlaceMessages(Family):
             "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,
             commanded_action=-1,
         )[1]  # fmt: skip
+
+
+def _heading(yaw_rad: float) -> tuple[float, float, float, float]:
+    """A quaternion of this heading; all NaN where home was given without one."""
+    if math.isnan(yaw_rad):
+        return (math.nan, math.nan, math.nan, math.nan)
+    return (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))

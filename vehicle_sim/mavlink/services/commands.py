@@ -40,7 +40,10 @@ ROI_COMMANDS = frozenset({195, 201})
 GLOBAL_RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
 INT32_MAX = 0x7FFFFFFF
-REPOSITION_CHANGE_MODE, REPOSITION_RELATIVE_YAW = 1, 2
+REPOSITION_CHANGE_MODE = 1
+"""The only flag of DO_REPOSITION that PX4 knows, and it has to be set."""
+TOLD_OF_REFUSALS = 190
+"""PX4 tells refused DO_SET_MODE to the component of ground stations only."""
 
 
 class CommandService:
@@ -171,14 +174,18 @@ class CommandService:
             return TEMPORARILY_REJECTED
         if mode is None:
             return ACCEPTED
-        return self._switch(mode)
+        return self._switch(mode, told=c.sender[1] == TOLD_OF_REFUSALS)
 
-    def _switch(self, mode: NavState) -> int:
-        return ACCEPTED if self._commander.set_mode(mode) else TEMPORARILY_REJECTED
+    def _switch(self, mode: NavState, *, told: bool = True) -> int:
+        if self._commander.set_mode(mode):
+            return ACCEPTED
+        if told:
+            self._commander.tell_refusal(mode)
+        return TEMPORARILY_REJECTED
 
     def _set_standard_mode(self, c: Command) -> int:
         mode = STANDARD_MODES.get(int(c.p1) if math.isfinite(c.p1) else 0)
-        return FAILED if mode is None else self._switch(mode)
+        return FAILED if mode is None else self._switch(mode, told=False)
 
     # --- flying ----------------------------------------------------------------------------------------
 
@@ -212,12 +219,10 @@ class CommandService:
 
     def _reposition(self, c: Command) -> int:
         flags = int(c.p2) if math.isfinite(c.p2) else 0
-        if not flags & REPOSITION_CHANGE_MODE or flags & REPOSITION_RELATIVE_YAW:
+        if flags != REPOSITION_CHANGE_MODE:
             return UNSUPPORTED
         if self._leaves_fence(c):
-            self._announcer.both(
-                2, "Reposition is outside geofence", "navigator_reposition_outside_geofence"
-            )
+            self._announcer.both(2, "Reposition is outside geofence", "navigator_reposition_outside_geofence")
             return ACCEPTED
         result = self._switch(NavState.HOLD)
         if result == ACCEPTED and self._commander.armed:
@@ -241,7 +246,7 @@ class CommandService:
             return ACCEPTED if self._commander.home.set_here() else DENIED
         if not (abs(c.p5) <= 90.0 and abs(c.p6) <= 180.0 and abs(c.p7) <= ALTITUDE_LIMIT_M):
             return DENIED
-        self._commander.home.set(c.p5, c.p6, c.p7)
+        self._commander.home.set(c.p5, c.p6, c.p7, c.p4)
         return ACCEPTED
 
     def _terminate(self, c: Command) -> int:
@@ -250,7 +255,7 @@ class CommandService:
         return DENIED
 
     def _mission_start(self, c: Command) -> int:
-        started = self._commander.start_mission(c.p1 if math.isfinite(c.p1) else 0.0)
+        started = self._commander.start_mission(c.p1)
         if started is None:
             return DENIED
         return ACCEPTED if started else TEMPORARILY_REJECTED
