@@ -128,7 +128,7 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
     browser: Browser, shared: Path, station: str
 ) -> None:
     log = Log(shared / "px4" / "tlogs" / FLIGHT)
-    with opened(browser, station) as page:
+    with opened(browser, station, scene=False) as page:
         page.get_by_role("button", name="Recorded flights").click()
         flights = page.get_by_role("region", name="Recorded flights")
         letter = flights.get_by_role("listitem").filter(has_text="letter.tlog")

@@ -3,7 +3,10 @@
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Replay } from '../../live/wire';
-import { bounds, shownReplay, type Recording, type RecordingIndex } from './replays';
+import { bounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
+
+/** Telemetry that does not tell of a moment that was asked for by then [ms] never will. */
+const PATIENCE_MS = 2000;
 
 interface Wish {
   playing?: boolean;
@@ -34,6 +37,7 @@ export class ReplayControl {
   private indexed: string | null = null;
   private wish: Wish | null = null;
   private underWay = false;
+  private answered_ms = 0;
 
   constructor(private readonly deps: ReplayDeps) {}
 
@@ -73,6 +77,7 @@ export class ReplayControl {
 
   /** Called for each frame of telemetry: chooses the vehicle that was waited for, reads the marks of what is shown. */
   follow(): void {
+    this.arrive();
     const replays = this.deps.replays();
     const awaited = replays.find((r) => r.name === this.awaited);
     const selected = this.deps.selectedId();
@@ -117,8 +122,17 @@ export class ReplayControl {
       const answer = await this.deps.api.post<Replay>(`/replays/${encodeURIComponent(name)}`, wish);
       this.problem = answer.ok ? null : answer.problem;
     }
-    this.wanted_unix_s = null;
+    if (this.problem !== null) this.wanted_unix_s = null;
+    this.answered_ms = performance.now();
     this.underWay = false;
+  }
+
+  /** Frames still under way tell of the moment before: what was asked for is shown until one tells that it is there. */
+  private arrive(): void {
+    if (this.wanted_unix_s === null || this.underWay) return;
+    const shown = this.shown;
+    const there = shown !== null && hasArrived(shown, this.wanted_unix_s);
+    if (there || performance.now() - this.answered_ms > PATIENCE_MS) this.wanted_unix_s = null;
   }
 
   private async readIndex(name: string | null): Promise<void> {

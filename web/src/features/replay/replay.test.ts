@@ -105,7 +105,8 @@ describe('steering', () => {
   }
 
   it('sends one wish at a time, and only the newest of those that came meanwhile', async () => {
-    const { made, asked, go } = control([replay()]);
+    const replays = [replay()];
+    const { made, asked, go } = control(replays);
     made.seek(110);
     made.seek(120);
     made.seek(130);
@@ -113,8 +114,15 @@ describe('steering', () => {
     expect(made.wanted_unix_s).toBe(130);
     await vi.waitFor(() => expect(asked).toHaveLength(1));
     go();
-    await vi.waitFor(() => expect(made.wanted_unix_s).toBeNull());
-    expect(asked.map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
+    await vi.waitFor(() => expect(asked).toHaveLength(2));
+    await new Promise((done) => setTimeout(done, 0));
+    replays[0] = replay({ position_unix_s: 50, playing: false });
+    made.follow();
+    expect(made.wanted_unix_s).toBe(130); // a frame of the moment before
+    replays[0] = replay({ position_unix_s: 130, playing: false });
+    made.follow();
+    expect(made.wanted_unix_s).toBeNull();
+    expect(asked.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
     expect(asked[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
   });
   it('reads the marks once and chooses the vehicle of what was opened', async () => {

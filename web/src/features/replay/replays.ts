@@ -21,6 +21,12 @@ export function bounds(replay: Replay): { begin_s: number; end_s: number } | nul
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
 
+/** Whether a replay is at a moment that was asked for, or has played on from there since it was. */
+export function hasArrived(replay: Replay, wanted_unix_s: number): boolean {
+  const past_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - wanted_unix_s;
+  return past_s >= -0.5 && past_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
+}
+
 /** Where a moment lies between begin and end, 0 to 1. */
 export function share(unix_s: number, begin_s: number, end_s: number): number {
   return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
