@@ -17,14 +17,17 @@ def run(sim, seconds):
         sim.step()
 
 
+HEIGHT_M = 4.0
+
+
 def hovering(count=1, *, noise=False, seed=0):
     sim = Simulation(count, sensor_noise=noise, seed=seed, start_ned_m=np.zeros((count, 3)))
     run(sim, 1.0)
     sim.setpoints.armed[:] = True
     sim.setpoints.level[:] = ControlLevel.TRAJECTORY
-    sim.setpoints.position_ned_m[:] = (0.0, 0.0, -10.0)
+    sim.setpoints.position_ned_m[:] = (0.0, 0.0, -HEIGHT_M)
     sim.setpoints.yaw_ned_rad[:] = 0.0
-    run(sim, 12.0)
+    run(sim, 8.0)
     return sim
 
 
@@ -57,9 +60,9 @@ def test_what_stands_does_not_drift():
 
 def test_a_hover_without_noise_does_not_drift():
     sim = hovering()
-    run(sim, 10.0)
+    run(sim, 8.0)
     before = sim.truth.position_ned_m[0].copy()
-    run(sim, 10.0)
+    run(sim, 5.0)
     assert np.abs(sim.truth.position_ned_m[0] - before).max() < 0.05
 
 
@@ -79,7 +82,7 @@ def test_four_directions_answer_alike():
     sim = hovering(4)
     steps = np.array([[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, -5.0, 0.0]])
     start = sim.truth.position_ned_m.copy()
-    sim.setpoints.position_ned_m[:] = steps + np.array([0.0, 0.0, -10.0])
+    sim.setpoints.position_ned_m[:] = steps + np.array([0.0, 0.0, -HEIGHT_M])
     way = []
     for _ in range(500):
         sim.step()
@@ -136,19 +139,19 @@ def test_a_glitch_that_passes_leaves_nothing_behind():
     sim.set_gps_offset(0, np.zeros(3))
     run(sim, 2.0)
     assert not sim.estimate.gps_rejected[0]
-    assert np.abs(sim.truth.position_ned_m[0] - (0.0, 0.0, -10.0)).max() < 1.5
+    assert np.abs(sim.truth.position_ned_m[0] - (0.0, 0.0, -HEIGHT_M)).max() < 1.5
 
 
 def test_gusts_shake_by_seed_and_end():
     first, again, other = (hovering(seed=seed) for seed in (4, 4, 5))
     for sim in (first, again, other):
         sim.set_gusts(3.0)
-        run(sim, 6.0)
+        run(sim, 3.0)
     assert np.array_equal(first.truth.position_ned_m, again.truth.position_ned_m)
     assert not np.array_equal(first.truth.position_ned_m, other.truth.position_ned_m)
-    assert np.abs(first.truth.velocity_ned_m_s).max() > 0.02
+    assert np.abs(first.truth.velocity_ned_m_s).max() > 0.05
     first.set_gusts(0.0)
-    run(first, 15.0)
-    assert np.abs(first.truth.velocity_ned_m_s).max() < 0.02
+    run(first, 10.0)
+    assert np.abs(first.truth.velocity_ned_m_s).max() < 0.03
     with pytest.raises(ValueError, match="gusts are -1"):
         first.set_gusts(-1.0)

@@ -8,6 +8,8 @@ from sim_station import POSITION, Station
 
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
 NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
+NEEDED = {0, 1}
+"""HEARTBEAT and SYS_STATUS: other streams cost more than the flight."""
 
 
 class Pilot(Station):
@@ -15,6 +17,9 @@ class Pilot(Station):
 
     def __init__(self, **fleet):
         super().__init__(sensor_noise=False, **fleet)
+        for link in self.sim.nodes[0].context.links:
+            for msg_id in set(link.streamed()) - NEEDED:
+                link.set_interval(msg_id, 0, 0)
         self.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
         self.next_s = 0.0
 
