@@ -16,6 +16,8 @@ ON_CIRCLE_M = 2.0
 """So near the circle the vehicle begins to go around."""
 RADIUS_GAIN_PER_S = 1.0
 RADIUS_MIN_M = 1.0
+SIDEWAYS_MAX_M_S2 = 2.0
+"""A circle is flown no faster than this centripetal acceleration allows: PX4 gives up speed, not radius."""
 
 
 class YawBehaviour(IntEnum):
@@ -92,7 +94,8 @@ class Orbit:
         yaw = self._parameter_yaw()
         if math.isfinite(yaw_behaviour) and 0 <= int(yaw_behaviour) < len(YawBehaviour):
             yaw = YawBehaviour(int(yaw_behaviour))
-        speed = math.copysign(speed, radius * speed)
+        fastest = math.sqrt(SIDEWAYS_MAX_M_S2 * abs(radius))
+        speed = math.copysign(min(abs(speed), fastest), radius * speed)
         self._circle = Circle(north, east, down, abs(radius), speed, yaw)
         self._around, self._asked, self._commanded = False, True, True
 

@@ -1,0 +1,22 @@
+"""How fast an orbit may be, and which way round."""
+
+import math
+
+import pytest
+from sim_station import Station
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "asked_m_s", "flown_m_s"),
+    [(10.0, 3.0, 3.0), (5.0, 9.0, math.sqrt(10.0)), (-5.0, 9.0, -math.sqrt(10.0)), (100.0, 50.0, 12.0)],
+)
+def test_speed_gives_way_to_the_radius(radius_m: float, asked_m_s: float, flown_m_s: float) -> None:
+    s = Station(sensor_noise=False)
+    s.run_until(lambda: s.ready, 15)
+    s.command(34, radius_m, asked_m_s, 0, NAN, NAN, NAN, NAN)
+    s.run(0.1)
+    circle = s.sim.autopilots[0].navigator.circle
+    assert circle is not None
+    assert (circle.radius_m, circle.speed_m_s) == (abs(radius_m), pytest.approx(flown_m_s))
