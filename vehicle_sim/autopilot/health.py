@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.announcer import EVENTS, Announcer
 from vehicle_sim.autopilot.geofence import Breach
 from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
 
@@ -23,6 +23,8 @@ COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
 COMPONENT_MAGNETOMETER = 27
 COMPONENT_OPEN_DRONE_ID = 30
+WARNING = 4
+"""Log level: below it are errors, above it notes that count as neither."""
 COMPASSES = 1
 """The airframe carries one."""
 
@@ -212,10 +214,11 @@ def announce(report: Report, announcer: Announcer) -> None:
     """Send the report as PX4 does: summary, one event a finding, health summary."""
     errors = warnings = 0
     for check in report.checks:
-        if check.warns or check.component == COMPONENT_REMOTE or check.event == "check_battery_low":
-            warnings |= 1 << check.component
-        else:
+        level = WARNING if check.warns else EVENTS[check.event][1] & 0x0F
+        if level < WARNING:
             errors |= 1 << check.component
+        elif level == WARNING:
+            warnings |= 1 << check.component
         if check.text:
             announcer.text(check.severity, check.text)
     announcer.event(
