@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.parameters import Parameters, UnknownParameterError
+from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.simulation import Simulation
 
 Vector = tuple[float, float, float]
@@ -45,7 +45,8 @@ class Body:
         self.boot_time_unix_s = boot_time_unix_s
         self._belief: Belief | None = None
         self._floats: dict[str, float] = {}
-        self.parameters.add_listener(lambda _name, _value: self._floats.clear())
+        self._choices: dict[str, int] = {}
+        self.parameters.add_listener(self._forget)
         self._step = -1
 
     @property
@@ -74,7 +75,14 @@ class Body:
 
     def choice(self, name: str) -> int:
         """An integer parameter's value."""
-        return int(self.parameters.get(name))
+        value = self._choices.get(name)
+        if value is None:
+            value = self._choices[name] = int(self.parameters.get(name))
+        return value
+
+    def _forget(self, _name: str, _value: ParameterValue) -> None:
+        self._floats.clear()
+        self._choices.clear()
 
     def optional_choice(self, name: str, default: int) -> int:
         """An integer parameter that not every build has among its live ones."""

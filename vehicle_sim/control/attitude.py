@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.frames import conjugate, quaternion_product, row_norm
+from vehicle_sim.masks import any_of
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
@@ -66,12 +67,12 @@ class AttitudeControl:
         reduced[:, 2] = tilt_y * cos_half - tilt_x * sin_half
         reduced[:, 3] = norm * sin_half
         opposite = norm < _OPPOSITE
-        if opposite.any():
+        if any_of(opposite):
             reduced[opposite] = error[opposite] * np.where(error[opposite, :1] < 0.0, -1.0, 1.0)
         reduced /= row_norm(reduced)
         rates = 2.0 * reduced[:, 1:] * self._gain
         turn = np.where(np.isfinite(yaw_rate_ned_rad_s), yaw_rate_ned_rad_s, 0.0)
-        if turn.any():
+        if any_of(turn):
             rates += _down_in_body(q) * turn[:, None]
         return np.clip(rates, -self._limit, self._limit)
 

@@ -17,6 +17,7 @@ from vehicle_sim.control.position import PositionControl
 from vehicle_sim.control.rate import RateControl
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.frames import row_norm
+from vehicle_sim.masks import all_of, any_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState, TargetState
 
@@ -99,7 +100,7 @@ class Cascade:
         elif setpoints.cut_in.any():
             self._cut_in_rates(setpoints)
         powered = self._powered
-        if not powered.any():
+        if not any_of(powered):
             self.motor_signal[:] = 0.0
             self.torque_frd[:] = 0.0
         else:
@@ -110,16 +111,16 @@ class Cascade:
                 setpoints.landed,
                 self._allocation.short_of,
             )
-            if self._below_rates.any():
+            if any_of(self._below_rates):
                 np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=self._below_rates[:, None])
             np.multiply(torque, powered[:, None], out=self.torque_frd)
             motors = self._allocation.update(torque, self._thrust)
             np.multiply(motors, powered[:, None], out=self.motor_signal)
         np.multiply(self.motor_signal, MOTOR_SPAN_US, out=self.motors_us)
         self.motors_us += MOTOR_MIN_US
-        if self._by_motors.any():
+        if any_of(self._by_motors):
             self._drive_motors(setpoints)
-        if not setpoints.armed.all():
+        if not all_of(setpoints.armed):
             self.motors_us[~setpoints.armed] = MOTOR_DISARMED_US
             self.motor_signal[~setpoints.armed] = 0.0
 
@@ -136,7 +137,7 @@ class Cascade:
     def _cut_in_rates(self, setpoints: Setpoints) -> None:
         """Body rates that arrived between two outputs of the outer controllers are flown at once."""
         rows = (setpoints.cut_in == _RATES) & self._was_trajectory
-        if rows.any():
+        if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
             np.copyto(self.target.rates_frd_rad_s, rates, where=rows[:, None])
             np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
@@ -148,22 +149,22 @@ class Cascade:
         self._powered = level > _DISARMED
         self._by_motors = level == _MOTORS
         self._below_rates = level == _THRUST_TORQUE
-        if not self._powered.all():
+        if not all_of(self._powered):
             idle = ~self._powered
             self._rate.reset(idle)
             self._thrust[idle] = 0.0
             target.rates_frd_rad_s[idle] = 0.0
         self._position.track(estimate)
         grounded = ~setpoints.armed | setpoints.landed | setpoints.ramp_thrust
-        if grounded.any():
+        if any_of(grounded):
             self._hover.reset(grounded)
         trajectory = level == _TRAJECTORY
-        if trajectory.any():
+        if any_of(trajectory):
             # PX4 integrates from the start of the take-off ramp on, though the vehicle still stands: that
             # downward part is what lets it lift about 3 s after the ramp began.
             standing = setpoints.landed & ~setpoints.ramp_thrust
             fresh = trajectory & (~self._was_trajectory | standing)
-            if fresh.any():
+            if any_of(fresh):
                 self._position.reset(fresh)
             self._position.update(setpoints, estimate, self._hover.value, target)
             np.copyto(target.q_ned_frd, self._position.q_ned_frd, where=trajectory[:, None])
@@ -173,7 +174,7 @@ class Cascade:
         if setpoints.cut_in.any():
             self._take_attitudes(setpoints, (setpoints.cut_in == _ATTITUDE) & trajectory)
             setpoints.cut_in[setpoints.cut_in == _ATTITUDE] = _DISARMED
-        if (level >= _ATTITUDE).any():
+        if any_of(level >= _ATTITUDE):
             rates = self._attitude.update(estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s)
             np.copyto(target.rates_frd_rad_s, rates, where=(level >= _ATTITUDE)[:, None])
         np.copyto(target.thrust, self._thrust)
@@ -183,7 +184,7 @@ class Cascade:
     def _take_lower_levels(self, level: FloatArray, setpoints: Setpoints) -> None:
         """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing."""
         by_attitude, direct = level == _ATTITUDE, (level > _DISARMED) & (level < _ATTITUDE)
-        if not (by_attitude | direct).any():
+        if not any_of(by_attitude | direct):
             return
         self._take_attitudes(setpoints, by_attitude)
         by_rates = level == _RATES
@@ -191,7 +192,7 @@ class Cascade:
         np.copyto(self.target.rates_frd_rad_s, rates, where=by_rates[:, None])
         thrust = np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0)
         np.copyto(self._thrust, thrust, where=direct)
-        if (self._below_rates | self._by_motors).any():
+        if any_of(self._below_rates | self._by_motors):
             self._rate.reset(self._below_rates | self._by_motors)
 
     def _take_attitudes(self, setpoints: Setpoints, rows: BoolArray) -> None:
@@ -203,7 +204,7 @@ class Cascade:
         np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
 
     def _learn_hover(self, flying: BoolArray, estimate: EstimateState) -> None:
-        if not flying.any():
+        if not any_of(flying):
             return
         q = estimate.q_ned_frd
         cos_tilt = 1.0 - 2.0 * (q[:, 1] * q[:, 1] + q[:, 2] * q[:, 2])

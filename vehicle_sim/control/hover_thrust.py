@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.frames import GRAVITY_M_S2
+from vehicle_sim.masks import any_of
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +86,7 @@ class HoverThrust:
             velocity_ned_m_s: (N, 3).
         """
         active = active & self._use
-        if not active.any():
+        if not any_of(active):
             return
         hover = self.value
         self._variance += self._process_variance * self._dt_s * self._dt_s

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.control.setpoints import Setpoints
 from vehicle_sim.frames import GRAVITY_M_S2, cross, quaternion_from_matrix
+from vehicle_sim.masks import any_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState, TargetState
 
@@ -109,7 +110,7 @@ class PositionControl:
         demand += self.velocity_integral
         demand -= self._velocity_d * self._velocity_rate
         feedforward = setpoints.acceleration_ned_m_s2
-        if setpoints.ramp_thrust.any():
+        if any_of(setpoints.ramp_thrust):
             feedforward = feedforward.copy()
             feedforward[setpoints.ramp_thrust, 2] = np.nan
         demand = _bounded(_add_finite(feedforward, demand))
@@ -138,7 +139,7 @@ class PositionControl:
         horizontal = wanted[:, :2]
         speed = np.sqrt((horizontal * horizontal).sum(axis=1, keepdims=True))
         too_fast = speed > self._speed_xy
-        if too_fast.any():
+        if any_of(too_fast):
             first = np.nan_to_num(by_position[:, :2])
             limited = _constrain_xy(first, np.nan_to_num(horizontal - first), self._speed_xy)
             np.copyto(horizontal, limited, where=too_fast)
@@ -225,7 +226,7 @@ def _add_finite(a: FloatArray, b: FloatArray) -> FloatArray:
     """a + b where both are numbers, else the one that is, else NaN."""
     total = a + b
     unknown = np.isnan(total)
-    if unknown.any():
+    if any_of(unknown):
         total = np.where(unknown, np.where(np.isnan(a), b, a), total)
     return total
 

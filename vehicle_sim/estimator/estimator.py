@@ -29,6 +29,7 @@ from vehicle_sim.frames import (
     yaw_of,
 )
 from vehicle_sim.geodesy import to_global, to_local
+from vehicle_sim.masks import all_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import SensorState
 
@@ -151,7 +152,7 @@ class Estimator:
     def update(self, sensors: SensorState) -> None:
         """Take this step's samples."""
         state = self.state
-        if not self._started.all():
+        if not all_of(self._started):
             self._align(sensors)
         self._gyro.update(
             sensors.gyro_frd_rad_s, state.rates_frd_rad_s, state.angular_acceleration_frd_rad_s2

@@ -19,6 +19,7 @@ from vehicle_sim.frames import (
     rotation_matrix,
     row_norm,
 )
+from vehicle_sim.masks import any_of
 from vehicle_sim.state import TruthState
 
 FloatArray = NDArray[np.float64]
@@ -109,7 +110,7 @@ class RigidBodies:
         # A sinking vehicle is stopped though its rotors slow it down; one that stands is held by its weight.
         sinks, pressed = velocity[:, 2] > 0.0, (acceleration[:, 2] >= 0.0) & (velocity[:, 2] >= 0.0)
         held = (position[:, 2] >= self.ground_ned_m) & (sinks | pressed)
-        if held.any():
+        if any_of(held):
             acceleration[held] = velocity[held] * (-1.0 / dt_s)
             rates[held] = 0.0
             position[held, 2] = self.ground_ned_m[held]

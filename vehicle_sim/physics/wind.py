@@ -34,11 +34,12 @@ class Wind:
         self._keep = math.exp(-dt_s / CORRELATION_S)
         self._random = np.random.default_rng([_STREAM, seed])
         self._sigma_m_s = np.zeros(3)
+        self._gusty = False
 
     @property
     def gusty(self) -> bool:
         """Whether the wind changes at all."""
-        return bool(self._sigma_m_s.any())
+        return self._gusty
 
     def set_gusts(self, sigma_m_s: float) -> None:
         """One sigma of each horizontal axis; 0 ends the gusts.
@@ -48,6 +49,7 @@ class Wind:
         """
         if not (math.isfinite(sigma_m_s) and sigma_m_s >= 0.0):
             raise ValueError(f"gusts are {sigma_m_s} m/s; give a strength of 0 or more")
+        self._gusty = sigma_m_s > 0.0
         self._sigma_m_s = sigma_m_s * np.array([1.0, 1.0, VERTICAL_PART])
         if sigma_m_s == 0.0:
             self._gust_ned_m_s[:] = 0.0

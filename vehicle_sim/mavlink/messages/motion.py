@@ -21,6 +21,7 @@ UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
 """PWM_MAIN_FUNC*: motors 1 to 12; the gimbal's roll, pitch and yaw."""
+FUNCTION_NAMES = tuple(f"PWM_MAIN_FUNC{n}" for n in range(1, OUTPUTS + 1))
 PREARM_ALWAYS = 2
 
 
@@ -169,10 +170,10 @@ class MotionMessages(Family):
 
     def servo_output_raw(self) -> bytes:
         motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
-        servos = self._servos_us()
+        functions = [int(self._body.parameter(name)) for name in FUNCTION_NAMES]
+        servos = self._servos_us() if max(functions) >= FIRST_GIMBAL_FUNCTION else {}
         values: list[int] = []
-        for n in range(1, OUTPUTS + 1):
-            function = int(self._body.parameter(f"PWM_MAIN_FUNC{n}"))
+        for function in functions:
             motor = function - FIRST_MOTOR_FUNCTION
             values.append(
                 motors[motor] if 0 <= motor < len(motors) else servos.get(function, UNUSED_OUTPUT_US)

@@ -103,7 +103,7 @@ class FtpService:
     @property
     def busy(self) -> bool:
         """Whether a burst runs."""
-        return any(session.burst is not None for session in self._sessions.values())
+        return bool(self._sessions) and any(each.burst is not None for each in self._sessions.values())
 
     def request(self, link: Link, message: Message) -> None:
         """One request; the same sequence number again gets the same answer again."""

@@ -269,7 +269,8 @@ class MissionService:
         for exchange in self._exchanges.values():
             if exchange.state is not _State.IDLE:
                 self._tend(exchange)
-        self._send_reached()
+        if self._flight.reached is not None or self._told_reached != self._flight.reached_count:
+            self._send_reached()
 
     def _tend(self, exchange: _Exchange) -> None:
         now_s = self._context.body.time_s

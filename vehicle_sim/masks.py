@@ -1,0 +1,19 @@
+"""Whether any or all of a mask holds, at a tenth of what NumPy takes for a handful of vehicles.
+
+Thirteen such questions are asked each step; `ndarray.any` spends microseconds on each before it looks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def any_of(mask: NDArray[np.bool_]) -> bool:
+    """Whether any holds; for masks only, whose bytes are 0 and 1."""
+    return b"\x01" in mask.tobytes()
+
+
+def all_of(mask: NDArray[np.bool_]) -> bool:
+    """Whether all hold."""
+    return b"\x00" not in mask.tobytes()
