@@ -72,7 +72,7 @@ class AttitudeControl:
         reduced /= row_norm(reduced)
         rates = 2.0 * reduced[:, 1:] * self._gain
         turn = np.where(np.isfinite(yaw_rate_ned_rad_s), yaw_rate_ned_rad_s, 0.0)
-        if any_of(turn):
+        if any_of(turn != 0.0):
             rates += _down_in_body(q) * turn[:, None]
         return np.clip(rates, -self._limit, self._limit)
 

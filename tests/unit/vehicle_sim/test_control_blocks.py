@@ -86,6 +86,15 @@ def test_attitude_error_becomes_the_shortest_turn():
     assert control.update(level, -wanted, np.full(2, np.nan)) == pytest.approx(rates)
 
 
+def test_a_yaw_rate_is_fed_forward_about_the_vertical():
+    control = AttitudeControl(2)
+    for i in range(2):
+        control.configure(i, Parameters())
+    level = frames.quaternion_from_yaw(np.zeros(2))
+    rates = control.update(level, level, np.array([0.5, np.nan]))
+    assert rates == pytest.approx(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.0]]), abs=1e-9)
+
+
 @pytest.mark.parametrize("yaw", [0.3, 2.0, -3.0])
 @pytest.mark.parametrize(("roll", "pitch"), [(0.4, -0.2), (-1.0, 0.6), (3.0, 0.1)])
 def test_attitude_control_gets_there_from_anywhere(roll, pitch, yaw):
