@@ -3,7 +3,7 @@
 Rules, beside the tolerances below:
 
 - Messages of one kind are aligned in their order; a kind is name and key (command, text, parameter, event).
-- Arming reports are compared by content, as the one in force at the end: PX4 repeats them by its own clock.
+- An arming report must be, by content, one that was true in that time: PX4 tells them by its own clock.
 - State messages (HEARTBEAT and its kind) that the recording kept must be among ours of that time.
 - The mode, the arming and the landed state at the end were sampled at 1 Hz: any of the last second counts.
 """
@@ -88,6 +88,8 @@ ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8,
 
 Row = tuple[str, str, Any, Any]
 RATE_TOLERANCE = 0.1
+THINNED_TO = (16, 32)
+"""Of a long run of one kind the recordings keep the first twelve and the last four, twice where it paused."""
 FOUND, CALIBRATED = ("CAL_", "SENS_BOARD_"), 0.3
 """Offsets that a calibration measured: noise, in the parameter's own unit."""
 FULL_TURN = {"MOUNT_ORIENTATION.yaw_absolute": 360.0}
@@ -137,7 +139,8 @@ def compare(dialogue: Dialogue, answer: Answer) -> list[Difference]:
     summary = dialogue.get("summary", {})
     thinned = "received_total" in dialogue or "kept" in summary or "messages_received" in summary
     for kind in dict.fromkeys(h.name for h in (*rest, *mine)):
-        out += _align(kind, _joined(rest, kind), _joined(mine, kind), thinned)
+        cut = "received_total" in dialogue and sum(h.name == kind for h in theirs) in THINNED_TO
+        out += _align(kind, _joined(rest, kind), _joined(mine, kind), thinned, cut)
     out += _end(dialogue, answer)
     return [Difference(name, *row) for row in out]
 
@@ -208,7 +211,7 @@ def _key(heard: Heard) -> Any:
             return ""
 
 
-def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool) -> list[Row]:
+def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool, cut: bool = False) -> list[Row]:
     out: list[Row] = []
     if kind in TELEMETRY and not theirs:
         return out
@@ -227,7 +230,7 @@ def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool) -> 
                 out += _fields(kind, real.values, own.values)
             continue
         out += [(kind, "(missing)", key, "–") for key in a[i0:i1]]
-        if not thinned or kind in ("COMMAND_ACK", "STATUSTEXT"):
+        if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not cut):
             out += [(kind, "(extra)", "–", key) for key in b[j0:j1]]
     return out
 
@@ -304,7 +307,9 @@ def _reports(theirs: list[Heard], answer: Answer) -> list[Row]:
     if not ends or not any(h.values["id"] == SUMMARY for h in events[: ends[-1]]):
         return []
     first = max(n for n, h in enumerate(events[: ends[-1]]) if h.values["id"] == SUMMARY)
-    return _align("EVENT", events[first : ends[-1] + 1], answer.report, thinned=False)
+    real = events[first : ends[-1] + 1]
+    found = [_align("EVENT", real, own, thinned=False) for own in answer.reports]
+    return min(found, key=len, default=[("EVENT", "(missing)", "arming report", "–")])
 
 
 def _states(theirs: list[Heard], answer: Answer) -> list[Row]:

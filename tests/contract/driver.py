@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
+from vehicle_sim.autopilot.health import Report, announce
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -19,6 +21,9 @@ from vehicle_sim.mavlink.rates import API
 
 Dialogue = dict[str, Any]
 TICK_S = 0.02
+STREAM_EVERY_S = 0.05
+STATE_SAMPLED_S = 1.1
+"""The recordings took the state afterwards from messages at 1 Hz."""
 HOLD, OFFBOARD = 0x3040000, 0x60000
 NAN = math.nan
 
@@ -46,7 +51,7 @@ REQUESTED_MODES = {
     "manual": (1, 0), "posctl": (3, 0), "stabilized": (7, 0), "hold": (4, 3),
 }  # fmt: skip
 GO_ON = ("in fact armed", "commanded", "running", "sent while", "timed out just before", "flying in RTL",
-         "was sent for", "is still open")  # fmt: skip
+         "was sent for", "is still open", "battery draining")  # fmt: skip
 """Words of preconditions that only what came before can have made."""
 
 
@@ -70,8 +75,8 @@ class Answer:
     """State messages of the second after it: the recordings sampled some of them at 1 Hz."""
     set_before: frozenset[str] = frozenset()
     """Parameters that earlier dialogues set: PX4 sends those along that it has not saved yet."""
-    report: list[Heard] = field(default_factory=list)
-    """The arming report in force at the end."""
+    reports: list[list[Heard]] = field(default_factory=list)
+    """The arming reports that were true at some time: PX4 tells them by its own clock."""
     states: list[dict[str, Any]] = field(default_factory=list)
     """Armed, custom_mode and landed_state at times near the end."""
     echo: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -113,11 +118,19 @@ class Vehicle:
         self.wanted = {layout.id for name, layout in BY_NAME.items() if name not in TELEMETRY - {"PING"}}
         self.log: list[tuple[float, str, str, dict[str, Any]]] = []
         self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
-        self.report: list[Heard] = []
+        self.reports: list[list[Heard]] = []
+        """Arming reports that were true, each as it would be told, the newest last."""
+        self._told: Report | None = None
+        self.states: list[tuple[float, dict[str, Any]]] = []
+        """Armed, mode and landed state, and when they became so."""
         self.counts: dict[int, int] = {}
+        self._skip_unheard()
         self._parsers = {name: FrameParser() for name in ("gcs", "api")}
         self._sequence = 0
         self._beat_s = 0.0
+        self.background: dict[str, Any] | None = None
+        """Set points streamed besides what a dialogue sends."""
+        self._stream_s = 0.0
 
     @property
     def now_s(self) -> float:
@@ -130,6 +143,12 @@ class Vehicle:
     @property
     def speed_m_s(self) -> float:
         return math.sqrt(sum(v * v for v in self.sim.simulation.truth.velocity_ned_m_s[0].tolist()))
+
+    def _skip_unheard(self) -> None:
+        """Streams that no dialogue looks at are not built: they are most of the work."""
+        telemetry = self.sim.nodes[0].context.telemetry
+        build = telemetry.payload
+        telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.wanted else None  # type: ignore[method-assign]
 
     def send(self, name: str, fields: dict[str, Any], via: str = "gcs", src: tuple[int, int] = (255, 190)):
         layout, payload = pack(name, **fields)
@@ -152,9 +171,11 @@ class Vehicle:
     def run_to(self, end_s: float, tick_s: float = TICK_S) -> None:
         while self.now_s < end_s - 1e-6:
             if self.heartbeats and self.now_s >= self._beat_s:
-                for via in ("gcs", "api"):
-                    self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3}, via)
+                self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
                 self._beat_s = self.now_s + 1.0
+            if self.background is not None and self.now_s >= self._stream_s:
+                self.send("SET_POSITION_TARGET_LOCAL_NED", self.background, "api")
+                self._stream_s = self.now_s + STREAM_EVERY_S
             self.sim.step(min(tick_s, max(end_s - self.now_s, 0.004)))
             self.collect()
 
@@ -174,6 +195,13 @@ class Vehicle:
         return condition()
 
     def collect(self) -> None:
+        state = self.state()
+        if not self.states or state != self.states[-1][1]:
+            self.states.append((self.now_s, state))
+        report = self.commander.report
+        if report is not self._told and report != self._told:
+            self._told = report
+            self.reports.append(_as_told(report))
         for via, parser in self._parsers.items():
             for frame in self.sim.frames(0, via):
                 msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
@@ -188,12 +216,6 @@ class Vehicle:
     def _note(self, via: str, name: str, values: dict[str, Any]) -> None:
         self.log.append((self.now_s, via, name, values))
         self.last[via, name] = self.now_s, values
-        if name == "EVENT" and via == "gcs":
-            heard = Heard(self.now_s, name, values)
-            if values["id"] == SUMMARY:
-                self.report = [heard]
-            elif self.report and self.report[-1].values["id"] != HEALTH:
-                self.report.append(heard)
 
     def state(self) -> dict[str, Any]:
         commander = self.commander
@@ -228,20 +250,21 @@ class Vehicle:
         """To Offboard at 10 m, with a stream of set points."""
         if not 6 < self.height_m < 16:
             self.fly()
-        fields = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
-                  "type_mask": 2552, "z": -10.0}  # fmt: skip
-
-        def stream() -> None:
-            self.send("SET_POSITION_TARGET_LOCAL_NED", fields, "api")
-
-        self.run(0.6, stream, 0.05)
+        self.stream(True)
+        self.run(0.6)
         self.command(176, 1, 6)
-        self.run(1.0, stream, 0.05)
+        self.run(1.0)
+        self.stream(False)
+
+    def stream(self, on: bool) -> None:
+        """A position 10 m up at 20 Hz."""
+        self.background = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
+                           "type_mask": 2552, "z": -10.0} if on else None  # fmt: skip
 
     def ground(self, armed: bool, custom_mode: int) -> None:
         """On the ground: armed or not, in a mode."""
         if self.commander.armed != armed or (armed and self.state()["custom_mode"] != custom_mode):
-            self.command(400, 0)
+            self.command(400, 0, 21196)
             self.run(0.1)
         self.run_until(self.ready, 4)
         if armed and not self.commander.armed:
@@ -280,13 +303,23 @@ class Player:
         """Bring about the starting state, send, listen."""
         vehicle = self._prepare(dialogue)
         words = dialogue["precondition"]
+        if "with a 20 Hz position stream" in words:
+            vehicle.stream(True)
+            vehicle.run(0.3)
+            vehicle.command(176, 1, 6)
+            vehicle.run(0.2)
+        else:
+            vehicle.stream(False)
         changed = {} if _boots(words) or _sends(dialogue, "PARAM_SET") else _parameters(words)
         store = vehicle.sim.simulation.parameters[0]
         kept = {name: store.get(name) for name in changed if name in store}
         for name in kept:
             vehicle.set_parameter(name, changed[name])
         if kept:
+            vehicle.stream(vehicle.state()["custom_mode"] == OFFBOARD)
             vehicle.run(2.5)
+            vehicle.stream(False)
+        kept = {name: value for name, value in kept.items() if not name.startswith("SIM_BAT_")}
         said = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
         kept |= {name: float(text) for name, text in said}
         try:
@@ -334,6 +367,8 @@ class Player:
         _let_transfers_end(vehicle)
         if not goes_on:
             self._start(vehicle, dialogue)
+        elif "3 s ago" in words:
+            vehicle.run(0.95)
         if "stored" in words or "uploaded with" in words:
             _stock(vehicle, dialogue)
         return vehicle
@@ -365,6 +400,7 @@ class Player:
         start_s, window_s = vehicle.now_s, dialogue["window_s"]
         vehicle.log.clear()
         vehicle.counts.clear()
+        del vehicle.reports[:-1]
         via = dialogue["link"]
         extra = requested(dialogue) | {layout_id(name) for name in ECHOES if "echo_at_end" in dialogue}
         extra -= vehicle.wanted
@@ -383,12 +419,11 @@ class Player:
                 fields = fields | {"first_sequence": newest - back, "last_sequence": newest}
             vehicle.send(name, fields, link, src)
         answer = Answer(before=before)
-        vehicle.run_to(start_s + window_s - 1.1)
-        while vehicle.now_s < start_s + window_s - 1e-6:
-            vehicle.run_to(min(start_s + window_s, vehicle.now_s + 0.1))
-            answer.states.append(vehicle.state())
-        answer.states.append(vehicle.state())
-        answer.report = list(vehicle.report)
+        vehicle.run_to(start_s + window_s)
+        late_s = vehicle.now_s - STATE_SAMPLED_S
+        earlier = [state for at_s, state in vehicle.states if at_s <= late_s]
+        answer.states = earlier[-1:] + [state for at_s, state in vehicle.states if at_s > late_s]
+        answer.reports = list(vehicle.reports)
         answer.counts = {LAYOUTS[i].name: n for i, n in vehicle.counts.items() if i in LAYOUTS}
         for name in ECHOES if "echo_at_end" in dialogue else ():
             if ("gcs", name) in vehicle.last:
@@ -408,6 +443,19 @@ class Player:
             ]
         vehicle.wanted -= extra
         return answer
+
+
+def _as_told(report: Report) -> list[Heard]:
+    announcer, told = Announcer(lambda: 0), list[Heard]()
+
+    def hear(item: StatusText | Event) -> None:
+        if isinstance(item, Event):
+            values = {"id": item.id, "log_levels": item.log_levels, "arguments": item.arguments}
+            told.append(Heard(0.0, "EVENT", values))
+
+    announcer.add_listener(hear)
+    announce(report, announcer)
+    return told
 
 
 def _let_transfers_end(vehicle: Vehicle) -> None:

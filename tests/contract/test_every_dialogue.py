@@ -74,7 +74,7 @@ def test_a_stream_has_the_rate_that_was_asked_for(shared: Path, part: str, hz: f
     dialogue = next(d for d in SESSIONS["message_interval-0"] if "measured_hz" in d)
     end_s = hz + 4.5
     cut = [e for e in dialogue["send"] if e["dt_s"] < end_s]
-    answer = Player().play({**dialogue, "send": cut, "window_s": end_s})
-    before = Player().play({**dialogue, "send": cut, "window_s": end_s - 4.0})
+    answer = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s})
+    before = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s - 4.0})
     counted_hz = (answer.counts["ATTITUDE"] - before.counts["ATTITUDE"]) / 4.0
     assert counted_hz == pytest.approx(dialogue["measured_hz"][part], rel=RATE_HZ_TOLERANCE)
