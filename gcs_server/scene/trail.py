@@ -16,7 +16,7 @@ JUMP_M = 50.0
 
 
 class Trail:
-    """Points at least `SPACING_M` from their newest neighbours; the older half is thinned whenever it is full.
+    """Points at least `SPACING_M` from their newest neighbours; the older half is thinned when it is full.
 
     `sealed` holds what does not change until `version` does, so that a view can send it once; what came
     since is `recent`, at most `RECENT_POINTS`.

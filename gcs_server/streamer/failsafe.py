@@ -54,6 +54,4 @@ class Failsafe:
             if options is None
             else options[0 if self.transmitter else 1]
         )
-        return (
-            f"after {after_s:g} s the vehicle {what} (COM_OBL_RC_ACT {self.action}, {who})."
-        )
+        return f"after {after_s:g} s the vehicle {what} (COM_OBL_RC_ACT {self.action}, {who})."

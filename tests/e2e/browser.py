@@ -180,7 +180,7 @@ def in_both_themes(page: Page) -> list[str]:
     """`serious_violations` of what is shown now, dark and light; the page is dark before and after."""
     found = serious_violations(page)
     page.emulate_media(color_scheme="light")
-    if page.locator("html[data-theme]").count():  # the dashboard sets it; other pages follow the system by style
+    if page.locator("html[data-theme]").count():  # the dashboard sets it, other pages follow by style
         page.locator('html[data-theme="light"]').wait_for(state="attached")
     found += [f"light: {one}" for one in serious_violations(page)]
     page.emulate_media(color_scheme="dark")
