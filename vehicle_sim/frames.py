@@ -66,6 +66,8 @@ def _rotation_table() -> FloatArray:
 
 
 _ROTATION = _rotation_table()
+_YAW_PARTNERS = np.array([3, 2, 2, 3])
+"""Each component of a quaternion times this one: the products that a heading is made of."""
 _CROSS = _table(9, 3, [(5, 0, 1.0), (7, 0, -1.0), (6, 1, 1.0), (2, 1, -1.0), (1, 2, 1.0), (3, 2, -1.0)])
 
 
@@ -116,7 +118,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def row_norm(vector: FloatArray) -> FloatArray:
     """Length of each row, (N, 1)."""
-    return np.sqrt((vector * vector).sum(axis=1, keepdims=True))
+    return np.sqrt(np.add.reduce(vector * vector, axis=1))[:, None]
 
 
 def normalized(q: FloatArray) -> FloatArray:
@@ -126,8 +128,9 @@ def normalized(q: FloatArray) -> FloatArray:
 
 def yaw_of(q: FloatArray) -> FloatArray:
     """Heading (N,) of `q_ned_frd`, -pi..pi, clockwise from north."""
-    w, x, y, z = q[:, 0], q[:, 1], q[:, 2], q[:, 3]
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    products = q * q.take(_YAW_PARTNERS, axis=1)
+    doubled = 2.0 * (products[:, ::2] + products[:, 1::2])
+    return np.arctan2(doubled[:, 0], 1.0 - doubled[:, 1])
 
 
 def quaternion_from_yaw(yaw_ned_rad: FloatArray) -> FloatArray:

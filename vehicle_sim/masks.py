@@ -14,6 +14,11 @@ def any_of(mask: NDArray[np.bool_]) -> bool:
     return b"\x01" in mask.tobytes()
 
 
+def any_nonzero(values: NDArray[np.generic]) -> bool:
+    """Whether any number differs from zero; a negative zero counts as different."""
+    return bool(values.tobytes().strip(b"\x00"))
+
+
 def all_of(mask: NDArray[np.bool_]) -> bool:
     """Whether all hold."""
     return b"\x00" not in mask.tobytes()

@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.airframe import ROTOR_COUNT
+from vehicle_sim.masks import all_of
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
 
 _YAW_MARGIN = 0.15
 _SMALL = 1e-6
+# Arrays without dimensions: NumPy takes twice as long to compare with a plain number.
+_ZERO, _ONE, _MINUS_ONE = np.array(0.0), np.array(1.0), np.array(-1.0)
 
 
 class Allocation:
@@ -31,6 +34,9 @@ class Allocation:
         self._mix = np.zeros((count, 4, ROTOR_COUNT))
         self._unmix = np.zeros((count, ROTOR_COUNT, 3))
         self._demand = np.zeros((count, 1, 4))
+        self._torque = self._demand[:, 0, :3]
+        self._lift = self._demand[:, 0, 3]
+        self._fell_short = False
         self.short_of = np.zeros((count, 3))
         """(N, 3) torque asked for less torque given in the last step."""
 
@@ -47,17 +53,19 @@ class Allocation:
     def update(self, torque: FloatArray, thrust: FloatArray) -> FloatArray:
         """Motor signals (N, 4) within 0..1 for torques (N, 3) and collective thrust (N,)."""
         demand = self._demand
-        demand[:, 0, :3] = torque
-        np.minimum(demand[:, 0, :3], 1.0, out=demand[:, 0, :3])
-        np.maximum(demand[:, 0, :3], -1.0, out=demand[:, 0, :3])
-        demand[:, 0, 3] = thrust
+        np.minimum(torque, _ONE, out=self._torque)
+        np.maximum(self._torque, _MINUS_ONE, out=self._torque)
+        self._lift[:] = thrust
         motors = (demand @ self._mix)[:, 0, :]
-        if motors.min() >= 0.0 and motors.max() <= 1.0:
-            self.short_of[:] = 0.0
+        if all_of((motors >= _ZERO) & (motors <= _ONE)):
+            if self._fell_short:
+                self.short_of.fill(0.0)
+                self._fell_short = False
             return motors
+        self._fell_short = True
         motors = self._fit(demand)
         given = (motors[:, None, :] @ self._unmix)[:, 0, :]
-        np.subtract(demand[:, 0, :3], given, out=self.short_of)
+        np.subtract(self._torque, given, out=self.short_of)
         self.short_of[np.abs(self.short_of) < _SMALL] = 0.0
         return motors
 

@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.frames import conjugate, quaternion_product, row_norm
-from vehicle_sim.masks import any_of
+from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
 
-_OPPOSITE = 1e-6
+# Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
+_OPPOSITE = np.array(1e-6)
+_ZERO = np.array(0.0)
+_TWO = np.array(2.0)
 
 
 class AttitudeControl:
@@ -31,6 +34,7 @@ class AttitudeControl:
         self._gain = np.zeros((count, 3))
         self._yaw_weight = np.ones(count)
         self._limit = np.zeros((count, 3))
+        self._least = np.zeros((count, 3))
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Read MC_* of vehicle `i`."""
@@ -43,6 +47,7 @@ class AttitudeControl:
         yaw_gain = value("MC_YAW_P") / weight if weight > 1e-4 else value("MC_YAW_P")
         self._gain[i] = value("MC_ROLL_P"), value("MC_PITCH_P"), yaw_gain
         self._limit[i] = [math.radians(value(f"MC_{axis}RATE_MAX")) for axis in ("ROLL", "PITCH", "YAW")]
+        self._least[i] = -self._limit[i]
 
     def update(self, q: FloatArray, wanted: FloatArray, yaw_rate_ned_rad_s: FloatArray) -> FloatArray:
         """Body rate setpoints (N, 3).
@@ -57,7 +62,7 @@ class AttitudeControl:
         # The wanted thrust axis seen from the body gives the pure tilt: error = tilt ⊗ twist about z.
         norm = np.sqrt(w * w + z * z)
         safe = np.maximum(norm, _OPPOSITE)
-        half_yaw = np.arctan2(np.where(w < 0.0, -z, z), np.abs(w)) * self._yaw_weight
+        half_yaw = np.arctan2(np.where(w < _ZERO, -z, z), np.abs(w)) * self._yaw_weight
         cos_half, sin_half = np.cos(half_yaw), np.sin(half_yaw)
         reduced = np.empty_like(error)
         tilt_x = (w * x - y * z) / safe
@@ -70,11 +75,13 @@ class AttitudeControl:
         if any_of(opposite):
             reduced[opposite] = error[opposite] * np.where(error[opposite, :1] < 0.0, -1.0, 1.0)
         reduced /= row_norm(reduced)
-        rates = 2.0 * reduced[:, 1:] * self._gain
-        turn = np.where(np.isfinite(yaw_rate_ned_rad_s), yaw_rate_ned_rad_s, 0.0)
-        if any_of(turn != 0.0):
-            rates += _down_in_body(q) * turn[:, None]
-        return np.clip(rates, -self._limit, self._limit)
+        rates = _TWO * reduced[:, 1:] * self._gain
+        turns = np.isfinite(yaw_rate_ned_rad_s)
+        if any_of(turns):
+            turn = np.where(turns, yaw_rate_ned_rad_s, _ZERO)
+            if any_nonzero(turn):
+                rates += _down_in_body(q) * turn[:, None]
+        return np.minimum(np.maximum(rates, self._least), self._limit)
 
 
 def _down_in_body(q: FloatArray) -> FloatArray:

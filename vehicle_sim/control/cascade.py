@@ -6,6 +6,8 @@ loop on each.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ from vehicle_sim.control.position import PositionControl
 from vehicle_sim.control.rate import RateControl
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.frames import row_norm
-from vehicle_sim.masks import all_of, any_of
+from vehicle_sim.masks import all_of, any_nonzero, any_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState, TargetState
 
@@ -34,6 +36,8 @@ _FASTEST_RAD_S = 100.0
 MOTOR_DISARMED_US = 900.0
 MOTOR_MIN_US = 1000.0
 MOTOR_SPAN_US = 1000.0
+# Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
+_MIN_US, _SPAN_US = np.array(MOTOR_MIN_US), np.array(MOTOR_SPAN_US)
 
 
 class Cascade:
@@ -53,10 +57,9 @@ class Cascade:
         self._allocation = Allocation(count)
         self._steps = 0
         self._thrust = np.zeros(count)
-        self._powered = np.zeros(count, dtype=np.bool_)
+        self._split = _split(Setpoints.idle(count))
+        self._split_of = b""
         self._was_trajectory = np.zeros(count, dtype=np.bool_)
-        self._below_rates = np.zeros(count, dtype=np.bool_)
-        self._by_motors = np.zeros(count, dtype=np.bool_)
         self.motor_signal = np.zeros((count, ROTOR_COUNT))
         """(N, 4) 0..1, what the rotors follow."""
         self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
@@ -90,6 +93,7 @@ class Cascade:
         self._thrust[i] = 0.0
         self.motor_signal[i] = 0.0
         self.motors_us[i] = MOTOR_DISARMED_US
+        self._was_trajectory = self._was_trajectory.copy()
         self._was_trajectory[i] = False
 
     def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
@@ -97,12 +101,12 @@ class Cascade:
         self._steps += 1
         if self._steps % OUTER_EVERY_STEPS == 0:
             self._outer(setpoints, estimate)
-        elif setpoints.cut_in.any():
+        elif any_nonzero(setpoints.cut_in):
             self._cut_in_rates(setpoints)
-        powered = self._powered
-        if not any_of(powered):
-            self.motor_signal[:] = 0.0
-            self.torque_frd[:] = 0.0
+        split = self._split
+        if not split.any_powered:
+            self.motor_signal.fill(0.0)
+            self.torque_frd.fill(0.0)
         else:
             torque = self._rate.update(
                 estimate.rates_frd_rad_s,
@@ -111,14 +115,18 @@ class Cascade:
                 setpoints.landed,
                 self._allocation.short_of,
             )
-            if any_of(self._below_rates):
-                np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=self._below_rates[:, None])
-            np.multiply(torque, powered[:, None], out=self.torque_frd)
+            if split.any_below_rates:
+                np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=split.below_rates[:, None])
             motors = self._allocation.update(torque, self._thrust)
-            np.multiply(motors, powered[:, None], out=self.motor_signal)
-        np.multiply(self.motor_signal, MOTOR_SPAN_US, out=self.motors_us)
-        self.motors_us += MOTOR_MIN_US
-        if any_of(self._by_motors):
+            if split.all_powered:
+                self.torque_frd[:] = torque
+                self.motor_signal[:] = motors
+            else:
+                np.multiply(torque, split.powered[:, None], out=self.torque_frd)
+                np.multiply(motors, split.powered[:, None], out=self.motor_signal)
+        np.multiply(self.motor_signal, _SPAN_US, out=self.motors_us)
+        self.motors_us += _MIN_US
+        if split.any_by_motors:
             self._drive_motors(setpoints)
         if not all_of(setpoints.armed):
             self.motors_us[~setpoints.armed] = MOTOR_DISARMED_US
@@ -128,7 +136,7 @@ class Cascade:
         """Motor signals past all controllers: what is no number or negative stands still."""
         wanted = np.minimum(setpoints.motors, 1.0)
         turning = wanted >= 0.0
-        rows = self._by_motors[:, None]
+        rows = self._split.by_motors[:, None]
         signal = np.where(turning, wanted, 0.0)
         np.copyto(self.motor_signal, signal, where=rows)
         pulses = np.where(turning, MOTOR_MIN_US + MOTOR_SPAN_US * signal, MOTOR_DISARMED_US)
@@ -144,56 +152,62 @@ class Cascade:
             setpoints.cut_in[rows] = _DISARMED
 
     def _outer(self, setpoints: Setpoints, estimate: EstimateState) -> None:
-        target = self.target
-        level = np.where(setpoints.armed, setpoints.level, _DISARMED)
-        self._powered = level > _DISARMED
-        self._by_motors = level == _MOTORS
-        self._below_rates = level == _THRUST_TORQUE
-        if not all_of(self._powered):
-            idle = ~self._powered
+        target, split = self.target, self._split_now(setpoints)
+        trajectory = split.trajectory
+        if not split.all_powered:
+            idle = ~split.powered
             self._rate.reset(idle)
             self._thrust[idle] = 0.0
             target.rates_frd_rad_s[idle] = 0.0
         self._position.track(estimate)
-        grounded = ~setpoints.armed | setpoints.landed | setpoints.ramp_thrust
-        if any_of(grounded):
-            self._hover.reset(grounded)
-        trajectory = level == _TRAJECTORY
-        if any_of(trajectory):
-            # PX4 integrates from the start of the take-off ramp on, though the vehicle still stands: that
-            # downward part is what lets it lift about 3 s after the ramp began.
-            standing = setpoints.landed & ~setpoints.ramp_thrust
-            fresh = trajectory & (~self._was_trajectory | standing)
+        if split.any_grounded:
+            self._hover.reset(split.grounded)
+        if split.any_trajectory:
+            fresh = split.standing
+            if self._was_trajectory is not trajectory:
+                fresh = fresh | (trajectory & ~self._was_trajectory)
             if any_of(fresh):
                 self._position.reset(fresh)
             self._position.update(setpoints, estimate, self._hover.value, target)
-            np.copyto(target.q_ned_frd, self._position.q_ned_frd, where=trajectory[:, None])
-            np.copyto(self._thrust, self._position.thrust, where=trajectory)
+            if split.all_trajectory:
+                target.q_ned_frd[:] = self._position.q_ned_frd
+                self._thrust[:] = self._position.thrust
+            else:
+                np.copyto(target.q_ned_frd, self._position.q_ned_frd, where=trajectory[:, None])
+                np.copyto(self._thrust, self._position.thrust, where=trajectory)
         self._was_trajectory = trajectory
-        self._take_lower_levels(level, setpoints)
-        if setpoints.cut_in.any():
+        if split.any_lower:
+            self._take_lower_levels(split, setpoints)
+        if any_nonzero(setpoints.cut_in):
             self._take_attitudes(setpoints, (setpoints.cut_in == _ATTITUDE) & trajectory)
             setpoints.cut_in[setpoints.cut_in == _ATTITUDE] = _DISARMED
-        if any_of(level >= _ATTITUDE):
+        if split.any_turned:
             rates = self._attitude.update(estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s)
-            np.copyto(target.rates_frd_rad_s, rates, where=(level >= _ATTITUDE)[:, None])
-        np.copyto(target.thrust, self._thrust)
+            if split.all_turned:
+                target.rates_frd_rad_s[:] = rates
+            else:
+                np.copyto(target.rates_frd_rad_s, rates, where=split.turned[:, None])
+        target.thrust[:] = self._thrust
         if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
-            self._learn_hover(trajectory & ~grounded, estimate)
+            self._learn_hover(split.airborne, estimate)
 
-    def _take_lower_levels(self, level: FloatArray, setpoints: Setpoints) -> None:
+    def _split_now(self, setpoints: Setpoints) -> _Split:
+        """Who is flown how; worked out anew only when somebody's level, arming or take-off state changed."""
+        armed, landed, ramp = setpoints.armed, setpoints.landed, setpoints.ramp_thrust
+        split_of = setpoints.level.tobytes() + armed.tobytes() + landed.tobytes() + ramp.tobytes()
+        if split_of != self._split_of:
+            self._split, self._split_of = _split(setpoints), split_of
+        return self._split
+
+    def _take_lower_levels(self, split: _Split, setpoints: Setpoints) -> None:
         """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing."""
-        by_attitude, direct = level == _ATTITUDE, (level > _DISARMED) & (level < _ATTITUDE)
-        if not any_of(by_attitude | direct):
-            return
-        self._take_attitudes(setpoints, by_attitude)
-        by_rates = level == _RATES
+        self._take_attitudes(setpoints, split.by_attitude)
         rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
-        np.copyto(self.target.rates_frd_rad_s, rates, where=by_rates[:, None])
+        np.copyto(self.target.rates_frd_rad_s, rates, where=split.by_rates[:, None])
         thrust = np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0)
-        np.copyto(self._thrust, thrust, where=direct)
-        if any_of(self._below_rates | self._by_motors):
-            self._rate.reset(self._below_rates | self._by_motors)
+        np.copyto(self._thrust, thrust, where=split.direct)
+        if split.any_below_rates or split.any_by_motors:
+            self._rate.reset(split.below_rates | split.by_motors)
 
     def _take_attitudes(self, setpoints: Setpoints, rows: BoolArray) -> None:
         """Attitude and thrust as asked for the vehicles in `rows`."""
@@ -216,3 +230,69 @@ class Cascade:
             estimate.velocity_ned_m_s,
         )
         self._position.hover_thrust_changed(old, self._hover.value, self.target)
+
+
+@dataclass(frozen=True, slots=True)
+class _Split:
+    """Masks (N,) of who is flown how, never written to, and whether any or all of them hold."""
+
+    powered: BoolArray
+    any_powered: bool
+    all_powered: bool
+    by_motors: BoolArray
+    any_by_motors: bool
+    below_rates: BoolArray
+    any_below_rates: bool
+    by_rates: BoolArray
+    by_attitude: BoolArray
+    direct: BoolArray
+    """Past the attitude controller."""
+    any_lower: bool
+    """Whether any is flown by attitude or directly."""
+    turned: BoolArray
+    """By the attitude controller."""
+    any_turned: bool
+    all_turned: bool
+    trajectory: BoolArray
+    any_trajectory: bool
+    all_trajectory: bool
+    standing: BoolArray
+    """Of those on a trajectory: nothing is integrated yet. PX4 integrates from the start of the take-off ramp
+    on, though the vehicle still stands: that downward part is what lets it lift about 3 s after the ramp
+    began."""
+    grounded: BoolArray
+    any_grounded: bool
+    airborne: BoolArray
+    """Of those on a trajectory: the hover thrust can be learnt."""
+
+
+def _split(setpoints: Setpoints) -> _Split:
+    armed, landed, ramp = setpoints.armed, setpoints.landed, setpoints.ramp_thrust
+    level = np.where(armed, setpoints.level, _DISARMED)
+    powered, turned, trajectory = level > _DISARMED, level >= _ATTITUDE, level == _TRAJECTORY
+    by_motors, below_rates, by_attitude = level == _MOTORS, level == _THRUST_TORQUE, level == _ATTITUDE
+    direct = powered & ~turned
+    grounded = ~armed | landed | ramp
+    return _Split(
+        powered=powered,
+        any_powered=any_of(powered),
+        all_powered=all_of(powered),
+        by_motors=by_motors,
+        any_by_motors=any_of(by_motors),
+        below_rates=below_rates,
+        any_below_rates=any_of(below_rates),
+        by_rates=level == _RATES,
+        by_attitude=by_attitude,
+        direct=direct,
+        any_lower=any_of(by_attitude | direct),
+        turned=turned,
+        any_turned=any_of(turned),
+        all_turned=all_of(turned),
+        trajectory=trajectory,
+        any_trajectory=any_of(trajectory),
+        all_trajectory=all_of(trajectory),
+        standing=trajectory & landed & ~ramp,
+        grounded=grounded,
+        any_grounded=any_of(grounded),
+        airborne=trajectory & ~grounded,
+    )

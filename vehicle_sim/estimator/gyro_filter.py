@@ -29,6 +29,7 @@ class GyroFilter:
         self._dt_s = dt_s
         self._map = np.zeros((count, 5, 5))
         self._state = np.zeros((count, 3, 5))
+        self._next = np.zeros((count, 3, 5))
         for i in range(count):
             self.configure(i, 0.0, 0.0)
 
@@ -58,7 +59,7 @@ class GyroFilter:
     def update(self, gyro_frd_rad_s: FloatArray, rates_out: FloatArray, acceleration_out: FloatArray) -> None:
         """Take samples (N, 3); write filtered rates and angular accelerations (N, 3)."""
         self._state[:, :, _INPUT] = gyro_frd_rad_s
-        self._state = self._state @ self._map
+        self._state, self._next = np.matmul(self._state, self._map, out=self._next), self._state
         rates_out[:] = self._state[:, :, _OUTPUT]
         acceleration_out[:] = self._state[:, :, _DERIVATIVE]
 

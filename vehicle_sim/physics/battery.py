@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle_sim.masks import any_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import BatteryState
 
@@ -71,14 +72,14 @@ class Batteries:
     def step(self, armed: BoolArray) -> None:
         """Drain the armed ones by one step; fill the one that was just disarmed."""
         state = self.state
-        if armed.any():
+        if any_of(armed):
             drained = state.remaining - self._drain_per_s * self._dt_s
             floor = np.minimum(self._lowest, state.remaining)
             np.copyto(state.remaining, np.maximum(drained, floor), where=armed)
             self._update_voltage()
-        if self._was_armed.any():
+        if any_of(self._was_armed):
             disarmed = self._was_armed & ~armed
-            if disarmed.any():
+            if any_of(disarmed):
                 state.remaining[disarmed] = 1.0
                 self._update_voltage()
         self._was_armed[:] = armed

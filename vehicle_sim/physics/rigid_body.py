@@ -24,6 +24,7 @@ from vehicle_sim.state import TruthState
 
 FloatArray = NDArray[np.float64]
 
+_ZERO = np.array(0.0)
 _RATES = slice(ROTOR_COUNT, ROTOR_COUNT + 3)
 _PRODUCTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
 
@@ -37,7 +38,8 @@ class RigidBodies:
     """
 
     def __init__(self, count: int, dt_s: float) -> None:
-        self._dt_s = dt_s
+        self._dt_s = np.array(dt_s)
+        self._back_per_s = np.array(-1.0 / dt_s)
         self.state = TruthState(
             position_ned_m=np.zeros((count, 3)),
             velocity_ned_m_s=np.zeros((count, 3)),
@@ -56,7 +58,15 @@ class RigidBodies:
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
         self._lag = np.ones((count, 1))
         self._drag_per_s = np.zeros((count, 1))
-        self._gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
+        self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
+        # Views of arrays that are only ever written in place: to make them anew costs as much as a product.
+        self._rotors_in = self._inputs[:, 0, :ROTOR_COUNT]
+        self._rates_in = self._inputs[:, 0, _RATES]
+        self._products_in = self._inputs[:, 0, _PRODUCTS].reshape(count, 3, 3)
+        rates = self.state.rates_frd_rad_s
+        self._rates_down, self._rates_across = rates[:, :, None], rates[:, None, :]
+        self._down_m = self.state.position_ned_m[:, 2]
+        self._sinking_m_s = self.state.velocity_ned_m_s[:, 2]
 
     def configure(self, i: int, airframe: Airframe) -> None:
         """Give vehicle `i` an airframe."""
@@ -70,7 +80,8 @@ class RigidBodies:
         gyroscopic = np.einsum("imk,mj->ijk", cross_table(), airframe.inertia_kg_m2).reshape(9, 3)
         response[_PRODUCTS, 1:] = -gyroscopic @ inverse.T
         self._drag_per_s[i] = airframe.drag_n_per_m_s / airframe.mass_kg
-        self._lag[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
+        dt_s = float(self._dt_s)
+        self._lag[i] = min(1.0, dt_s / max(airframe.rotor_time_constant_s, dt_s))
 
     def place(self, i: int, position_ned_m: FloatArray, yaw_ned_rad: float) -> None:
         """Put vehicle `i` somewhere, level and at rest; below the surface counts as on it."""
@@ -95,11 +106,10 @@ class RigidBodies:
         position, velocity = state.position_ned_m, state.velocity_ned_m_s
         rotors += self._lag * (motor_signal - rotors)
 
-        inputs = self._inputs
-        inputs[:, 0, :ROTOR_COUNT] = rotors
-        inputs[:, 0, _RATES] = rates
-        inputs[:, 0, _PRODUCTS] = (rates[:, :, None] * rates[:, None, :]).reshape(-1, 9)
-        response = (inputs @ self._response)[:, 0, :]
+        self._rotors_in[:] = rotors
+        self._rates_in[:] = rates
+        np.multiply(self._rates_down, self._rates_across, out=self._products_in)
+        response = (self._inputs @ self._response)[:, 0, :]
 
         acceleration = self.matrix[:, :, 2] * response[:, :1]
         acceleration += self._gravity
@@ -108,12 +118,14 @@ class RigidBodies:
         position += dt_s * velocity
         rates += dt_s * response[:, 1:]
         # A sinking vehicle is stopped though its rotors slow it down; one that stands is held by its weight.
-        sinks, pressed = velocity[:, 2] > 0.0, (acceleration[:, 2] >= 0.0) & (velocity[:, 2] >= 0.0)
-        held = (position[:, 2] >= self.ground_ned_m) & (sinks | pressed)
+        held = self._down_m >= self.ground_ned_m
         if any_of(held):
-            acceleration[held] = velocity[held] * (-1.0 / dt_s)
-            rates[held] = 0.0
-            position[held, 2] = self.ground_ned_m[held]
+            sinking = self._sinking_m_s
+            held &= (sinking > _ZERO) | ((acceleration[:, 2] >= _ZERO) & (sinking >= _ZERO))
+            if any_of(held):
+                acceleration[held] = velocity[held] * self._back_per_s
+                rates[held] = 0.0
+                position[held, 2] = self.ground_ned_m[held]
         velocity += dt_s * acceleration
         state.acceleration_ned_m_s2[:] = acceleration
         state.on_ground[:] = held

@@ -88,9 +88,13 @@ class SensorSuite:
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
         self._imu_noise = np.zeros((count, 6))
+        self._gyro_noise, self._accel_noise = self._imu_noise[:, :3], self._imu_noise[:, 3:]
+        self._imu_sigma = np.zeros((count, 6))
+        self._imu_sigma_armed_by = b""
+        """Which vehicles were armed when `_imu_sigma` was chosen."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
-        self._gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
+        self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
         level = _FIELD_GAUSS * math.cos(_FIELD_INCLINATION_RAD)
         self._field_ned = np.array(
             [
@@ -149,13 +153,19 @@ class SensorSuite:
             armed: (N,) motors turn, which shakes the IMU.
         """
         state = self.state
-        np.copyto(state.gyro_frd_rad_s, truth.rates_frd_rad_s)
-        np.copyto(state.accel_frd_m_s2, rotate_back(matrix, truth.acceleration_ned_m_s2 - self._gravity))
+        specific_force = rotate_back(matrix, truth.acceleration_ned_m_s2 - self._gravity)
         if self._noise:
             noise = self._random.standard_normal(out=self._imu_noise)
-            noise *= np.where(armed[:, None], self._imu_sigma_armed, self._imu_sigma_rest)
-            state.gyro_frd_rad_s += noise[:, :3]
-            state.accel_frd_m_s2 += noise[:, 3:]
+            armed_by = armed.tobytes()
+            if armed_by != self._imu_sigma_armed_by:
+                self._imu_sigma_armed_by = armed_by
+                self._imu_sigma = np.where(armed[:, None], self._imu_sigma_armed, self._imu_sigma_rest)
+            noise *= self._imu_sigma
+            np.add(truth.rates_frd_rad_s, self._gyro_noise, out=state.gyro_frd_rad_s)
+            np.add(specific_force, self._accel_noise, out=state.accel_frd_m_s2)
+        else:
+            state.gyro_frd_rad_s[:] = truth.rates_frd_rad_s
+            state.accel_frd_m_s2[:] = specific_force
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
             field = np.broadcast_to(self._field_ned, (self._count, 3))
