@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
 	@echo "make test          the whole suite: lint, Python, page, browser"
-	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy)"
+	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy), and long fuzzing"
 	@echo "make bench         print the table of measurements"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only fly,lost\")"
 	@echo "make web           build the page;  make types: generate its API types from the server's schema"
@@ -81,10 +81,11 @@ test: $(VENV)/.tested $(VENV)/.browser web lint
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
 	@$(BIN)/python -m pytest -n 2 tests/unit tests/protocol tests/contract tests/api
-	@$(BIN)/python -m pytest tests/e2e
+	@$(BIN)/python -m pytest -n 2 --dist loadscope tests/e2e
 
 test-clients: $(VENV)/.clients web
 	@$(BIN)/python -m pytest tests/clients
+	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 
 bench: $(VENV)/.clients
 	@$(BIN)/python -m tests.bench

@@ -13,7 +13,10 @@ MISSION_MODE, TERMINATION = 0x4040000, 0x0A0000
 
 
 class PlanStation(Station):
-    """`Station` with uploads; places are metres north and east of home."""
+    """`Station` with uploads, on one link; places are metres north and east of home."""
+
+    def __init__(self, **station: Any) -> None:
+        super().__init__(links=(("gcs", "gcs"),), **station)
 
     def ready_to_arm(self) -> None:
         """Boot and settle."""

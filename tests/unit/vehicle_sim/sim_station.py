@@ -22,9 +22,14 @@ class Station:
     def __init__(self, *, heartbeats: bool = True, **fleet: Any) -> None:
         self.sim = VehicleSim(**fleet)
         self.heartbeats = heartbeats
-        self.log: list[tuple[float, str, Message]] = []
         self.last: dict[str, Message] = {}
-        self._parsers = {name: FrameParser() for name in ("gcs", "api")}
+        self._log: list[tuple[float, str, Message]] = []
+        self._by_name: dict[tuple[str, str], list[tuple[float, Message]]] = {}
+        """By link and name: a condition that reads texts at every tick must not search the telemetry."""
+        links = [name for name, _ in fleet.get("links", (("gcs", "gcs"), ("api", "api")))]
+        self._parsers = {name: FrameParser() for name in links}
+        self._unread: list[tuple[float, str, bytes]] = []
+        """Of links besides "gcs": parsed when somebody asks."""
         self._sequence = 0
         self._next_heartbeat_s = 0.0
 
@@ -74,15 +79,36 @@ class Station:
         return self.now_s - start_s
 
     def collect(self) -> None:
-        for name, parser in self._parsers.items():
-            for message in parser.feed(self.sim.drain(0, name)):
-                if message.system_id == self.system_id:
-                    self.log.append((self.now_s, name, message))
-                    if name == "gcs":
-                        self.last[message.name] = message
+        for name in self._parsers:
+            data = self.sim.drain(0, name)
+            if name == "gcs":
+                for message in self._keep(self.now_s, name, data):
+                    self.last[message.name] = message
+            elif data:
+                self._unread.append((self.now_s, name, data))
+
+    def _keep(self, time_s: float, link: str, data: bytes) -> list[Message]:
+        kept = [m for m in self._parsers[link].feed(data) if m.system_id == self.system_id]
+        for message in kept:
+            self._log.append((time_s, link, message))
+            self._by_name.setdefault((link, message.name), []).append((time_s, message))
+        return kept
+
+    def _read(self) -> None:
+        unread, self._unread = self._unread, []
+        for time_s, link, data in unread:
+            self._keep(time_s, link, data)
+
+    @property
+    def log(self) -> list[tuple[float, str, Message]]:
+        """All that was heard: time, link, message; in order of time on each link."""
+        self._read()
+        return self._log
 
     def heard(self, name: str, via: str = "gcs", since_s: float = 0.0) -> list[Message]:
-        return [m for t, link, m in self.log if m.name == name and link == via and t >= since_s]
+        if via != "gcs":
+            self._read()
+        return [m for t, m in self._by_name.get((via, name), ()) if t >= since_s]
 
     def texts(self, since_s: float = 0.0, via: str = "gcs") -> list[str]:
         """Status texts, chunks joined."""

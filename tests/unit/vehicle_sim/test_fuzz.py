@@ -1,5 +1,6 @@
 """Whatever arrives, the simulator goes on: garbage, cut and wrong frames, odd values everywhere, floods."""
 
+import os
 import random
 import struct
 
@@ -14,6 +15,8 @@ from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, Layout, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.world.files import load_world
 
+SEEDS = int(os.environ.get("FUZZ_SEEDS", "1"))
+"""More of them with `make test-clients`."""
 ODD_FLOATS = (
     0.0,
     -0.0,
@@ -154,7 +157,7 @@ def test_unknown_ids_are_skipped_whole(flying: Station) -> None:
     assert flying.armed
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(SEEDS))
 def test_odd_values_in_every_message_leave_the_simulator_well(seed: int) -> None:
     chance = random.Random(seed)
     sim = VehicleSim(camera=True, world=load_world("yard"), seed=seed, log=False)
@@ -185,7 +188,7 @@ SERVICES = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(SEEDS))
 def test_odd_values_to_every_service_in_flight_leave_the_simulator_well(seed: int) -> None:
     chance = random.Random(1000 + seed)
     station = Station(camera=True, seed=seed)
