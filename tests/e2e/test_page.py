@@ -48,7 +48,8 @@ def field() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, more=["--speed", str(SPEED)]),
+        # a return waits above home, however slow the page is with its next click
+        vehicle(port, more=["--speed", str(SPEED), "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.vehicle("101"))
