@@ -96,6 +96,15 @@ def sessions(folder: Path) -> Iterator[tuple[str, list[Dialogue]]]:
             yield f"{path.stem}-{number}", list(dialogues)
 
 
+def tells_of_logs(dialogues: list[Dialogue]) -> bool:
+    """Whether something in a session is said of the onboard log, or asked of it."""
+    return any(
+        each["msg"].startswith("LOG_") or "logger" in json.dumps(each)
+        for dialogue in dialogues
+        for each in (*dialogue["send"], *dialogue["received"])
+    )
+
+
 def value_of(value: Any) -> Any:
     """A recorded value as Python has it."""
     if value is None:
@@ -108,10 +117,12 @@ def value_of(value: Any) -> Any:
 class Vehicle:
     """One simulated vehicle and the station that talks to it."""
 
-    def __init__(self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True) -> None:
+    def __init__(
+        self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True, log: bool = False
+    ) -> None:
         self.parameters = parameters
         self.heartbeats = heartbeats
-        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, log=True)
+        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, log=log)
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
         self.commander = self.autopilot.commander
@@ -284,10 +295,12 @@ SUMMARY, HEALTH = 27825120, 18691879
 class Player:
     """Replays one session in its order, on a new vehicle where the old one cannot be brought back."""
 
-    def __init__(self, listen: tuple[str, ...] = ()) -> None:
+    def __init__(self, listen: tuple[str, ...] = (), *, log: bool = False) -> None:
         self._vehicle: Vehicle | None = None
         self._listen = listen
         """Streams to keep besides the usual."""
+        self._log = log
+        """Whether the vehicle writes onboard logs, which cost a seventh of a flight: `tells_of_logs`."""
         self._set_before: frozenset[str] = frozenset()
         self._cleared = False
         self._plan: list[dict[str, Any]] = []
@@ -349,7 +362,7 @@ class Player:
         if vehicle is None or vehicle.parameters != boot or (lost and not goes_on) or "right after" in words:
             heartbeats = "no GCS heartbeat" not in words
             vehicle = self._vehicle = Vehicle(
-                dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats
+                dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats, log=self._log
             )
             vehicle.wanted |= {layout_id(name) for name in self._listen}
             vehicle.run(3.0)

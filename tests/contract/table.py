@@ -10,7 +10,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
 from compare import compare  # noqa: E402
-from driver import Player, sessions  # noqa: E402
+from driver import Player, sessions, tells_of_logs  # noqa: E402
 
 
 def main() -> None:
@@ -22,7 +22,7 @@ def main() -> None:
         if len(sys.argv) > 1 and not any(name.startswith(each) for each in sys.argv[1:]):
             continue
         began = time.perf_counter()
-        player, count = Player(), 0
+        player, count = Player(log=tells_of_logs(dialogues)), 0
         for dialogue in dialogues:
             total += 1
             for difference in compare(dialogue, player.play(dialogue)):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from compare import compare, same
-from driver import Dialogue, Player, sessions
+from driver import Dialogue, Player, sessions, tells_of_logs
 from explained import EXPLAINED, LASTING, Cell, cell_of
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
@@ -26,7 +26,7 @@ RATE_HZ_TOLERANCE = 0.1
 @pytest.mark.parametrize("session", SESSIONS)
 def test_dialogues_of(session: str) -> None:
     """One test a session, since what comes first in it is the state of what follows."""
-    player = Player()
+    player = Player(log=tells_of_logs(SESSIONS[session]))
     unexplained: list[str] = []
     used: set[Cell] = set()
     for dialogue in SESSIONS[session]:

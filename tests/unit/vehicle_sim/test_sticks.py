@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from sim_station import POSITION, Station
 
+from vehicle_sim.geodesy import to_global
+
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
 NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
 NEEDED = {0, 1}
@@ -33,8 +35,10 @@ class Pilot(Station):
             self.next_s = self.now_s + 0.05
 
     def reposition(self):
-        """Back over home at 10 m, nose to north."""
+        """To 10 m over where it is, nose to north."""
         home = self.sim.simulation.home
+        north, east, _ = self.place
+        lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)
         self.send(
             "COMMAND_INT",
             target_system=self.system_id,
@@ -43,22 +47,25 @@ class Pilot(Station):
             param1=-1.0,
             param2=1.0,
             param4=0.0,
-            x=round(home.lat_deg * 1e7),
-            y=round(home.lon_deg * 1e7),
+            x=round(float(lat) * 1e7),
+            y=round(float(lon) * 1e7),
             z=home.alt_amsl_m + 10.0,
         )
         self.fly(1.0)
-        self.run_until(self.still_at_home, 60, lambda: self.fly(0.02))
+        self.run_until(lambda: self.is_still_at(north, east), 60, lambda: self.fly(0.02))
 
-    def still_at_home(self):
-        truth = self.sim.simulation.truth
-        off = np.abs(truth.position_ned_m[0] - (0.0, 0.0, -10.0)).max()
+    def is_still_at(self, north, east):
+        off = np.abs(self.place - (north, east, -10.0)).max()
         return off < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
 
     def switch(self, mode):
         self.command(176, 1, NUMBERS[mode])
         self.fly(0.3)
         assert self.flown_mode == mode
+
+    @property
+    def place(self):
+        return self.sim.simulation.truth.position_ned_m[0].copy()
 
     @property
     def velocity(self):
@@ -94,9 +101,9 @@ def test_position_flies_forward_at_the_stick_s_speed_and_stops_where_it_is_let_g
     assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL less what drag takes"
     assert abs(pilot.velocity[1]) < 0.3
     pilot.fly(10.0, x=0)
-    stood = pilot.sim.simulation.truth.position_ned_m[0].copy()
-    pilot.fly(5.0)
-    assert np.abs(pilot.sim.simulation.truth.position_ned_m[0] - stood).max() < 0.5
+    stood = pilot.place
+    pilot.fly(3.0)
+    assert np.abs(pilot.place - stood).max() < 0.5
     assert pilot.height_m == pytest.approx(10.0, abs=0.7)
 
 
