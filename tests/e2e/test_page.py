@@ -72,7 +72,7 @@ def pill(page: Page) -> Any:
 
 def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
     drone = landed.drone
-    with opened(browser, landed.url) as page:
+    with opened(browser, landed.url, scene=False) as page:
         instrument, card = (
             page.get_by_label("Attitude and heading"),
             page.get_by_label("Offboard", exact=True),
