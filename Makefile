@@ -80,12 +80,12 @@ lint: $(VENV)/.tested
 test: $(VENV)/.tested $(VENV)/.browser web lint
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
-	@$(BIN)/python -m pytest -n 2 tests/unit tests/protocol tests/contract tests/api
-	@$(BIN)/python -m pytest -n 2 --dist loadscope tests/e2e
+	@$(BIN)/python -m pytest -n 3 --dist loadscope tests/e2e tests/contract tests/unit tests/protocol tests/api
 
 test-clients: $(VENV)/.clients web
 	@$(BIN)/python -m pytest tests/clients
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
+	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 tests/contract
 
 bench: $(VENV)/.clients
 	@$(BIN)/python -m tests.bench
