@@ -74,7 +74,8 @@ def test_the_reasons_stand_in_the_documentation() -> None:
 @pytest.mark.parametrize(("part", "hz"), [("after_200000us", 0), ("after_0", 4.5)])
 def test_a_stream_has_the_rate_that_was_asked_for(shared: Path, part: str, hz: float) -> None:
     """Counted over four seconds, as the recording did."""
-    dialogue = next(d for d in SESSIONS["message_interval-0"] if "measured_hz" in d)
+    recorded = dict(sessions(shared / "px4" / "dialogues"))["message_interval-0"]
+    dialogue = next(d for d in recorded if "measured_hz" in d)
     end_s = hz + 4.5
     cut = [e for e in dialogue["send"] if e["dt_s"] < end_s]
     answer = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s})
