@@ -1,0 +1,112 @@
+import { describe, expect, it } from 'vitest';
+import { Pilot, type PadSnapshot, type Surroundings } from './pilot';
+import { attitudeOrder, CENTRED, SCALES, SHAPE, shaped, STAND, sticksOf, velocityOrder, type Scale } from './sticks';
+
+const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
+const HERE: Surroundings = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
+const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pad', axes, pressed: [false, false, false, false, false, held] });
+const FORWARD = [0, 0, 0, -1];
+
+describe('sticks', () => {
+  it('ask for nothing within the dead zone and begin there without a step', () => {
+    expect(shaped(0.1, SHAPE)).toBe(0);
+    expect(shaped(-0.09, SHAPE)).toBe(0);
+    expect(shaped(0.101, SHAPE)).toBeLessThan(0.01);
+    expect(shaped(1, SHAPE)).toBe(1);
+    expect(shaped(-1.7, SHAPE)).toBe(-1);
+    expect(shaped(Number.NaN, SHAPE)).toBe(0);
+  });
+
+  it('are softer about the middle with expo, and never go back', () => {
+    expect(shaped(0.5, { dead: 0, expo: 1 })).toBeCloseTo(0.125);
+    expect(shaped(0.5, { dead: 0, expo: 0 })).toBe(0.5);
+    const values = Array.from({ length: 101 }, (_, i) => shaped(i / 100, SHAPE));
+    expect(values.every((v, i) => i === 0 || v >= (values[i - 1] ?? 0))).toBe(true);
+  });
+
+  it('are read as a pilot means them: up is up, although a pad reports down as positive', () => {
+    expect(sticksOf([0.5, -1, 1, -1], { dead: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
+    expect(sticksOf([], SHAPE)).toEqual(CENTRED);
+  });
+
+  it('become a velocity in the frame that was chosen, no faster in a corner', () => {
+    expect(velocityOrder({ forward: 1, right: 0, up: 0.5, turn: -1 }, 'heading', SCALE)).toEqual({
+      type: 'velocity_body', velocity_frd_m_s: [4, 0, -1], yaw_rate_ned_rad_s: -Math.PI / 2,
+    });
+    const corner = velocityOrder({ forward: 1, right: 1, up: 0, turn: 0 }, 'north', SCALE);
+    expect(Math.hypot(...(corner.velocity_ned_m_s ?? []))).toBeCloseTo(4);
+    expect(corner.type).toBe('velocity');
+  });
+
+  it('become an attitude: forward is nose down, the middle is the hover thrust', () => {
+    const order = attitudeOrder({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
+    expect(order.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
+    expect(order.thrust).toBe(0.6);
+    expect(attitudeOrder({ ...CENTRED, up: 1 }, 1, 0.6, SCALE).thrust).toBe(1);
+    expect(attitudeOrder({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
+  });
+
+  it('stand still without a negative zero', () => {
+    expect(Object.is(velocityOrder(CENTRED, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
+  });
+});
+
+describe('the deadman button', () => {
+  function flying(mode: 'heading' | 'attitude' = 'heading'): Pilot {
+    const pilot = new Pilot(SCALE, 5);
+    pilot.mode = mode;
+    pilot.engage();
+    pilot.step(pad(FORWARD, false), HERE, 0);
+    expect(pilot.step(pad(FORWARD, true), HERE, 0.04).phase).toBe('flying');
+    return pilot;
+  }
+
+  it('must be held: sticks alone move nothing', () => {
+    const pilot = new Pilot(SCALE, 5);
+    expect(pilot.step(pad(FORWARD, true), HERE, 0).order).toBeNull();
+    pilot.engage();
+    expect(pilot.step(pad(FORWARD, false), HERE, 0)).toMatchObject({ phase: 'ready', order: STAND });
+    expect(pilot.step(pad(FORWARD, true), HERE, 0.04).order).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
+  });
+
+  it('held from before does not count until it was let go once', () => {
+    const pilot = new Pilot(SCALE, 5);
+    pilot.engage();
+    expect(pilot.step(pad(FORWARD, true), HERE, 0)).toMatchObject({ phase: 'release', order: STAND });
+    pilot.step(pad(FORWARD, false), HERE, 0.04);
+    expect(pilot.step(pad(FORWARD, true), HERE, 0.08).phase).toBe('flying');
+  });
+
+  it.each(['heading', 'attitude'] as const)('let go stops at once (%s)', (mode) => {
+    expect(flying(mode).step(pad(FORWARD, false), HERE, 0.08)).toMatchObject({ phase: 'ready', order: STAND, ended: null });
+  });
+
+  it.each([
+    ['unplugged', null, HERE],
+    ['tab hidden', pad(FORWARD, true), { ...HERE, visible: false }],
+    ['window left', pad(FORWARD, true), { ...HERE, focused: false }],
+  ])('%s: stops, ends, and says why', (_, seen, around) => {
+    const pilot = flying();
+    const step = pilot.step(seen, around, 0.08);
+    expect(step).toMatchObject({ phase: 'off', order: STAND });
+    expect(step.ended).toMatch(/\.$/);
+    // Back again with the button still held: nothing flies until it is begun anew.
+    expect(pilot.step(pad(FORWARD, true), HERE, 0.12).order).toBeNull();
+  });
+
+  it('turns the yaw it holds by the stick, from where the vehicle points, and does not jump after a pause', () => {
+    const pilot = flying('attitude');
+    const turned = pilot.step(pad([1, 0, 0, 0], true), HERE, 0.08).order;
+    expect(turned).toMatchObject({ type: 'attitude' });
+    expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
+    const later = pilot.step(pad([1, 0, 0, 0], true), HERE, 60).order as { yaw_ned_rad: number };
+    expect(later.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
+    expect(pilot.step(pad(FORWARD, true), { ...HERE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', order: STAND });
+  });
+
+  it('ended by hand stands still once', () => {
+    const pilot = flying();
+    expect(pilot.disengage()).toEqual(STAND);
+    expect(pilot.disengage()).toBeNull();
+  });
+});

@@ -1,0 +1,100 @@
+/**
+ * Decides, 25 times a second, what a gamepad asks for: sticks only while its deadman button is held, standing still the
+ * moment it is let go. Whatever makes the sticks unseen (unplugged, tab hidden, window left) ends it. Pure: time comes in.
+ */
+
+import { attitudeOrder, SHAPE, STAND, sticksOf, velocityOrder, type PadMode, type PadOrder, type Scale, type Sticks, CENTRED } from './sticks';
+
+export const RATE_HZ = 25;
+/** Longest step a turn of the yaw is worked out over: after a pause it does not jump [s]. */
+const LONGEST_STEP_S = 0.1;
+
+/** What the browser tells of a pad at one moment. */
+export interface PadSnapshot {
+  index: number;
+  id: string;
+  axes: readonly number[];
+  pressed: readonly boolean[];
+}
+
+/** Whether this page sees and hears the hands of its user. */
+export interface Surroundings {
+  visible: boolean;
+  focused: boolean;
+  /** Where the vehicle points now; null is unknown. */
+  yaw_ned_rad: number | null;
+  hoverThrust: number;
+}
+
+/** `release`: the button must be let go once before it counts; `ready`: stands still; `flying`: the sticks fly. */
+export type PilotPhase = 'off' | 'release' | 'ready' | 'flying';
+
+export interface Step {
+  phase: PilotPhase;
+  /** Goes out now; null: nothing does. */
+  order: PadOrder | null;
+  /** Why it ended by itself; null while it goes on. */
+  ended: string | null;
+  sticks: Sticks;
+  held: boolean;
+}
+
+export class Pilot {
+  phase: PilotPhase = 'off';
+  mode: PadMode = 'heading';
+  private yaw_ned_rad: number | null = null;
+  private last_s: number | null = null;
+
+  constructor(public scale: Scale, public deadman: number) {}
+
+  engage(): void {
+    this.phase = 'release';
+    this.last_s = null;
+  }
+
+  /** The user ended it: stands still, once. */
+  disengage(): PadOrder | null {
+    const was = this.phase;
+    this.phase = 'off';
+    return was === 'off' ? null : STAND;
+  }
+
+  step(pad: PadSnapshot | null, around: Surroundings, now_s: number): Step {
+    const sticks = pad === null ? CENTRED : sticksOf(pad.axes, SHAPE);
+    const held = pad?.pressed[this.deadman] === true;
+    const say = (order: PadOrder | null, ended: string | null = null): Step => ({ phase: this.phase, order, ended, sticks, held });
+    if (this.phase === 'off') return say(null);
+    const why = blind(pad, around) ?? (this.mode === 'attitude' && around.yaw_ned_rad === null ? 'The vehicle no longer reports where it points.' : null);
+    if (why !== null) {
+      this.phase = 'off';
+      return say(STAND, why);
+    }
+    if (this.phase === 'release') {
+      if (!held) this.phase = 'ready';
+      return say(STAND);
+    }
+    if (!held) {
+      this.phase = 'ready';
+      this.last_s = null;
+      return say(STAND);
+    }
+    const dt_s = this.phase === 'flying' && this.last_s !== null ? Math.min(LONGEST_STEP_S, now_s - this.last_s) : 0;
+    if (this.phase !== 'flying') this.yaw_ned_rad = around.yaw_ned_rad;
+    this.phase = 'flying';
+    this.last_s = now_s;
+    if (this.mode !== 'attitude') return say(velocityOrder(sticks, this.mode, this.scale));
+    this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? around.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
+    return say(attitudeOrder(sticks, this.yaw_ned_rad, around.hoverThrust, this.scale));
+  }
+}
+
+function blind(pad: PadSnapshot | null, around: Surroundings): string | null {
+  if (pad === null) return 'The gamepad is gone.';
+  if (!around.visible) return 'The page was hidden.';
+  return around.focused ? null : 'The window was left.';
+}
+
+function wrapPi(angle_rad: number): number {
+  const turn = 2 * Math.PI;
+  return ((((angle_rad + Math.PI) % turn) + turn) % turn) - Math.PI;
+}
