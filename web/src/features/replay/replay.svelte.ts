@@ -84,7 +84,7 @@ export class ReplayControl {
     const first = awaited?.vehicles[0];
     if (awaited !== undefined && first === undefined) this.waiting = true;
     if (awaited !== undefined && first !== undefined) {
-      if (this.waiting && (selected === null || !awaited.vehicles.includes(selected))) this.deps.select(first);
+      if (selected === null || (this.waiting && !awaited.vehicles.includes(selected))) this.deps.select(first);
       else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.awaited = null; // another was chosen
       this.waiting = false;
     }

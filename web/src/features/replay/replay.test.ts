@@ -63,12 +63,13 @@ describe('the time bar', () => {
 });
 
 describe('which replay is shown', () => {
-  it('the chosen vehicle’s, or one that waits for its first', () => {
+  it('the chosen vehicle’s, or one that is waited for', () => {
     const empty = replay({ name: 'b', vehicles: [] });
     expect(shownReplay([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
     expect(shownReplay([replay()], '2', null)).toBeNull();
     expect(shownReplay([empty], '2', 'b')?.name).toBe('b');
     expect(shownReplay([empty], '2', null)).toBeNull();
+    expect(shownReplay([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle came again, and is not chosen yet
     expect(shownReplay([empty], null, null)?.name).toBe('b');
   });
 });

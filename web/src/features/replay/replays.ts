@@ -143,8 +143,8 @@ export function recordingWords(r: Recording): string {
   return [duration(r.duration_s), vehicleWords(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
 }
 
-/** The replay to show the bar of: the chosen vehicle's, or one that has no vehicle yet and is waited for. */
+/** The replay to show the bar of: the chosen vehicle's, the one that is waited for, or one without a vehicle. */
 export function shownReplay(replays: readonly Replay[], selectedId: string | null, awaited: string | null): Replay | null {
   const own = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
-  return own ?? replays.find((r) => r.vehicles.length === 0 && (r.name === awaited || selectedId === null)) ?? null;
+  return own ?? replays.find((r) => r.name === awaited || (r.vehicles.length === 0 && selectedId === null)) ?? null;
 }
