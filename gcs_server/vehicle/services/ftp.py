@@ -1,0 +1,272 @@
+"""Files of the vehicle, over links that lose packets.
+
+One operation at a time, as a PX4 has one session for each link. A request that goes unanswered is sent again
+with the same sequence number, upon which the vehicle repeats its answer instead of acting twice; nothing here
+writes. A burst brings most of a file; what it lost is read piece by piece.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from gcs_server.errors import Disconnected, NoReply
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_payload
+from gcs_server.mavlink.mailbox import Reply
+from gcs_server.vehicle.services import ftp_codec as codec
+from gcs_server.vehicle.services.ftp_codec import Entry, FtpError, FtpFailed, Opcode, Packet
+from gcs_server.vehicle.services.ftp_pieces import Pieces
+from gcs_server.vehicle.services.port import VehiclePort
+
+FIRST_PATIENCE_S = 0.25
+LONGEST_PATIENCE_S = 1.5
+TRIES = 12
+"""At a fifth lost each way, one request in 200,000 fails."""
+BURST_SILENCE_S = 0.6
+"""A burst that pauses so long is over, or its end was lost."""
+BURSTS_WITHOUT_NEWS = 3
+BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
+"""PX4 closes a session that nobody used for 10 s."""
+MAX_BYTES = 8_000_000
+MAX_ENTRIES = 10_000
+
+Progress = Callable[[int, int], None]
+"""(bytes received, bytes in all)."""
+
+
+class FtpService:
+    """Reads one vehicle's files."""
+
+    def __init__(self, vehicle: VehiclePort) -> None:
+        self._vehicle = vehicle
+        self._lock = asyncio.Lock()
+        self._sequence = 0
+        self._may_be_open = True
+        """A session of ours (of this server or the one before it) may be left open."""
+        self._has_burst = True
+
+    async def list(self, path: str) -> list[Entry]:
+        """What is in a folder.
+
+        Raises:
+            FtpFailed: the vehicle refused.
+            NoReply: it fell silent.
+        """
+        self._vehicle.require_commandable()
+        async with self._lock:
+            return await self._list(path)
+
+    async def crc32(self, path: str) -> int:
+        """MAVLink's checksum of a file, worked out by the vehicle; raises as `list`."""
+        self._vehicle.require_commandable()
+        async with self._lock:
+            answer = await self._ask(codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking")
+        if len(answer.data) < 4:
+            raise FtpFailed(f"Checking {path}: the answer is cut short.", path=path)
+        return int.from_bytes(answer.data[:4], "little")
+
+    async def read(self, path: str, *, max_bytes: int = MAX_BYTES, progress: Progress | None = None) -> bytes:
+        """A whole file.
+
+        Args:
+            path: as the vehicle names it.
+            max_bytes: a larger file is not read.
+            progress: told as it grows.
+
+        Raises:
+            FtpFailed: the vehicle refused, or the file is too large.
+            NoReply: it fell silent.
+        """
+        self._vehicle.require_commandable()
+        async with self._lock:
+            opened = await self._open(path)
+            gone = False
+            try:
+                size = int.from_bytes(opened.data[:4], "little") if len(opened.data) >= 4 else 0
+                if size > max_bytes:
+                    raise FtpFailed(
+                        f"{path} has {size:,} bytes; more than {max_bytes:,} are not read.", path=path
+                    )
+                return await self._transfer(path, opened.session, Pieces(size), progress)
+            except Disconnected:
+                gone = True
+                raise
+            finally:
+                if not gone:
+                    await self._terminate(path, opened.session)
+
+    # --- one operation each -------------------------------------------------------------------------
+
+    async def _list(self, path: str) -> list[Entry]:
+        entries: list[Entry] = []
+        offset = 0
+        while offset < MAX_ENTRIES:
+            asked = codec.request(Opcode.LIST_DIRECTORY, 0, path=path, offset=offset)
+            try:
+                answer = await self._ask(asked, path, "Listing")
+            except FtpFailed as error:
+                if error.ftp_error == FtpError.END_OF_FILE:
+                    break
+                raise
+            some, count = codec.parse_listing(answer.data)
+            if not count:
+                break
+            entries += some
+            offset += count
+        return entries
+
+    async def _open(self, path: str) -> Packet:
+        for attempt in range(BUSY_TRIES):
+            try:
+                opened = await self._ask(codec.request(Opcode.OPEN_FILE_RO, 0, path=path), path, "Opening")
+                self._may_be_open = True
+                return opened
+            except FtpFailed as error:
+                if error.ftp_error != FtpError.NO_SESSIONS_AVAILABLE or attempt == BUSY_TRIES - 1:
+                    raise
+            if self._may_be_open:
+                await self._ask(Packet(0, Opcode.RESET_SESSIONS), path, "Opening")
+                self._may_be_open = False
+            else:  # somebody else's: it is theirs to end
+                await self._vehicle.clock.sleep(BUSY_PAUSE_S)
+        raise AssertionError("the loop returns or raises")
+
+    async def _terminate(self, path: str, session: int) -> None:
+        """Best effort: what stays open is closed before the next file."""
+        try:
+            async with asyncio.timeout(3.0):
+                await self._ask(Packet(0, Opcode.TERMINATE_SESSION, session), path, "Closing")
+        except (FtpFailed, NoReply, TimeoutError):
+            return
+        self._may_be_open = False
+
+    async def _transfer(self, path: str, session: int, pieces: Pieces, progress: Progress | None) -> bytes:
+        idle = 0
+        while not pieces.complete:
+            if self._has_burst and pieces.tail_missing and idle < BURSTS_WITHOUT_NEWS:
+                news = await self._burst(path, session, pieces, progress)
+                idle = 0 if news else idle + 1
+            else:
+                await self._read_hole(path, session, pieces)
+                if progress is not None:
+                    progress(pieces.received, pieces.size)
+        return pieces.content
+
+    async def _read_hole(self, path: str, session: int, pieces: Pieces) -> None:
+        hole = pieces.first_hole
+        assert hole is not None
+        start, end = hole
+        wanted = min(end - start, codec.DATA_BYTES)
+        answer = await self._ask(Packet(0, Opcode.READ_FILE, session, wanted, offset=start), path, "Reading")
+        if not pieces.put(start, answer.data[:wanted]):
+            raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
+
+    async def _burst(self, path: str, session: int, pieces: Pieces, progress: Progress | None) -> bool:
+        """One burst from the first hole on; whether it brought anything."""
+        hole = pieces.first_hole
+        assert hole is not None
+        first = self._take_sequence()
+        longest = (hole[1] - hole[0]) // codec.DATA_BYTES + 3
+        asked = Packet(first, Opcode.BURST_READ_FILE, session, codec.DATA_BYTES, offset=hole[0])
+        news = False
+        with self._expect(Opcode.BURST_READ_FILE) as waiter:
+            self._send(asked)
+            while not pieces.complete:
+                try:
+                    async with asyncio.timeout(BURST_SILENCE_S):
+                        answer = _packet(await waiter.next())
+                except TimeoutError:
+                    break
+                if answer is None or not 1 <= (answer.sequence - first) & 0xFFFF <= longest:
+                    continue
+                if answer.opcode == Opcode.NAK:
+                    self._burst_refused(answer, path, news, pieces, hole[0])
+                    break
+                if answer.session == session and pieces.put(answer.offset, answer.data):
+                    news = True
+                    if progress is not None:
+                        progress(pieces.received, pieces.size)
+                if answer.burst_complete:
+                    break
+        # beyond any number that this burst may have used: else the vehicle takes the next request for
+        # a repeated one and answers it with a piece of the burst
+        self._sequence = (first + longest + 1) & 0xFFFF
+        return news
+
+    def _burst_refused(self, answer: Packet, path: str, news: bool, pieces: Pieces, start: int) -> None:
+        error = codec.refusal(answer, path, "Reading")
+        if error.ftp_error == FtpError.UNKNOWN_COMMAND:
+            self._has_burst = False
+        elif error.ftp_error != FtpError.END_OF_FILE:
+            raise error
+        elif not news and answer.offset <= start < pieces.size:
+            raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
+
+    # --- one request ------------------------------------------------------------------------------------
+
+    async def _ask(self, packet: Packet, path: str, doing: str) -> Packet:
+        """Asks until it is answered; always with the same sequence number."""
+        sequence = self._take_sequence()
+        asked = Packet(
+            sequence, packet.opcode, packet.session, packet.size, offset=packet.offset, data=packet.data
+        )
+        patience_s = FIRST_PATIENCE_S
+        with self._expect(Opcode(packet.opcode)) as waiter:
+            for _ in range(TRIES):
+                self._send(asked)
+                try:
+                    async with asyncio.timeout(patience_s):
+                        while True:
+                            answer = _packet(await waiter.next())
+                            if answer is not None and answer.sequence == (sequence + 1) & 0xFFFF:
+                                if answer.opcode == Opcode.NAK:
+                                    raise codec.refusal(answer, path, doing)
+                                return answer
+                except TimeoutError:
+                    patience_s = min(patience_s * 1.4, LONGEST_PATIENCE_S)
+        raise NoReply(
+            f"Vehicle {self._vehicle.id} did not answer: {doing.lower()} {path or '/'}.",
+            deadline_s=round(_all_patience_s(), 1),
+            remedy="Check the link; nothing on the vehicle was changed.",
+        )
+
+    def _expect(self, opcode: Opcode):  # noqa: ANN202 the mailbox's context manager
+        vehicle = self._vehicle
+
+        def matches(message: Reply) -> bool:
+            identity, answer = vehicle.identity, _packet(message)
+            return (
+                answer is not None
+                and answer.requested == opcode
+                and answer.opcode in (Opcode.ACK, Opcode.NAK)
+                and (message.get_srcSystem(), message.get_srcComponent())
+                == (identity.system_id, identity.component_id)
+                and (message.target_system, message.target_component) == vehicle.own_ids
+            )
+
+        return vehicle.mailbox.expect(d.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL, matches=matches)
+
+    def _send(self, packet: Packet) -> None:
+        identity = self._vehicle.identity
+        message = d.MAVLink_file_transfer_protocol_message(
+            0, identity.system_id, identity.component_id, codec.encode(packet)
+        )
+        self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
+
+    def _take_sequence(self) -> int:
+        """Two apart: the answer's number lies between."""
+        self._sequence = (self._sequence + 2) & 0xFFFF
+        return self._sequence
+
+
+def _packet(message: Reply) -> Packet | None:
+    return codec.decode(bytes(message.payload))
+
+
+def _all_patience_s() -> float:
+    patience_s, total_s = FIRST_PATIENCE_S, 0.0
+    for _ in range(TRIES):
+        total_s += patience_s
+        patience_s = min(patience_s * 1.4, LONGEST_PATIENCE_S)
+    return total_s

@@ -1,0 +1,172 @@
+"""MAVLink FTP's packets and listings as plain values: no session, no time.
+
+Layout, opcodes and error numbers are the MAVLink guide's ("File Transfer Protocol"): a 12-byte header and up
+to 239 bytes of data in the payload of FILE_TRANSFER_PROTOCOL.
+"""
+
+from __future__ import annotations
+
+import enum
+import os
+import struct
+from dataclasses import dataclass
+
+from gcs_server.errors import GcsError
+
+DATA_BYTES = 239
+PAYLOAD_BYTES = 251
+_header = struct.Struct("<HBBBBBxI")
+
+
+class Opcode(enum.IntEnum):
+    """What is asked for; those this client uses, and the two answers."""
+
+    TERMINATE_SESSION = 1
+    RESET_SESSIONS = 2
+    LIST_DIRECTORY = 3
+    OPEN_FILE_RO = 4
+    READ_FILE = 5
+    CALC_FILE_CRC32 = 14
+    BURST_READ_FILE = 15
+    ACK = 128
+    NAK = 129
+
+
+class FtpError(enum.IntEnum):
+    """Why the vehicle said no."""
+
+    FAIL = 1
+    FAIL_ERRNO = 2
+    INVALID_DATA_SIZE = 3
+    INVALID_SESSION = 4
+    NO_SESSIONS_AVAILABLE = 5
+    END_OF_FILE = 6
+    UNKNOWN_COMMAND = 7
+    FILE_EXISTS = 8
+    FILE_PROTECTED = 9
+    FILE_NOT_FOUND = 10
+
+
+WORDS: dict[int, str] = {
+    FtpError.FAIL: "the vehicle could not, and does not say why",
+    FtpError.FAIL_ERRNO: "the vehicle's file system refused",
+    FtpError.INVALID_DATA_SIZE: "the vehicle found a size of data that does not fit",
+    FtpError.INVALID_SESSION: "the file is not open any more",
+    FtpError.NO_SESSIONS_AVAILABLE: "the vehicle has another file open",
+    FtpError.END_OF_FILE: "the end was reached",
+    FtpError.UNKNOWN_COMMAND: "the vehicle does not know this request",
+    FtpError.FILE_EXISTS: "it exists already",
+    FtpError.FILE_PROTECTED: "it is protected",
+    FtpError.FILE_NOT_FOUND: "there is no such file or folder",
+}
+REMEDIES: dict[int, str] = {
+    FtpError.NO_SESSIONS_AVAILABLE: "Wait until the other transfer is over; a PX4 serves one at a time.",
+    FtpError.FILE_NOT_FOUND: "List the folder to see what is there.",
+    FtpError.UNKNOWN_COMMAND: "Its firmware may be too old.",
+}
+
+
+class FtpFailed(GcsError):
+    """A file of the vehicle's could not be read: it refused, or what came is not what it announced."""
+
+    code = "ftp_failed"
+
+    def __init__(
+        self, message: str, *, ftp_error: int | None = None, path: str, remedy: str | None = None
+    ) -> None:
+        super().__init__(message, remedy=remedy)
+        self.ftp_error = ftp_error
+        """Number of the refusal (MAVLink's); None where the vehicle did not refuse."""
+        self.path = path
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One request or answer."""
+
+    sequence: int
+    opcode: int
+    session: int = 0
+    size: int = 0
+    """Of `data`; in a request to read, how much is wanted."""
+    requested: int = 0
+    """In an answer: the opcode of the request."""
+    burst_complete: bool = False
+    offset: int = 0
+    data: bytes = b""
+
+
+def encode(packet: Packet) -> bytes:
+    """The payload, in full length."""
+    head = _header.pack(
+        packet.sequence,
+        packet.session,
+        packet.opcode,
+        packet.size,
+        packet.requested,
+        packet.burst_complete,
+        packet.offset,
+    )
+    return (head + packet.data).ljust(PAYLOAD_BYTES, b"\0")
+
+
+def decode(payload: bytes) -> Packet | None:
+    """From a payload; None where it is too short or claims more data than there can be."""
+    if len(payload) < _header.size:
+        return None
+    sequence, session, opcode, size, requested, complete, offset = _header.unpack_from(payload)
+    data = payload[_header.size : _header.size + size]
+    if size > DATA_BYTES or (opcode in (Opcode.ACK, Opcode.NAK) and len(data) < size):
+        return None
+    return Packet(sequence, opcode, session, size, requested, bool(complete), offset, data)
+
+
+def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, offset: int = 0) -> Packet:
+    """A request with a path; the path must fit one packet.
+
+    Raises:
+        FtpFailed: it does not, or holds a NUL.
+    """
+    data = path.encode()
+    if len(data) >= DATA_BYTES or b"\0" in data:
+        raise FtpFailed(f"{path!r} is no path that a vehicle can be asked for.", path=path)
+    return Packet(sequence, opcode, session, len(data), offset=offset, data=data)
+
+
+def refusal(packet: Packet, path: str, doing: str) -> FtpFailed:
+    """A NAK in words."""
+    number = packet.data[0] if packet.data else FtpError.FAIL
+    words = WORDS.get(number, f"error {number}")
+    if number == FtpError.FAIL_ERRNO and len(packet.data) > 1:
+        words += f" ({os.strerror(packet.data[1])})"
+    return FtpFailed(
+        f"{doing} {path or '/'}: {words}.", ftp_error=number, path=path, remedy=REMEDIES.get(number)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of a folder's listing."""
+
+    name: str
+    bytes: int | None
+    """Size of a file; None for a folder."""
+
+
+def parse_listing(data: bytes) -> tuple[list[Entry], int]:
+    """(entries to show, how many entries the packet held: the next request's offset grows by it).
+
+    `F name TAB size`, `D name`, each ended by NUL; `S` stands for what is neither.
+    """
+    entries: list[Entry] = []
+    lines = data.split(b"\0")
+    if lines and not lines[-1]:
+        lines.pop()
+    for line in lines:
+        kind, name = line[:1], line[1:].decode("utf-8", "replace")
+        if kind == b"F":
+            name, _, size = name.rpartition("\t") if "\t" in name else (name, "", "")
+            entries.append(Entry(name, int(size) if size.isascii() and size.isdigit() else 0))
+        elif kind == b"D" and name not in (".", ".."):
+            entries.append(Entry(name, None))
+    return entries, len(lines)

@@ -1,0 +1,49 @@
+"""The whole simulated PX4 on a lossy link and on simulated time: its own FTP, parameters and events."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from typing import Any
+
+from vehicle_sim.fleet import VehicleSim
+
+STEP_S = 0.02
+
+
+class SimPilot:
+    """Stands where `FakeAutopilot` stands: behind one peer of a memory link.
+
+    Args:
+        loss: of packets, each way; may be changed while it runs.
+    """
+
+    def __init__(self, link: Any, *, peer: str = "peer", loss: float = 0.0, seed: int = 0, **options: Any):
+        self.link, self.peer, self.loss = link, peer, loss
+        self.random = random.Random(seed)
+        self.sim = VehicleSim(1, links=(("gcs", "gcs"),), **options)
+        self.loop = asyncio.get_running_loop()
+        self.heard: list[bytes] = []
+        self.alive = True
+        link.pilots[peer] = self
+        self.loop.call_later(STEP_S, self.run)
+
+    def run(self) -> None:
+        """A step, and what it sent; then the next."""
+        if not self.alive:
+            return
+        self.sim.step(STEP_S)
+        for frame in self.sim.frames(0, "gcs"):
+            if self.random.random() >= self.loss:
+                self.link.inject(frame, self.peer)
+        self.loop.call_later(STEP_S, self.run)
+
+    def receive(self, data: bytes) -> None:
+        """From the server."""
+        if self.random.random() >= self.loss:
+            self.heard.append(data)
+            self.sim.feed(0, "gcs", data)
+
+    def count(self, msg_id: int) -> int:
+        """How many messages of an id have arrived from the server."""
+        return sum(data[7] | data[8] << 8 | data[9] << 16 == msg_id for data in self.heard)

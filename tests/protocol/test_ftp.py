@@ -1,0 +1,124 @@
+"""Files of the simulated vehicle, with packets lost; refusals in words; nothing asked twice acts twice."""
+
+import asyncio
+import struct
+
+import pytest
+
+from gcs_server.errors import Disconnected, NoReply
+from gcs_server.vehicle.services.ftp import FtpService
+from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed
+from tests.protocol.sim_world import SimPilot
+from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
+
+FTP_ID = 110
+_header = struct.Struct("<HBBBBBBI")
+
+
+def story(kit, jump, work, *, loss=0.0, seed=0):
+    async def run():
+        world = kit.World()
+        pilot = SimPilot(world.link())
+        try:
+            vehicle = await world.ready()
+            pilot.loss = loss
+            pilot.random.seed(seed)
+            await work(world, FtpService(vehicle), pilot, vehicle)
+        finally:
+            pilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+@pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
+def test_a_file_arrives_whole_whatever_is_lost(kit, jump, loss, seed):
+    async def work(world, ftp, pilot, _):
+        told = []
+        content = await ftp.read(PARAMETERS, progress=lambda *p: told.append(p))
+        assert crc32(content) == crc32(BUILT_IN[PARAMETERS]())
+        assert told[-1] == (len(content), len(content))
+        assert [e.name for e in await ftp.list("etc/extras")] == sorted(p.split("/")[-1] for p in BUILT_IN)
+        assert await ftp.crc32(PARAMETERS) == crc32(content)
+        if not loss:  # in bursts of 40 kB, not piece by piece
+            assert pilot.count(FTP_ID) < 12
+
+    story(kit, jump, work, loss=loss, seed=seed)
+
+
+def test_each_refusal_says_why_and_leaves_nothing_open(kit, jump):
+    async def work(world, ftp, pilot, _):
+        for path, error, words in (
+            ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
+            ("etc", FtpError.FAIL_ERRNO, "Is a directory"),
+        ):
+            with pytest.raises(FtpFailed, match=words) as caught:
+                await ftp.read(path)
+            assert (caught.value.ftp_error, caught.value.path) == (error, path)
+        with pytest.raises(FtpFailed, match="no such"):
+            await ftp.list("nothing")
+        with pytest.raises(FtpFailed, match="are not read"):
+            await ftp.read(PARAMETERS, max_bytes=1000)
+        with pytest.raises(FtpFailed, match="no path"):
+            await ftp.read("a" * 300)
+        assert await ftp.read(PARAMETERS) == BUILT_IN[PARAMETERS]()
+
+    story(kit, jump, work)
+
+
+def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
+    async def work(world, ftp, pilot, vehicle):
+        before = FtpService(vehicle)
+        reading = asyncio.ensure_future(before._open(PARAMETERS))
+        await reading  # and that server died here
+        assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
+
+    story(kit, jump, work)
+
+
+def test_a_repeated_request_has_the_same_number(kit, jump):
+    """So that the vehicle repeats its answer instead of acting again."""
+
+    async def work(world, ftp, pilot, _):
+        await ftp.read(PARAMETERS)
+        asked = [
+            _header.unpack_from(f[13:-2].ljust(12, b"\0")) for f in pilot.heard if f[7] == FTP_ID and not f[8]
+        ]
+        requests = {}
+        for sequence, _, opcode, _, _, _, _, offset in asked:
+            assert requests.setdefault(sequence, (opcode, offset)) == (opcode, offset)
+        assert len(requests) < len(asked)  # some were repeated
+
+    story(kit, jump, work, loss=0.2, seed=8)
+
+
+def test_two_readers_take_turns_and_a_lost_link_ends_both(kit, jump):
+    async def work(world, ftp, pilot, vehicle):
+        both = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
+        await asyncio.sleep(0.1)
+        assert not both.done()
+        content, entries = await both
+        assert content
+        assert entries
+        pilot.loss = 1.0
+        began = world.loop.time()
+        reading = asyncio.ensure_future(ftp.read(PARAMETERS))
+        with pytest.raises(Disconnected):
+            await reading
+        assert world.loop.time() - began < 6
+
+    story(kit, jump, work)
+
+
+def test_silence_is_an_answer_with_a_deadline(kit, jump):
+    async def run():
+        world = kit.World()
+        world.pilot(world.link())  # a vehicle that knows no FTP
+        try:
+            vehicle = await world.ready()
+            with pytest.raises(NoReply, match="did not answer: listing"):
+                await FtpService(vehicle).list("/")
+        finally:
+            await world.close()
+
+    jump(run)

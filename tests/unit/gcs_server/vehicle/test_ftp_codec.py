@@ -1,0 +1,100 @@
+"""FTP packets and pieces as plain values."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.vehicle.services import ftp_codec as codec
+from gcs_server.vehicle.services.ftp_pieces import Pieces
+
+packets = st.builds(
+    lambda data, **more: codec.Packet(data=data, size=len(data), **more),
+    data=st.binary(max_size=codec.DATA_BYTES),
+    sequence=st.integers(0, 65535),
+    opcode=st.integers(0, 255),
+    session=st.integers(0, 255),
+    requested=st.integers(0, 255),
+    burst_complete=st.booleans(),
+    offset=st.integers(0, 2**32 - 1),
+)
+
+
+@given(packets)
+def test_a_packet_survives_the_wire(packet):
+    payload = codec.encode(packet)
+    assert len(payload) == codec.PAYLOAD_BYTES
+    assert codec.decode(payload) == packet
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_a_packet_or_none(payload):
+    packet = codec.decode(payload)
+    assert packet is None or len(packet.data) <= codec.DATA_BYTES
+    if packet is not None:
+        codec.parse_listing(packet.data)
+        assert str(codec.refusal(packet, "a", "Reading"))
+
+
+def test_every_error_has_words():
+    for error in codec.FtpError:
+        text = str(codec.refusal(codec.Packet(0, codec.Opcode.NAK, data=bytes((error, 21))), "x", "Opening"))
+        assert "error" not in text
+        assert text.startswith("Opening x: ")
+
+
+@given(st.integers(0, 1000), st.lists(st.tuples(st.integers(-5, 1100), st.integers(0, 300)), max_size=30))
+def test_pieces_in_any_order_make_the_file_they_came_from(size, cuts):
+    content = bytes(i * 7 % 251 for i in range(size))
+    pieces, there = Pieces(size), set()
+    for offset, length in cuts:
+        data = content[max(offset, 0) : max(offset, 0) + length] if offset >= 0 else bytes(length)
+        fits = bool(data) and offset >= 0 and offset + len(data) <= size
+        new = fits and not set(range(offset, offset + len(data))) <= there
+        assert pieces.put(offset, data) == new
+        there |= set(range(offset, offset + len(data))) if fits else set()
+        assert pieces.received == len(there)
+    while (hole := pieces.first_hole) is not None:
+        assert not there & set(range(*hole))
+        pieces.put(hole[0], content[hole[0] : hole[1]])
+    assert pieces.complete
+    assert pieces.content == content
+
+
+def test_the_recorded_listings_and_refusals_are_read(shared):
+    lines = (shared / "px4/dialogues/ftp.jsonl").read_text().splitlines()
+    dialogues = {d["id"]: d for d in map(json.loads, lines)}
+
+    def answer(name):
+        fields = dialogues[name]["received"][0]["fields"]["payload"]
+        data = bytes.fromhex(fields["data_hex"])
+        head = {"sequence": fields["seq_number"], "requested": fields["req_opcode"]}
+        return codec.Packet(opcode=fields["opcode"], size=len(data), data=data, **head)
+
+    entries, count = codec.parse_listing(answer("ftp_list_dot").data)
+    assert count == 9
+    assert [e.name for e in entries] == [
+        "log",
+        "dataman",
+        "parameters_backup.bson",
+        "parameters.bson",
+        "eeprom",
+    ]
+    assert entries[0].bytes is None
+    assert entries[1].bytes == 1208528
+    extras, _ = codec.parse_listing(answer("ftp_list_etc_extras").data)
+    assert {"parameters.json.xz", "component_general.json.xz"} <= {e.name for e in extras}
+    for name, words in (
+        ("ftp_open_missing", "no such file"),
+        ("ftp_unknown_opcode", "does not know"),
+        ("ftp_open_no_session_free_slash", "another file open"),
+        ("ftp_rmdir_not_empty", "not empty"),
+    ):
+        assert words in str(codec.refusal(answer(name), "p", "Doing")), name
+
+
+@pytest.mark.parametrize("path", ["x" * 239, "a\0b"])
+def test_a_path_that_no_packet_holds_is_refused(path):
+    with pytest.raises(codec.FtpFailed, match="no path"):
+        codec.request(codec.Opcode.OPEN_FILE_RO, 0, path=path)
