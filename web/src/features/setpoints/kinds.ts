@@ -1,0 +1,129 @@
+/**
+ * Every kind of setpoint as a form: what its fields are called, in which frame and unit a person types them, and how
+ * they become what the API takes. A person's Up is NED's minus down; a person's degrees are the API's radians.
+ */
+
+export type Kind =
+  | 'position' | 'position_global' | 'position_body' | 'velocity' | 'velocity_body' | 'acceleration' | 'trajectory'
+  | 'attitude' | 'rates' | 'thrust_torque' | 'actuators';
+
+export interface Axis {
+  /** Unique within its kind. */
+  key: string;
+  label: string;
+  unit: string;
+  /** API value = typed value × scale. */
+  scale: number;
+  min?: number;
+  max?: number;
+  step: number;
+}
+
+export interface Group {
+  /** Name in the API. */
+  field: string;
+  title: string;
+  axes: readonly Axis[];
+  /** Each axis may be left uncontrolled (null). */
+  nullable: boolean;
+  /** The whole may be left out. */
+  optional: boolean;
+  /** One number, not an array. */
+  scalar?: boolean;
+}
+
+/** What may be said of the yaw beside the rest. */
+export type YawWays = 'angle_or_rate' | 'offset' | 'none';
+
+export interface KindSpec {
+  kind: Kind;
+  name: string;
+  frame: string;
+  /** What this kind does not look after; said where it is chosen. */
+  care: string | null;
+  groups: readonly Group[];
+  yaw: YawWays;
+}
+
+const RAD = Math.PI / 180;
+const FT_HIGH = 'Nothing holds height or place: the vehicle drifts, climbs or sinks as it is told.';
+
+function axes(prefix: string, labels: readonly [string, string, string], unit: string, step: number, scales: readonly [number, number, number] = [1, 1, 1]): Axis[] {
+  return labels.map((label, i) => ({ key: `${prefix}${i}`, label, unit, step, scale: scales[i] ?? 1 }));
+}
+
+const NEU: readonly [string, string, string] = ['North', 'East', 'Up'];
+const FRU: readonly [string, string, string] = ['Forward', 'Right', 'Up'];
+const UP: readonly [number, number, number] = [1, 1, -1];
+
+function group(field: string, title: string, list: readonly Axis[], more: Partial<Group> = {}): Group {
+  return { field, title, axes: list, nullable: false, optional: false, ...more };
+}
+
+const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
+
+const PLACE = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP), { nullable: true });
+const SPEED = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP), { nullable: true });
+const PUSH = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP), { nullable: true });
+
+export const KINDS: readonly KindSpec[] = [
+  { kind: 'position', name: 'Position', frame: 'local, from its origin', care: null, groups: [PLACE], yaw: 'angle_or_rate' },
+  {
+    kind: 'position_global', name: 'Global position', frame: 'WGS 84', care: null, yaw: 'angle_or_rate',
+    groups: [
+      group('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
+      group('lon_deg', 'Longitude', [{ key: 'lon', label: 'Longitude', unit: '°', scale: 1, min: -180, max: 180, step: 0.00001 }], { scalar: true }),
+      group('alt', 'Height', [{ key: 'alt', label: 'Height', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
+    ],
+  },
+  { kind: 'position_body', name: 'Offset', frame: 'from where it is, along its heading', care: null, groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP))], yaw: 'offset' },
+  { kind: 'velocity', name: 'Velocity', frame: 'local, north east up', care: 'It keeps moving until told otherwise.', groups: [SPEED], yaw: 'angle_or_rate' },
+  {
+    kind: 'velocity_body', name: 'Velocity, heading', frame: 'along its heading', care: 'It keeps moving until told otherwise.',
+    groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))], yaw: 'angle_or_rate',
+  },
+  { kind: 'acceleration', name: 'Acceleration', frame: 'local, north east up', care: 'Speed grows for as long as it lasts.', groups: [PUSH], yaw: 'angle_or_rate' },
+  {
+    kind: 'trajectory', name: 'Trajectory point', frame: 'local, with feed-forward', care: null, yaw: 'angle_or_rate',
+    groups: [PLACE, { ...SPEED, title: 'Velocity, fed forward', optional: true }, { ...PUSH, title: 'Acceleration, fed forward', optional: true }],
+  },
+  {
+    kind: 'attitude', name: 'Attitude', frame: 'against the horizon', care: FT_HIGH, yaw: 'none',
+    groups: [
+      group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll, right down', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
+      group('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch, nose up', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
+      group('yaw_ned_rad', 'Yaw', [{ key: 'yaw', label: 'Yaw, from north', unit: '°', scale: RAD, min: -360, max: 360, step: 5 }], { scalar: true }),
+      THRUST,
+      group('yaw_rate_frd_rad_s', 'Yaw rate', [{ key: 'rate', label: 'Yaw rate', unit: '°/s', scale: RAD, step: 5 }], { scalar: true, optional: true }),
+    ],
+  },
+  {
+    kind: 'rates', name: 'Body rates', frame: 'about its own axes', care: 'Not levelled: the vehicle keeps turning. ' + FT_HIGH, yaw: 'none',
+    groups: [
+      group('rates_frd_rad_s', 'Rates', [
+        { key: 'r0', label: 'Roll, right down', unit: '°/s', scale: RAD, step: 5 }, { key: 'r1', label: 'Pitch, nose up', unit: '°/s', scale: RAD, step: 5 },
+        { key: 'r2', label: 'Yaw, clockwise', unit: '°/s', scale: RAD, step: 5 },
+      ]),
+      THRUST,
+    ],
+  },
+  {
+    kind: 'thrust_torque', name: 'Thrust and torque', frame: 'its own axes, −1 to 1', care: FT_HIGH, yaw: 'none',
+    groups: [
+      group('thrust_frd', 'Thrust', axes('f', FRU, '', 0.01, UP).map((a) => ({ ...a, min: -1, max: 1 }))),
+      group('torque_frd', 'Torque', axes('t', ['Roll', 'Pitch', 'Yaw'], '', 0.01).map((a) => ({ ...a, min: -1, max: 1 }))),
+    ],
+  },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each by itself', care: FT_HIGH, groups: [], yaw: 'none' },
+];
+
+export function specOf(kind: Kind): KindSpec {
+  const spec = KINDS.find((k) => k.kind === kind);
+  if (spec === undefined) throw new Error(`unknown kind ${kind}`);
+  return spec;
+}
+
+/** "Velocity, heading" for a type the server names; what this page does not know keeps its name. */
+export function kindName(type: string | null): string {
+  return KINDS.find((k) => k.kind === type)?.name ?? type ?? 'setpoints';
+}
