@@ -25,6 +25,7 @@ from vehicle_sim.physics.wind import Wind
 from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.state import (
     BatteryState,
+    EstimateRows,
     EstimateState,
     Home,
     SensorState,
@@ -97,6 +98,7 @@ class Simulation:
         self.parameters: tuple[Parameters, ...] = tuple(stores)
         self.setpoints = Setpoints.idle(count)
         self._steps = 0
+        self._estimate_rows: EstimateRows | None = None
         self._start_ned_m = _row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
         self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
@@ -147,6 +149,13 @@ class Simulation:
         return self._estimator.state
 
     @property
+    def estimate_rows(self) -> EstimateRows:
+        """The same as plain numbers."""
+        if self._estimate_rows is None:
+            self._estimate_rows = EstimateRows(self._estimator.state)
+        return self._estimate_rows
+
+    @property
     def battery(self) -> BatteryState:
         """Each vehicle's battery."""
         return self._batteries.state
@@ -181,6 +190,7 @@ class Simulation:
         if self._contact is not None:
             self._touch(self._contact)
         self._steps += 1
+        self._estimate_rows = None
 
     def _touch(self, contact: Contact) -> None:
         """What carries each body, and who has flown into something: its rotors are broken."""
@@ -215,6 +225,7 @@ class Simulation:
             self._bodies.ground_ned_m[i] = self._contact.support_ned_m(self._start_ned_m)[i]
         self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
         self._estimator.reset(i)
+        self._estimate_rows = None
         self._cascade.reset(i)
         self.motor_health[i] = 1.0
         self._batteries.refill(i)

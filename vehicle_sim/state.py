@@ -145,6 +145,27 @@ class EstimateState:
     """(N,) height and vertical speed may be used."""
 
 
+class EstimateRows:
+    """`EstimateState` as plain numbers, a list a field, made once a step for all vehicles.
+
+    Single elements of arrays cost an autopilot more than whole arrays cost a fleet.
+    """
+
+    def __init__(self, state: EstimateState) -> None:
+        self.position_ned_m: list[list[float]] = state.position_ned_m.tolist()
+        self.velocity_ned_m_s: list[list[float]] = state.velocity_ned_m_s.tolist()
+        self.acceleration_ned_m_s2: list[list[float]] = state.acceleration_ned_m_s2.tolist()
+        self.q_ned_frd: list[list[float]] = state.q_ned_frd.tolist()
+        self.rates_frd_rad_s: list[list[float]] = state.rates_frd_rad_s.tolist()
+        self.lat_deg: list[float] = state.lat_deg.tolist()
+        self.lon_deg: list[float] = state.lon_deg.tolist()
+        self.alt_amsl_m: list[float] = state.alt_amsl_m.tolist()
+        self.valid_position: list[bool] = state.valid_position.tolist()
+        self.valid_velocity: list[bool] = state.valid_velocity.tolist()
+        self.valid_attitude: list[bool] = state.valid_attitude.tolist()
+        self.valid_altitude: list[bool] = state.valid_altitude.tolist()
+
+
 @dataclass(slots=True)
 class BatteryState:
     """Each vehicle's battery as SIM_BAT_* makes it."""

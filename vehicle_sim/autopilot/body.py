@@ -46,6 +46,8 @@ class Body:
         self._belief: Belief | None = None
         self._floats: dict[str, float] = {}
         self._choices: dict[str, int] = {}
+        self.parameter_changes = 0
+        """Rises with each change of a parameter: what was worked out from them before is old."""
         self.parameters.add_listener(self._forget)
         self._step = -1
 
@@ -81,6 +83,7 @@ class Body:
         return value
 
     def _forget(self, _name: str, _value: ParameterValue) -> None:
+        self.parameter_changes += 1
         self._floats.clear()
         self._choices.clear()
 
@@ -100,24 +103,24 @@ class Body:
         return self._belief
 
     def _read(self) -> Belief:
-        estimate, i = self.simulation.estimate, self.row
-        w, x, y, z = estimate.q_ned_frd[i].tolist()
+        rows, i = self.simulation.estimate_rows, self.row
+        w, x, y, z = rows.q_ned_frd[i]
         return Belief(
-            position_ned_m=tuple(estimate.position_ned_m[i].tolist()),
-            velocity_ned_m_s=tuple(estimate.velocity_ned_m_s[i].tolist()),
-            acceleration_ned_m_s2=tuple(estimate.acceleration_ned_m_s2[i].tolist()),
+            position_ned_m=tuple(rows.position_ned_m[i]),
+            velocity_ned_m_s=tuple(rows.velocity_ned_m_s[i]),
+            acceleration_ned_m_s2=tuple(rows.acceleration_ned_m_s2[i]),
             q_ned_frd=(w, x, y, z),
-            rates_frd_rad_s=tuple(estimate.rates_frd_rad_s[i].tolist()),
+            rates_frd_rad_s=tuple(rows.rates_frd_rad_s[i]),
             roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
             pitch_rad=math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
             yaw_ned_rad=math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-            lat_deg=float(estimate.lat_deg[i]),
-            lon_deg=float(estimate.lon_deg[i]),
-            alt_amsl_m=float(estimate.alt_amsl_m[i]),
-            valid_position=bool(estimate.valid_position[i]),
-            valid_velocity=bool(estimate.valid_velocity[i]),
-            valid_attitude=bool(estimate.valid_attitude[i]),
-            valid_altitude=bool(estimate.valid_altitude[i]),
+            lat_deg=rows.lat_deg[i],
+            lon_deg=rows.lon_deg[i],
+            alt_amsl_m=rows.alt_amsl_m[i],
+            valid_position=rows.valid_position[i],
+            valid_velocity=rows.valid_velocity[i],
+            valid_attitude=rows.valid_attitude[i],
+            valid_altitude=rows.valid_altitude[i],
         )
 
     @property

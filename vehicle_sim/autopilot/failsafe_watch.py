@@ -6,7 +6,7 @@ from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, battery_demands, demands
-from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Failsafe
+from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Demand, Failsafe
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
@@ -35,6 +35,8 @@ class FailsafeWatch:
         self._offboard, self._fence, self._monitors = offboard, fence, monitors
         self._machine = Failsafe()
         self._had_sticks = False
+        self._conditions_before: Conditions | None = None
+        self._demands: list[Demand] = []
         self.decision = Decision()
 
     def reset(self) -> None:
@@ -56,7 +58,9 @@ class FailsafeWatch:
         """
         self._had_sticks = self._had_sticks or self._checks.manual_control()
         conditions = self._conditions(intended, armed_for_s)
-        wanted = demands(conditions) if acts else battery_demands(conditions)
+        if conditions != self._conditions_before:
+            self._conditions_before, self._demands = conditions, demands(conditions)
+        wanted = self._demands if acts else battery_demands(conditions)
         before = self.decision
         self.decision = self._machine.update(
             self._body.time_s,

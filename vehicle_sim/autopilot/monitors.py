@@ -68,10 +68,14 @@ class Monitors:
         if not armed or self._body.choice("FD_ACT_EN") != 1:
             return
         simulation, i, now_s = self._body.simulation, self._body.row, self._body.time_s
+        health = simulation.motor_health[i].tolist()
+        if min(health) > 0.0:
+            self._idle_since_s.clear()
+            return
         least = self._body.parameter("FD_ACT_MOT_THR")
         timeout_s = self._body.parameter("FD_ACT_MOT_TOUT") / 1000.0
         for motor, (signal, works) in enumerate(
-            zip(simulation.motors_us[i].tolist(), simulation.motor_health[i].tolist(), strict=True)
+            zip(simulation.motors_us[i].tolist(), health, strict=True)
         ):
             if works > 0.0 or (signal - 1000.0) / 1000.0 <= least:
                 self._idle_since_s.pop(motor, None)

@@ -57,8 +57,8 @@ class PositionControl:
         self._all_decoupled = True
         self._limits: _Limits | None = None
         self._limits_asked = b""
-        self._velocity_keep = np.zeros((count, 1))
-        self._derivative_gain = np.ones((count, 1))
+        self._velocity_keep = np.zeros((count, 3))
+        self._derivative_gain = np.ones((count, 3))
         self._velocity = np.zeros((count, 3))
         self._velocity_rate = np.zeros((count, 3))
         self._heading_before_rad = np.zeros(count)

@@ -75,7 +75,7 @@ class Estimator:
         self._delta_angle = np.zeros((count, 3))
         self._delta_velocity = np.zeros((count, 3))
         self._residual = np.zeros((count, 3, 2))
-        self._decay = np.ones((count, 1, 2))
+        self._decay = np.ones((count, 3, 2))
         self._matrix = rotation_matrix(self.state.q_ned_frd)
         self._yaw_variance = np.zeros(count)
         self._yaw_noise_variance = np.zeros(count)
@@ -118,7 +118,7 @@ class Estimator:
         self._vision.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_POS", "EKF2_TAU_VEL")):
-            self._decay[i, 0, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
+            self._decay[i, :, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
         self._yaw_noise_variance[i] = value("EKF2_GYR_NOISE") ** 2 * self._predict_s
         self._heading_variance[i] = max(value("EKF2_HEAD_NOISE"), 0.01) ** 2
         self._heading_gate[i] = max(value("EKF2_MAG_GATE"), 1.0)

@@ -23,6 +23,7 @@ class Context:
         self.links: list[Link] = []
         self.telemetry = Telemetry(autopilot)
         self._later: list[Callable[[], None]] = []
+        self._woken = False
         self._timers: list[tuple[float, Callable[[], None]]] = []
 
     @property
@@ -55,10 +56,15 @@ class Context:
     @property
     def waits(self) -> bool:
         """Whether anything was put off."""
-        return bool(self._later or self._timers)
+        return bool(self._later or self._timers or self._woken)
+
+    def wake(self) -> None:
+        """A service has something to do that nothing received was the reason of."""
+        self._woken = True
 
     def run_due(self) -> None:
         """Run what was put off."""
+        self._woken = False
         if self._later:
             actions, self._later = self._later, []
             for action in actions:

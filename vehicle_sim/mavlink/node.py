@@ -81,6 +81,8 @@ class Node:
             BY_NAME["DISTANCE_SENSOR"].id: self._ranging.send,
         }
         self._rate_at_us = RATE_EVERY_US
+        self._rest_until_us = 0
+        """Before this no stream is due and no service has anything to do, unless something arrives."""
         self._rated: dict[str, tuple[int, int]] = {}
 
     @property
@@ -95,6 +97,7 @@ class Node:
     def add_link(self, link: Link) -> None:
         """Start talking on a link."""
         now_us = self.context.body.time_boot_us()
+        self._rest_until_us = 0
         for msg_id in list(link.streamed()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
         self._ranging.begin(link, now_us)
@@ -107,6 +110,7 @@ class Node:
 
     def receive(self, link: Link, data: bytes) -> None:
         """Bytes that arrived on a link; garbage is skipped."""
+        self._rest_until_us = 0
         for message in link.feed(data):
             handler = self._handlers.get(message.name)
             if handler is not None:
@@ -120,34 +124,40 @@ class Node:
     def step(self) -> None:
         """After each simulation step: answers put off, then whatever streams are due."""
         context = self.context
-        if context.waits:
-            context.run_due()
-        if self._ftp.busy:
-            self._ftp.step()
-        if self._logs.busy:
-            self._logs.step()
-        if self._shell.busy:
-            self._shell.step()
-        if self._params.busy:
-            self._params.step()
-        self._mission.step()
-        if self._camera is not None:
-            self._camera.step()
         now_us = context.body.time_boot_us()
+        if now_us < self._rest_until_us and not context.waits and not self._mission.waits:
+            return
+        busy = self._serve()
         telemetry, streamers = context.telemetry, self._streamers
+        next_us = self._rate_at_us
         for link in context.links:
-            if link.next_due_us > now_us:
-                continue
-            for msg_id in link.due(now_us):
-                streamer = streamers.get(msg_id)
-                if streamer is not None:
-                    streamer(link)
-                    continue
-                built = telemetry.payload(msg_id)
-                if built is not None:
-                    link.send_payload(*built)
+            if link.next_due_us <= now_us:
+                for msg_id in link.due(now_us):
+                    streamer = streamers.get(msg_id)
+                    if streamer is not None:
+                        streamer(link)
+                        continue
+                    built = telemetry.payload(msg_id)
+                    if built is not None:
+                        link.send_payload(*built)
+            next_us = min(next_us, link.next_due_us)
         if now_us >= self._rate_at_us:
             self._rate(now_us)
+        self._rest_until_us = 0 if busy else next_us
+
+    def _serve(self) -> bool:
+        """Let the services go on with what they have begun; whether any has."""
+        if self.context.waits:
+            self.context.run_due()
+        busy = False
+        for service in (self._ftp, self._logs, self._shell, self._params, self._mission):
+            if service.busy:
+                service.step()
+                busy = True
+        if self._camera is not None:
+            self._camera.step()
+            busy = True
+        return busy
 
     def _rate(self, now_us: int) -> None:
         for link in self.context.links:

@@ -87,6 +87,8 @@ class Gimbal:
         self.rates_rad_s = Angles()
         """The device's own rates of its Euler angles."""
         self._wanted_rates: tuple[float, float] | None = None
+        self._servos_stand_for: tuple[float, ...] | None = None
+        """What the servos' angles were worked out from, where the vehicle's attitude is not part of it."""
         self._roi: tuple[float, float, float] | None = None
         """Latitude, longitude, altitude above sea."""
 
@@ -236,8 +238,15 @@ class Gimbal:
         actual.yaw_rad = wrap_pi(actual.yaw_rad + rates.yaw_rad * dt_s)
 
     def _set_servos(self) -> None:
-        belief, how = self._body.belief, self._body.choice("MNT_DO_STAB")
-        wanted = self.wanted
+        how, wanted = self._body.choice("MNT_DO_STAB"), self.wanted
+        landed = bool(self._body.simulation.setpoints.landed[self._body.row])
+        key = None
+        if how not in (STABILISE_ALL, STABILISE_YAW) and self._wanted_rates is None:
+            key = (wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad, landed, self._body.parameter_changes)
+            if key == self._servos_stand_for:
+                return
+        self._servos_stand_for = key
+        belief = self._body.belief
         vehicle = (belief.roll_rad, belief.pitch_rad, belief.yaw_ned_rad)
         absolute = [self._roi is not None or bool(self.flags & flag) for flag in LOCKS]
         stabilised = (how == STABILISE_ALL, how == STABILISE_ALL, how in (STABILISE_ALL, STABILISE_YAW))
@@ -249,7 +258,7 @@ class Gimbal:
             max(-limit, min(limit, angle))
             for angle, limit in zip(angles, self._half_ranges_rad(), strict=True)
         )
-        if self._body.simulation.setpoints.landed[self._body.row]:
+        if landed:
             lowest, highest = (
                 math.radians(self._body.parameter(f"MNT_LND_P_{end}")) for end in ("MIN", "MAX")
             )

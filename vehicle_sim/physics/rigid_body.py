@@ -56,8 +56,8 @@ class RigidBodies:
         """(N,) down coordinate of what carries each body; 0: flat ground at home's level."""
         self._inputs = np.zeros((count, 1, ROTOR_COUNT + 12))
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
-        self._lag = np.ones((count, 1))
-        self._drag_per_s = np.zeros((count, 1))
+        self._lag = np.ones((count, ROTOR_COUNT))
+        self._drag_per_s = np.zeros((count, 3))
         self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
         # Views of arrays that are only ever written in place: to make them anew costs as much as a product.
         self._rotors_in = self._inputs[:, 0, :ROTOR_COUNT]

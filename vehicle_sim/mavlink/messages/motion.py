@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.mavlink.dialect import pack
@@ -27,6 +28,11 @@ PREARM_ALWAYS = 2
 
 class MotionMessages(Family):
     """Builders of attitude, position and set point messages."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        super().__init__(autopilot)
+        self._functions: list[int] = []
+        self._functions_at = -1
 
     def attitude(self) -> bytes:
         b = self._body.belief
@@ -170,7 +176,7 @@ class MotionMessages(Family):
 
     def servo_output_raw(self) -> bytes:
         motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
-        functions = [int(self._body.parameter(name)) for name in FUNCTION_NAMES]
+        functions = self._output_functions()
         servos = self._servos_us() if max(functions) >= FIRST_GIMBAL_FUNCTION else {}
         values: list[int] = []
         for function in functions:
@@ -180,6 +186,12 @@ class MotionMessages(Family):
             )
         port = 0
         return _SERVO(self._body.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
+
+    def _output_functions(self) -> list[int]:
+        if self._functions_at != self._body.parameter_changes:
+            self._functions_at = self._body.parameter_changes
+            self._functions = [int(self._body.parameter(name)) for name in FUNCTION_NAMES]
+        return self._functions
 
     def _servos_us(self) -> dict[int, int]:
         """Pulses of the gimbal's servo functions; none before arming unless COM_PREARM_MODE says always."""

@@ -264,12 +264,22 @@ class MissionService:
 
     # --- time ------------------------------------------------------------------------------------------
 
+    @property
+    def waits(self) -> bool:
+        """Whether the flight has anything to tell."""
+        return self._flight.reached is not None or self._told_reached != self._flight.reached_count
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is to be asked for or told."""
+        return self.waits or any(exchange.state is not _State.IDLE for exchange in self._exchanges.values())
+
     def step(self) -> None:
         """Ask again, or give up."""
         for exchange in self._exchanges.values():
             if exchange.state is not _State.IDLE:
                 self._tend(exchange)
-        if self._flight.reached is not None or self._told_reached != self._flight.reached_count:
+        if self.waits:
             self._send_reached()
 
     def _tend(self, exchange: _Exchange) -> None:

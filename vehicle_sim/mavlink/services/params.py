@@ -93,6 +93,7 @@ class ParamService:
 
     def _mark(self, name: str) -> None:
         self._unsaved.add(name)
+        self._context.wake()
         now_s = self._context.body.time_s
         if self._save_at_s == math.inf:
             self._save_at_s = max(now_s + SAVE_AFTER_S, self._saved_at_s + SAVE_EVERY_S)
