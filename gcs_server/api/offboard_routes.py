@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter, Response
 
-from gcs_server.api import models, responses
+from gcs_server.api import offboard_models as models
+from gcs_server.api import offboard_views as views
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import answer, fields_of
 from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
 
 router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
 
 
-@router.get("", response_model=responses.OffboardModel)
+@router.get("", response_model=views.OffboardView)
 async def show(vehicle: VehicleDep) -> Response:
-    """State, rate achieved, setpoint, validity left, and what the vehicle does if the stream stops."""
-    return answer(await vehicle.offboard.status_with_failsafe())
+    """The stream and its health, what can be flown (and why not), limits, and the vehicle's failsafe."""
+    offboard = vehicle.offboard
+    await offboard.know()
+    view: dict[str, Any] = fields_of(offboard.status())
+    view |= {
+        "available": offboard.available(),
+        "limits": offboard.limits(),
+        "failsafe": offboard.failsafe(),
+    }
+    return answer(view)
 
 
-@router.post("/start", response_model=responses.OffboardModel)
+@router.post("/start", response_model=views.OffboardModel)
 async def start(v: str, body: models.StartRequest, station: StationDep, client: ClientDep) -> Response:
     """Streams the setpoint, asks for Offboard, and answers once the vehicle reports it.
 
@@ -27,22 +38,44 @@ async def start(v: str, body: models.StartRequest, station: StationDep, client: 
     arguments = body.model_dump(exclude_none=True)
     with journaled(station, client, "offboard/start", v, arguments):
         vehicle = station.fleet.get(v)
-        order = models.to_order(body.setpoint, body.valid_for_s, body.on_expiry, client)
-        return answer(await vehicle.offboard.start(order, body.rate_hz))
+        return answer(await vehicle.offboard.start(body.to_order(client), body.rate_hz))
 
 
-@router.post("/setpoint", response_model=responses.OffboardModel)
+@router.post("/setpoint", response_model=views.OffboardModel)
 async def setpoint(v: str, body: models.AnyOrder, station: StationDep, client: ClientDep) -> Response:
     """A new target, sent at once; refused (409) where no stream runs."""
     arguments = body.model_dump(exclude_none=True)
     with journaled(station, client, "offboard/setpoint", v, arguments):
-        vehicle = station.fleet.get(v)
-        order = models.to_order(body, body.valid_for_s, body.on_expiry, client)
-        return answer(vehicle.offboard.setpoint(order))
+        return answer(station.fleet.get(v).offboard.setpoint(body.to_order(client)))
 
 
-@router.post("/stop", response_model=responses.OffboardModel)
+@router.post("/stop", response_model=views.OffboardModel)
 async def stop(v: str, station: StationDep, client: ClientDep) -> Response:
     """Puts the vehicle into Hold, waits for its own word, then stops; without a stream it does nothing."""
     with journaled(station, client, "offboard/stop", v, {}):
         return answer(await station.fleet.get(v).offboard.stop())
+
+
+@router.get("/limits", response_model=views.LimitsModel)
+async def show_limits(vehicle: VehicleDep) -> Response:
+    """What setpoints are held to: the vehicle's own limits, and the operator's."""
+    await vehicle.offboard.know()
+    return answer(vehicle.offboard.limits())
+
+
+@router.put("/limits", response_model=views.LimitsModel)
+async def set_limits(v: str, body: models.LimitsRequest, station: StationDep, client: ClientDep) -> Response:
+    """Replaces the operator's limits, for the stream that runs too; what is left out is no limit."""
+    with journaled(station, client, "offboard/limits", v, body.model_dump(exclude_none=True)):
+        return answer(station.fleet.get(v).offboard.set_limits(body.to_limits()))
+
+
+@router.put("/failsafe", response_model=views.FailsafeModel)
+async def set_failsafe(
+    v: str, body: models.FailsafeRequest, station: StationDep, client: ClientDep
+) -> Response:
+    """Sets what the vehicle does by itself when the stream stops, each parameter verified."""
+    with journaled(station, client, "offboard/failsafe", v, body.model_dump(exclude_none=True)):
+        vehicle = station.fleet.get(v)
+        vehicle.require_commandable()
+        return answer(await vehicle.offboard.set_failsafe(body.action, body.after_s))

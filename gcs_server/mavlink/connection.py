@@ -78,6 +78,9 @@ class Connection:
         on_frame: gets each frame heard.
     """
 
+    protocol = "MAVLink"
+    """What is spoken here: it decides which kinds of setpoint can be carried."""
+
     def __init__(
         self,
         link: Link,

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
 
+from gcs_server.streamer.encoders import MSG_COMMAND_LONG, encode, mode_command, stamped
 from gcs_server.streamer.news import (
     INFO,
     LONGEST_EXTRAPOLATION_S,
@@ -27,14 +27,16 @@ from gcs_server.streamer.news import (
     Report,
     Snapshot,
 )
+from gcs_server.streamer.resolve import Aim, keeps_heading
 from gcs_server.streamer.setpoints import (
-    MSG_COMMAND_LONG,
-    MSG_SET_POSITION_TARGET_LOCAL_NED,
+    Attitude,
     Order,
-    Setpoint,
-    SetpointPacket,
+    Position,
+    Rates,
+    Sendable,
+    Trajectory,
     Vector3,
-    mode_command,
+    Velocity,
 )
 
 MODE_ASK_PERIOD_S = 1.0
@@ -65,11 +67,14 @@ class StreamCore:
     ) -> None:
         self._target = (target_system, target_component)
         self._silent_limit_s = server_silent_limit_s
-        self._packet = SetpointPacket(target_system, target_component)
+        self._packed: tuple[int, bytes] = (0, b"")
+        self._aim: Aim | None = None
         self.phase = "idle"
         self.order: Order | None = None
-        self.sent: Setpoint | None = None
+        self.sent: Sendable | None = None
         """What goes out now: the order's setpoint, or the place held after it expired."""
+        self.limited: tuple[str, ...] = ()
+        """What the limits take away from the order now, in words."""
         self.rate_hz = 50.0
         self.reports: deque[Report] = deque(maxlen=50)
         self.last_end: Report | None = None
@@ -105,7 +110,9 @@ class StreamCore:
         if self.phase != "starting" or self.order is None:
             return False
         self._engaged_s = self._since_s = now_s
-        self._enter("streaming", now_s, self.order.valid_for_s)
+        if self._aim is not None:
+            self._aim.begin_anew(now_s)
+        self._enter("streaming", now_s, self.order.lasts_s)
         return True
 
     def change(self, now_s: float, order: Order, snapshot: Snapshot) -> bool:
@@ -114,7 +121,7 @@ class StreamCore:
             return False
         self._take(now_s, order, snapshot)
         if self.phase != "starting":
-            self._enter("streaming", now_s, order.valid_for_s)
+            self._enter("streaming", now_s, order.lasts_s)
         return True
 
     def wind_down(self, now_s: float, snapshot: Snapshot) -> None:
@@ -183,7 +190,9 @@ class StreamCore:
         if self.phase in ("to_hold", "landing"):
             self._ask_for_mode(now_s, outgoing)
         if self.phase != "idle" and now_s >= self._next_send_s:
-            outgoing.append(Outgoing(MSG_SET_POSITION_TARGET_LOCAL_NED, self._packet.stamped(now_s)))
+            self._take_aim(now_s, snapshot)
+            msg_id, payload = self._packed
+            outgoing.append(Outgoing(msg_id, stamped(payload, now_s)))
             self._sent_at.append(now_s)
             missed = math.floor((now_s - self._next_send_s) / self._period_s + 1e-6)
             self._next_send_s += (missed + 1) * self._period_s
@@ -207,13 +216,17 @@ class StreamCore:
         """Age of the order."""
         return None if self.order is None or self.phase == "idle" else now_s - self._since_s
 
+    def sent_age_s(self, now_s: float) -> float | None:
+        """Since a setpoint last went out."""
+        return None if self.phase == "idle" or not self._sent_at else now_s - self._sent_at[-1]
+
     def valid_left_s(self, now_s: float) -> float | None:
         """Until the order expires (it has not begun to while starting); None while idle."""
         if self.order is None or self.phase == "idle":
             return None
         if self.phase == "starting":
-            return self.order.valid_for_s
-        return max(0.0, self._since_s + self.order.valid_for_s - now_s)
+            return self.order.lasts_s
+        return max(0.0, self._since_s + self.order.lasts_s - now_s)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -222,20 +235,33 @@ class StreamCore:
         self._phase_until_s = now_s + for_s
 
     def _take(self, now_s: float, order: Order, snapshot: Snapshot) -> None:
-        setpoint = order.setpoint
-        if setpoint.yaw_ned_rad is None and setpoint.yaw_rate_ned_rad_s is None:
-            before = self.sent.yaw_ned_rad if self._yaw_kept and self.sent is not None else None
-            setpoint = replace(setpoint, yaw_ned_rad=snapshot.yaw_ned_rad if before is None else before)
-            self._yaw_kept = True
-        else:
-            self._yaw_kept = False
+        keeps = keeps_heading(order.setpoint)
+        before = getattr(self.sent, "yaw_ned_rad", None) if keeps and self._yaw_kept else None
+        yaw_kept_rad = snapshot.yaw_ned_rad if before is None else before
+        aim = Aim(order.setpoint, now_s, snapshot, yaw_kept_rad)
+        first = aim.at(now_s, snapshot, waiting=True)
+        if first is None:
+            raise ValueError(f"vehicle {aim.follows} is not heard")
+        self._aim, self._yaw_kept = aim, keeps
         self.order, self._since_s = order, now_s
-        self._send_from_now(now_s, setpoint)
+        self._send_from_now(now_s, first)
 
-    def _send_from_now(self, now_s: float, setpoint: Setpoint) -> None:
-        self.sent = setpoint
-        self._packet.load(setpoint)
+    def _send_from_now(self, now_s: float, setpoint: Sendable) -> None:
+        self._load(setpoint)
         self._next_send_s = now_s
+
+    def _load(self, setpoint: Sendable) -> None:
+        if setpoint != self.sent or not self._packed[1]:
+            self._packed = encode(setpoint, self._target)
+        self.sent = setpoint
+
+    def _take_aim(self, now_s: float, snapshot: Snapshot) -> None:
+        """What goes out at this very moment."""
+        if self._aim is None or self.phase not in ("starting", "streaming"):
+            return
+        wanted = self._aim.at(now_s, snapshot, waiting=self.phase == "starting")
+        if wanted is not None:
+            self._load(wanted)
 
     def _has_left(self, snapshot: Snapshot) -> bool:
         """Ends where the vehicle flies another mode than Offboard, by whoever's will: never fights for it."""
@@ -273,12 +299,28 @@ class StreamCore:
             self._engaged_s = now_s
         elif snapshot.lost and self.phase in ("streaming", "holding"):
             self._give_up(now_s, snapshot, "lost", "The vehicle is not heard any more")
-        elif jumped_m is not None and self.sent is not None and self.sent.position_ned_m is not None:
+        elif self.phase == "streaming" and self._leader_is_gone(now_s, snapshot):
+            assert self._aim is not None
+            self._fall_back(
+                now_s, snapshot, "leader_lost", f"Vehicle {self._aim.follows}, which it follows, is not heard"
+            )
+        elif jumped_m is not None and self._is_a_local_place():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
             if self.phase == "streaming":
                 self._give_up(now_s, snapshot, "jumped", f"{why}: the setpoint means another place now")
             elif self.phase in ("holding", "to_hold", "landing", "undoing"):
                 self._stand_still(now_s, snapshot)
+
+    def _leader_is_gone(self, now_s: float, snapshot: Snapshot) -> bool:
+        aim = self._aim
+        return aim is not None and aim.follows is not None and aim.at(now_s, snapshot) is None
+
+    def _is_a_local_place(self) -> bool:
+        """Whether what is sent means a place by the vehicle's local origin (a leader's is found anew)."""
+        if self._aim is not None and self._aim.follows is not None and self.phase == "streaming":
+            return False
+        sent = self.sent
+        return isinstance(sent, Position | Trajectory) and any(n is not None for n in sent.position_ned_m)
 
     def _jumped_m(self, snapshot: Snapshot) -> float | None:
         """How far the local position moved without flying there; None where it did not."""
@@ -305,14 +347,19 @@ class StreamCore:
 
     def _expired(self, now_s: float, snapshot: Snapshot) -> None:
         assert self.order is not None
-        why = f"The setpoint of {self.order.client or 'a client'} expired after {self.order.valid_for_s:g} s"
+        why = f"The setpoint of {self.order.client or 'a client'} expired after {self.order.lasts_s:g} s"
+        self._fall_back(now_s, snapshot, "expired", why)
+
+    def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+        """Does what the order says for its end, with the place held where that can be."""
+        assert self.order is not None
         if self.order.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
             hold_for_s = self.order.on_expiry.hold_for_s
-            self._report("expired", f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
+            self._report(code, f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
             self._stand_still(now_s, snapshot)
             self._enter("holding", now_s, hold_for_s)
         else:
-            self._give_up(now_s, snapshot, "expired", why)
+            self._give_up(now_s, snapshot, code, why)
 
     def _give_up(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Ends the flight as the order says, where setpoints of ours cannot hold its place."""
@@ -334,14 +381,27 @@ class StreamCore:
             self._ask("hold", now_s)
 
     def _stand_still(self, now_s: float, snapshot: Snapshot) -> None:
-        """The place reached, or without an estimate no speed: what is sent until the mode has changed."""
+        """What is sent until the mode has changed.
+
+        The place reached; without an estimate no speed; in a flight by attitude or rates, where there may not
+        be an estimate of speed either, level with the thrust that was.
+        """
         position = snapshot.position_at(now_s)
-        yaw = snapshot.yaw_ned_rad
+        yaw, sent = snapshot.yaw_ned_rad, self.sent
         if position is not None:
-            self._send_from_now(now_s, Setpoint(position_ned_m=position, yaw_ned_rad=yaw))
+            still: Sendable = Position(position, yaw)
+        elif isinstance(sent, Attitude | Rates) and snapshot.velocity_ned_m_s is None:
+            still = level(yaw, self._level_thrust(sent.thrust, snapshot))
         else:
-            self._send_from_now(now_s, Setpoint(velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0))
+            still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
+        self._aim = None
+        self._send_from_now(now_s, still)
         self._yaw_kept = False
+
+    @staticmethod
+    def _level_thrust(thrust: float, snapshot: Snapshot) -> float:
+        """The vehicle's own word for hovering, else what it flew with."""
+        return thrust if snapshot.hover_thrust is None else snapshot.hover_thrust
 
     def _ask(self, mode: str, now_s: float) -> None:
         self._asked_mode, self._mode_asks, self._next_ask_s = mode, 0, now_s
@@ -359,10 +419,16 @@ class StreamCore:
                 WARNING,
             )
             return
-        payload = mode_command(self._asked_mode, *self._target, self._mode_asks)
+        payload = mode_command(self._asked_mode, self._target, self._mode_asks)
         outgoing.append(Outgoing(MSG_COMMAND_LONG, payload))
         self._mode_asks += 1
         self._next_ask_s = now_s + MODE_ASK_PERIOD_S
 
     def _report(self, code: str, text: str) -> None:
         self.reports.append(Report(code, WARNING, text))
+
+
+def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
+    """No tilt."""
+    half = (yaw_ned_rad or 0.0) / 2.0
+    return Attitude((math.cos(half), 0.0, 0.0, math.sin(half)), thrust)

@@ -7,6 +7,10 @@ from dataclasses import dataclass
 MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 0x10000
 DEFAULT_COM_OF_LOSS_T_S = 1.0
 
+ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "terminate", "disarm")
+"""COM_OBL_RC_ACT as modes, by their number."""
+LARGEST_LOSS_T_S = 60.0
+
 # COM_OBL_RC_ACT: (with a transmitter, without one); the first line without one was seen on PX4 v1.16.
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
@@ -38,6 +42,12 @@ class Failsafe:
     action: int | None
     """COM_OBL_RC_ACT."""
     transmitter: bool
+
+    @property
+    def action_mode(self) -> str | None:
+        """The action as a mode; None where it is unknown."""
+        known = self.action is not None and 0 <= self.action < len(ACTION_MODES)
+        return ACTION_MODES[self.action] if known and self.action is not None else None
 
     def words(self) -> str:
         """One sentence for people."""

@@ -12,6 +12,16 @@ LONGEST_EXTRAPOLATION_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
+class Leader:
+    """The vehicle that is followed, in the local frame of the one that follows."""
+
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+    yaw_ned_rad: float | None
+    heard_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The vehicle as the event loop last saw it."""
 
@@ -29,6 +39,11 @@ class Snapshot:
     armed: bool = False
     lost: bool = False
     """No heartbeat for so long that the link counts as lost."""
+    home_alt_amsl_m: float | None = None
+    hover_thrust: float | None = None
+    """MPC_THR_HOVER, where the vehicle told it."""
+    leader: Leader | None = None
+    """Where this vehicle follows another."""
 
     @property
     def heard_s(self) -> float:

@@ -18,7 +18,7 @@ from typing import Protocol, TypeVar
 from gcs_server.clock import Clock
 from gcs_server.streamer.core import StreamCore
 from gcs_server.streamer.news import WARNING, Report, Snapshot
-from gcs_server.streamer.setpoints import Order, Setpoint
+from gcs_server.streamer.setpoints import Order, Sendable
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -51,10 +51,14 @@ class StreamState:
 
     phase: str
     order: Order | None
-    sent_type: str | None
+    sent: Sendable | None
+    """What goes out; None while nothing does."""
+    limited: tuple[str, ...]
+    """What the limits take away from the order now."""
     rate_hz: float
     rate_achieved_hz: float | None
     age_s: float | None
+    sent_age_s: float | None
     valid_left_s: float | None
     sends_failed: int
     last_end: Report | None
@@ -197,17 +201,19 @@ class StreamThread:
             return StreamState(
                 core.phase,
                 core.order if core.streaming else None,
-                core.sent.type if core.streaming and core.sent is not None else None,
+                core.sent if core.streaming else None,
+                core.limited if core.streaming else (),
                 core.rate_hz,
                 core.rate_achieved_hz(now_s),
                 core.age_s(now_s),
+                core.sent_age_s(now_s),
                 core.valid_left_s(now_s),
                 stream.sends_failed,
                 core.last_end,
                 stream.number,
             )
 
-    def sent_setpoint(self, vehicle_id: str) -> Setpoint | None:
+    def sent_setpoint(self, vehicle_id: str) -> Sendable | None:
         """What goes out to a vehicle now; None while nothing does."""
         with self._changed:
             stream = self._streams.get(vehicle_id)

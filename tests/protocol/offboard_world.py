@@ -11,7 +11,7 @@ import itertools
 from typing import Any
 
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
+from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
 from tests.protocol.conftest import OFFBOARD, FakeAutopilot, World, sim
 
 POSITION = 3 << 16
@@ -120,9 +120,7 @@ def order(
     hold_for_s: float = 1.0,
     client: str = "test",
 ) -> Order:
-    setpoint = Setpoint(
-        position_ned_m=None if velocity else position, velocity_ned_m_s=velocity, yaw_ned_rad=0.0
-    )
+    setpoint = Velocity(velocity, yaw_ned_rad=0.0) if velocity else Position(position, yaw_ned_rad=0.0)
     return Order(setpoint, valid_for_s, OnExpiry(action, hold_for_s), client)
 
 

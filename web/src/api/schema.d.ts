@@ -256,7 +256,7 @@ export interface paths {
         put?: never;
         /**
          * Hold
-         * @description Stops and stays; ends a setpoint stream.
+         * @description Stops and stays, whoever has control; ends a setpoint stream.
          */
         post: operations["hold_api_v1_vehicles__v__hold_post"];
         delete?: never;
@@ -365,6 +365,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{v}/land_now": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Land Now
+         * @description Lands where it is, whoever has control; answers once it is landing. The holder keeps control.
+         */
+        post: operations["land_now_api_v1_vehicles__v__land_now_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{v}/kill": {
         parameters: {
             query?: never;
@@ -376,7 +396,7 @@ export interface paths {
         put?: never;
         /**
          * Kill
-         * @description Stops the motors at once, in flight too: the vehicle falls.
+         * @description Stops the motors at once, in flight too, whoever has control: the vehicle falls.
          */
         post: operations["kill_api_v1_vehicles__v__kill_post"];
         delete?: never;
@@ -409,6 +429,188 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/me": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Me
+         * @description Who the caller is to this server, and what it controls.
+         */
+        get: operations["me_api_v1_me_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/me/leave": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Leave
+         * @description The caller is done: releases every vehicle that it controls, which changes nothing in their flight.
+         */
+        post: operations["leave_api_v1_me_leave_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show
+         * @description Who holds control, since when, who asks for it, and who makes the vehicle fly its mode.
+         */
+        get: operations["show_api_v1_vehicles__v__control_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control/take": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Take
+         * @description Takes control that nobody holds; with `force` from another, who was asked first where it can be.
+         *
+         *     The first command of a vehicle that nobody holds does the same.
+         */
+        post: operations["take_api_v1_vehicles__v__control_take_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control/request": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Request
+         * @description Asks the holder, who sees by whom and why; what nobody holds is taken at once.
+         */
+        post: operations["request_api_v1_vehicles__v__control_request_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control/grant": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Grant
+         * @description The holder hands control to one who asks; the vehicle flies on as it does.
+         */
+        post: operations["grant_api_v1_vehicles__v__control_grant_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control/deny": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Deny
+         * @description The holder keeps control; the one who asked may then take it by force.
+         */
+        post: operations["deny_api_v1_vehicles__v__control_deny_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control/release": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Release
+         * @description Gives control up, or takes a request back; otherwise nothing happens.
+         */
+        post: operations["release_api_v1_vehicles__v__control_release_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/control/renew": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Renew
+         * @description Keeps control for another `lease_s`, as every request of the holder does; takes nothing.
+         */
+        post: operations["renew_api_v1_vehicles__v__control_renew_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{v}/offboard": {
         parameters: {
             query?: never;
@@ -418,7 +620,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description State, rate achieved, setpoint, validity left, and what the vehicle does if the stream stops.
+         * @description The stream and its health, what can be flown (and why not), limits, and the vehicle's failsafe.
          */
         get: operations["show_api_v1_vehicles__v__offboard_get"];
         put?: never;
@@ -485,6 +687,50 @@ export interface paths {
          * @description Puts the vehicle into Hold, waits for its own word, then stops; without a stream it does nothing.
          */
         post: operations["stop_api_v1_vehicles__v__offboard_stop_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard/limits": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Limits
+         * @description What setpoints are held to: the vehicle's own limits, and the operator's.
+         */
+        get: operations["show_limits_api_v1_vehicles__v__offboard_limits_get"];
+        /**
+         * Set Limits
+         * @description Replaces the operator's limits, for the stream that runs too; what is left out is no limit.
+         */
+        put: operations["set_limits_api_v1_vehicles__v__offboard_limits_put"];
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard/failsafe": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        /**
+         * Set Failsafe
+         * @description Sets what the vehicle does by itself when the stream stops, each parameter verified.
+         */
+        put: operations["set_failsafe_api_v1_vehicles__v__offboard_failsafe_put"];
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -828,6 +1074,190 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * AccelerationOrder
+         * @description A new acceleration, sent at once.
+         * @example {
+         *       "acceleration_ned_m_s2": [
+         *         0.5,
+         *         0,
+         *         0
+         *       ],
+         *       "type": "acceleration"
+         *     }
+         */
+        AccelerationOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "acceleration";
+            /**
+             * Acceleration Ned M S2
+             * @description North, east, down [m/s²], gravity left out; each at most 20.
+             */
+            acceleration_ned_m_s2: [
+                number | null,
+                number | null,
+                number | null
+            ];
+        };
+        /**
+         * AccelerationSetpoint
+         * @description An acceleration in the vehicle's local frame; zero keeps the speed, not the place.
+         * @example {
+         *       "acceleration_ned_m_s2": [
+         *         0.5,
+         *         0,
+         *         0
+         *       ],
+         *       "type": "acceleration"
+         *     }
+         */
+        AccelerationSetpoint: {
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "acceleration";
+            /**
+             * Acceleration Ned M S2
+             * @description North, east, down [m/s²], gravity left out; each at most 20.
+             */
+            acceleration_ned_m_s2: [
+                number | null,
+                number | null,
+                number | null
+            ];
+        };
+        /**
+         * ActuatorsOrder
+         * @description Motors and servos; refused on MAVLink links.
+         * @example {
+         *       "motors": [
+         *         0.5,
+         *         0.5,
+         *         0.5,
+         *         0.5
+         *       ],
+         *       "type": "actuators"
+         *     }
+         */
+        ActuatorsOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "actuators";
+            /**
+             * Motors
+             * @description Each -1 to 1; null is disarmed.
+             * @default []
+             */
+            motors: (number | null)[];
+            /**
+             * Servos
+             * @description Each -1 to 1; null is disarmed.
+             * @default []
+             */
+            servos: (number | null)[];
+        };
+        /**
+         * ActuatorsSetpoint
+         * @description Motors and servos each by itself; no MAVLink message carries it.
+         * @example {
+         *       "motors": [
+         *         0.5,
+         *         0.5,
+         *         0.5,
+         *         0.5
+         *       ],
+         *       "type": "actuators"
+         *     }
+         */
+        ActuatorsSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "actuators";
+            /**
+             * Motors
+             * @description Each -1 to 1; null is disarmed.
+             * @default []
+             */
+            motors: (number | null)[];
+            /**
+             * Servos
+             * @description Each -1 to 1; null is disarmed.
+             * @default []
+             */
+            servos: (number | null)[];
+        };
+        /**
+         * AnswerControl
+         * @description To whom.
+         * @example {
+         *       "client": "bob"
+         *     }
+         */
+        AnswerControl: {
+            /**
+             * Client
+             * @description Key or name of the one who asks.
+             */
+            client: string;
+        };
+        /**
          * ArmedSpan
          * @description A time with the motors armed.
          */
@@ -884,6 +1314,74 @@ export interface components {
             ];
         };
         /**
+         * AttitudeOrder
+         * @description A new attitude, sent at once.
+         * @example {
+         *       "pitch_rad": -0.1,
+         *       "roll_rad": 0,
+         *       "thrust": 0.5,
+         *       "type": "attitude",
+         *       "yaw_ned_rad": 0
+         *     }
+         */
+        AttitudeOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "attitude";
+            /**
+             * Q Ned Frd
+             * @description w, x, y, z of unit length, taking body FRD to NED; or the three angles.
+             */
+            q_ned_frd?: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Roll Rad
+             * @description Right side down is positive [rad].
+             */
+            roll_rad?: number | null;
+            /**
+             * Pitch Rad
+             * @description Nose up is positive [rad].
+             */
+            pitch_rad?: number | null;
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Feed-forward for the yaw, clockwise about the earth's down [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * Thrust
+             * @description Of all rotors, 0 to 1, along the body's up.
+             */
+            thrust: number;
+        };
+        /**
          * AttitudeSample
          * @description The newest `attitude` and the two clocks it is judged by.
          */
@@ -900,6 +1398,80 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["Attitude"];
+        };
+        /**
+         * AttitudeSetpoint
+         * @description An attitude, as a quaternion or as roll, pitch and yaw, with thrust.
+         * @example {
+         *       "pitch_rad": -0.1,
+         *       "roll_rad": 0,
+         *       "thrust": 0.5,
+         *       "type": "attitude",
+         *       "yaw_ned_rad": 0
+         *     }
+         */
+        AttitudeSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "attitude";
+            /**
+             * Q Ned Frd
+             * @description w, x, y, z of unit length, taking body FRD to NED; or the three angles.
+             */
+            q_ned_frd?: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Roll Rad
+             * @description Right side down is positive [rad].
+             */
+            roll_rad?: number | null;
+            /**
+             * Pitch Rad
+             * @description Nose up is positive [rad].
+             */
+            pitch_rad?: number | null;
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Feed-forward for the yaw, clockwise about the earth's down [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * Thrust
+             * @description Of all rotors, 0 to 1, along the body's up.
+             */
+            thrust: number;
+        };
+        /**
+         * Available
+         * @description Whether a type of setpoint can be flown now.
+         */
+        Available: {
+            /**
+             * Can
+             * @description Can.
+             */
+            can: boolean;
+            /**
+             * Why Not
+             * @description Which estimate, home or link is missing; None where it can be flown.
+             */
+            why_not: string | null;
+            /**
+             * Needs
+             * @description Of the vehicle's estimates: position, velocity, heading, global_position, home.
+             */
+            needs: string[];
         };
         /**
          * Battery
@@ -956,6 +1528,32 @@ export interface components {
             value: components["schemas"]["Battery"];
         };
         /**
+         * CircleFenceBody
+         * @description Stay inside.
+         */
+        CircleFenceBody: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "circle";
+            /**
+             * Lat Deg
+             * @description Degrees north, WGS 84.
+             */
+            lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            lon_deg: number;
+            /**
+             * Radius M
+             * @description [m]
+             */
+            radius_m: number;
+        };
+        /**
          * CommandDone
          * @description The vehicle's own state shows what was asked for.
          */
@@ -977,6 +1575,241 @@ export interface components {
             duration_s: number;
             /** @description The vehicle afterwards. */
             status: components["schemas"]["Status"];
+        };
+        /**
+         * Control
+         * @description The topic `control`, and what the routes of control answer.
+         */
+        Control: {
+            /**
+             * Holder
+             * @description Who may command; null: whoever commands first has it.
+             */
+            holder: string | null;
+            /**
+             * Holder Key
+             * @description Tells clients of one name apart; a client's own stands in `GET /me`.
+             */
+            holder_key: string | null;
+            /**
+             * Since Unix S
+             * @description Since [s since 1970 UTC].
+             */
+            since_unix_s: number | null;
+            /**
+             * Expires In S
+             * @description Until it is free, should the holder not be heard again; a request renews it, an open telemetry socket
+             *     keeps it [s].
+             */
+            expires_in_s: number | null;
+            /**
+             * Can Be Asked
+             * @description Whether the holder would see a request: its telemetry socket is open.
+             */
+            can_be_asked: boolean;
+            /**
+             * On Expiry
+             * @description What the flying vehicle is told when the holder is not heard any more.
+             */
+            on_expiry: ("nothing" | "hold" | "land" | "rtl") | null;
+            /**
+             * Requests
+             * @description Who asks for it.
+             */
+            requests: components["schemas"]["ControlRequest"][];
+            /**
+             * Lease S
+             * @description How long control lasts without a request [s].
+             */
+            lease_s: number;
+            /**
+             * Answer S
+             * @description How long a holder has to answer before it may be forced [s].
+             */
+            answer_s: number;
+            /** @description Who makes the vehicle fly its present mode; null where it has not changed since it was first heard. */
+            mode_cause: components["schemas"]["ModeCause"] | null;
+        };
+        /**
+         * ControlRequest
+         * @description Somebody who asks for control.
+         */
+        ControlRequest: {
+            /**
+             * Client
+             * @description Its name.
+             */
+            client: string;
+            /**
+             * Key
+             * @description Tells clients of one name apart; a client's own stands in `GET /me`.
+             */
+            key: string;
+            /**
+             * Reason
+             * @description Why, in its own words.
+             */
+            reason: string | null;
+            /**
+             * Since Unix S
+             * @description Since [s since 1970 UTC].
+             */
+            since_unix_s: number;
+            /**
+             * Answer Left S
+             * @description How long the holder has left to answer before it may be forced [s].
+             */
+            answer_left_s: number;
+        };
+        /**
+         * ControlView
+         * @description Who may command a vehicle, as its caller sees it.
+         */
+        ControlView: {
+            /**
+             * Holder
+             * @description Who may command; null: whoever commands first has it.
+             */
+            holder: string | null;
+            /**
+             * Holder Key
+             * @description Tells clients of one name apart; a client's own stands in `GET /me`.
+             */
+            holder_key: string | null;
+            /**
+             * Since Unix S
+             * @description Since [s since 1970 UTC].
+             */
+            since_unix_s: number | null;
+            /**
+             * Expires In S
+             * @description Until it is free, should the holder not be heard again; a request renews it, an open telemetry socket
+             *     keeps it [s].
+             */
+            expires_in_s: number | null;
+            /**
+             * Can Be Asked
+             * @description Whether the holder would see a request: its telemetry socket is open.
+             */
+            can_be_asked: boolean;
+            /**
+             * On Expiry
+             * @description What the flying vehicle is told when the holder is not heard any more.
+             */
+            on_expiry: ("nothing" | "hold" | "land" | "rtl") | null;
+            /**
+             * Requests
+             * @description Who asks for it.
+             */
+            requests: components["schemas"]["ControlRequest"][];
+            /**
+             * Lease S
+             * @description How long control lasts without a request [s].
+             */
+            lease_s: number;
+            /**
+             * Answer S
+             * @description How long a holder has to answer before it may be forced [s].
+             */
+            answer_s: number;
+            /** @description Who makes the vehicle fly its present mode; null where it has not changed since it was first heard. */
+            mode_cause: components["schemas"]["ModeCause"] | null;
+            /**
+             * Yours
+             * @description Whether the caller holds it.
+             */
+            yours: boolean;
+            /**
+             * Your Key
+             * @description The caller's key.
+             */
+            your_key: string;
+        };
+        /**
+         * DenyControl
+         * @description To whom, and why.
+         * @example {
+         *       "client": "bob"
+         *     }
+         */
+        DenyControl: {
+            /**
+             * Client
+             * @description Key or name of the one who asks.
+             */
+            client: string;
+            /**
+             * Reason
+             * @description Shown to the one who asks.
+             */
+            reason?: string | null;
+        };
+        /**
+         * Echo
+         * @description The target that the vehicle's controllers say they follow.
+         */
+        Echo: {
+            /**
+             * Age S
+             * @description Since it was heard; the page's word for a vehicle that ignores us.
+             */
+            age_s: number;
+            /**
+             * Position Ned M
+             * @description Position ned (north, east, down of the local origin) [m].
+             */
+            position_ned_m: [
+                number | null,
+                number | null,
+                number | null
+            ] | null;
+            /**
+             * Velocity Ned M S
+             * @description Velocity ned (north, east, down of the local origin) [m/s].
+             */
+            velocity_ned_m_s: [
+                number | null,
+                number | null,
+                number | null
+            ] | null;
+            /**
+             * Acceleration Ned M S2
+             * @description Acceleration ned (north, east, down of the local origin) [m/s²].
+             */
+            acceleration_ned_m_s2: [
+                number | null,
+                number | null,
+                number | null
+            ] | null;
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad: number | null;
+            /**
+             * Q Ned Frd
+             * @description Q ned frd (taking body FRD to NED, order w, x, y, z).
+             */
+            q_ned_frd: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Rates Frd Rad S
+             * @description Rates frd (forward, right, down of the body) [rad/s].
+             */
+            rates_frd_rad_s: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Thrust
+             * @description Thrust.
+             */
+            thrust: number | null;
         };
         /**
          * Estimator
@@ -1018,6 +1851,61 @@ export interface components {
             value: components["schemas"]["Estimator"];
         };
         /**
+         * FailsafeRequest
+         * @description What the vehicle shall do by itself when the stream stops; what is left out stays.
+         * @example {
+         *       "action": "hold",
+         *       "after_s": 1
+         *     }
+         */
+        FailsafeRequest: {
+            /**
+             * Action
+             * @description A mode; the three flown by sticks come down by themselves without a transmitter.
+             */
+            action?: ("position" | "altitude" | "stabilized" | "rtl" | "land" | "hold") | null;
+            /**
+             * After S
+             * @description How long after the last setpoint [s] (COM_OF_LOSS_T).
+             */
+            after_s?: number | null;
+        };
+        /**
+         * FenceView
+         * @description The operator's fence: a polygon's corners, or a circle's middle and radius.
+         */
+        FenceView: {
+            /**
+             * Kind
+             * @description Which.
+             * @enum {string}
+             */
+            kind: "polygon" | "circle";
+            /**
+             * Points Deg
+             * @description Latitude and longitude of each corner [deg].
+             */
+            points_deg?: [
+                number,
+                number
+            ][] | null;
+            /**
+             * Lat Deg
+             * @description Of the middle.
+             */
+            lat_deg?: number | null;
+            /**
+             * Lon Deg
+             * @description Of the middle.
+             */
+            lon_deg?: number | null;
+            /**
+             * Radius M
+             * @description [m]
+             */
+            radius_m?: number | null;
+        };
+        /**
          * FieldError
          * @description One value at fault.
          */
@@ -1032,6 +1920,123 @@ export interface components {
              * @description What is wrong with it.
              */
             message: string;
+        };
+        /**
+         * FollowOrder
+         * @description Follow another vehicle from now on.
+         * @example {
+         *       "offset_frd_m": [
+         *         -5,
+         *         0,
+         *         -2
+         *       ],
+         *       "type": "follow",
+         *       "vehicle": "2",
+         *       "yaw": "same"
+         *     }
+         */
+        FollowOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "follow";
+            /**
+             * Vehicle
+             * @description The id of the one to follow.
+             */
+            vehicle: string;
+            /**
+             * Offset Ned M
+             * @description North, east, down of it [m].
+             */
+            offset_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Offset Frd M
+             * @description Forward, right, down of it by its heading, level [m].
+             */
+            offset_frd_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Yaw
+             * @description The heading: kept, the other's, or towards it.
+             * @default keep
+             * @enum {string}
+             */
+            yaw: "keep" | "same" | "face";
+        };
+        /**
+         * FollowSetpoint
+         * @description A place beside another vehicle, that moves with it; exactly one offset, at least 2 m long.
+         * @example {
+         *       "offset_frd_m": [
+         *         -5,
+         *         0,
+         *         -2
+         *       ],
+         *       "type": "follow",
+         *       "vehicle": "2",
+         *       "yaw": "same"
+         *     }
+         */
+        FollowSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "follow";
+            /**
+             * Vehicle
+             * @description The id of the one to follow.
+             */
+            vehicle: string;
+            /**
+             * Offset Ned M
+             * @description North, east, down of it [m].
+             */
+            offset_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Offset Frd M
+             * @description Forward, right, down of it by its heading, level [m].
+             */
+            offset_frd_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Yaw
+             * @description The heading: kept, the other's, or towards it.
+             * @default keep
+             * @enum {string}
+             */
+            yaw: "keep" | "same" | "face";
         };
         /**
          * Gimbal
@@ -1700,6 +2705,20 @@ export interface components {
             confirm: string;
         };
         /**
+         * LandNowRequest
+         * @description Says in words what is about to happen.
+         * @example {
+         *       "confirm": "vehicle 1 lands now"
+         *     }
+         */
+        LandNowRequest: {
+            /**
+             * Confirm
+             * @description Exactly `vehicle {id} lands now`, with the vehicle's id.
+             */
+            confirm: string;
+        };
+        /**
          * LandOnExpiry
          * @description Land where it is.
          */
@@ -1709,6 +2728,67 @@ export interface components {
              * @enum {string}
              */
             action: "land";
+        };
+        /**
+         * LimitsRequest
+         * @description The operator's limits, all at once: what is left out (or null) is no limit of the operator's.
+         * @example {
+         *       "distance_max_m": 100,
+         *       "height_max_m": 30,
+         *       "speed_max_m_s": 5
+         *     }
+         */
+        LimitsRequest: {
+            /**
+             * Speed Max M S
+             * @description Over the ground [m/s].
+             */
+            speed_max_m_s?: number | null;
+            /**
+             * Climb Max M S
+             * @description [m/s]
+             */
+            climb_max_m_s?: number | null;
+            /**
+             * Sink Max M S
+             * @description [m/s]
+             */
+            sink_max_m_s?: number | null;
+            /**
+             * Tilt Max Rad
+             * @description [rad]
+             */
+            tilt_max_rad?: number | null;
+            /**
+             * Height Min M
+             * @description Above home [m].
+             */
+            height_min_m?: number | null;
+            /**
+             * Height Max M
+             * @description Above home [m].
+             */
+            height_max_m?: number | null;
+            /**
+             * Distance Max M
+             * @description From home, over the ground [m].
+             */
+            distance_max_m?: number | null;
+            /**
+             * Fence
+             * @description Stay inside; beside the vehicle's own fence.
+             */
+            fence?: (components["schemas"]["PolygonFenceBody"] | components["schemas"]["CircleFenceBody"]) | null;
+            /**
+             * Slew Velocity M S2
+             * @description A sent velocity changes by no more than this [m/s²].
+             */
+            slew_velocity_m_s2?: number | null;
+            /**
+             * Slew Attitude Rad S
+             * @description A sent attitude turns by no more than this [rad/s].
+             */
+            slew_attitude_rad_s?: number | null;
         };
         /**
          * Link
@@ -1951,6 +3031,27 @@ export interface components {
             unreadable: string[];
         };
         /**
+         * Me
+         * @description Who the caller is.
+         */
+        Me: {
+            /**
+             * Name
+             * @description As the journal and the others see it.
+             */
+            name: string;
+            /**
+             * Key
+             * @description Tells it from clients of the same name; stands as `holder_key`.
+             */
+            key: string;
+            /**
+             * Controls
+             * @description Vehicles that it controls.
+             */
+            controls: string[];
+        };
+        /**
          * Message
          * @description One line of what a vehicle said or did.
          */
@@ -2003,6 +3104,34 @@ export interface components {
              * @description The last thousand at most.
              */
             messages: components["schemas"]["Message"][];
+        };
+        /**
+         * ModeCause
+         * @description Why the vehicle flies its present mode, as far as can be known.
+         */
+        ModeCause: {
+            /**
+             * Source
+             * @description command (this server's), vehicle (its own course), failsafe, pilot (its transmitter), station (another
+             *     one), unknown.
+             * @enum {string}
+             */
+            source: "command" | "vehicle" | "failsafe" | "pilot" | "station" | "unknown";
+            /**
+             * Who
+             * @description The client, or the other station.
+             */
+            who: string | null;
+            /**
+             * Text
+             * @description For people.
+             */
+            text: string;
+            /**
+             * Since Unix S
+             * @description Since [s since 1970 UTC].
+             */
+            since_unix_s: number;
         };
         /**
          * ModeRequest
@@ -2100,8 +3229,44 @@ export interface components {
             vehicle: string | null;
         };
         /**
+         * OffboardFailsafe
+         * @description What the vehicle does by itself when the stream stops.
+         */
+        OffboardFailsafe: {
+            /**
+             * After S
+             * @description COM_OF_LOSS_T; None where it did not tell.
+             */
+            after_s: number | null;
+            /**
+             * Action
+             * @description COM_OBL_RC_ACT as a mode: position, altitude, stabilized, rtl, land, hold, terminate, disarm.
+             */
+            action: string | null;
+            /**
+             * Transmitter
+             * @description Whether a transmitter is heard: without one the modes flown by sticks come down by themselves.
+             */
+            transmitter: boolean;
+            /**
+             * Words
+             * @description Words.
+             */
+            words: string;
+        };
+        /**
+         * OffboardLimits
+         * @description What setpoints are held to.
+         */
+        OffboardLimits: {
+            /** @description Vehicle. */
+            vehicle: components["schemas"]["VehicleLimits"];
+            /** @description Operator. */
+            operator: components["schemas"]["OperatorLimits"];
+        };
+        /**
          * OffboardStatus
-         * @description The topic `offboard`, and what `GET …/offboard` answers.
+         * @description The topic `offboard`, and what the calls below `…/offboard` answer.
          */
         OffboardStatus: {
             /**
@@ -2120,8 +3285,18 @@ export interface components {
              * @description Whose setpoint it is.
              */
             client: string | null;
-            /** @description What goes out now: the client's, or the place held after it expired. */
+            /**
+             * Ordered Type
+             * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
+             */
+            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | null;
+            /** @description What goes out now: the client's within its limits, or the place held after it expired. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
+            /**
+             * Limited
+             * @description What the limits take away from the order now, in words; empty where nothing.
+             */
+            limited: string[];
             /**
              * Rate Hz
              * @description Rate [Hz].
@@ -2167,6 +3342,152 @@ export interface components {
              * @description Why the last stream ended; None while one runs or before the first.
              */
             ended: string | null;
+            /** @description Health. */
+            health: components["schemas"]["StreamHealth"];
+        };
+        /**
+         * OffboardView
+         * @description The stream, what can be flown, what holds it in, and what happens without it.
+         */
+        OffboardView: {
+            /**
+             * Streaming
+             * @description Whether setpoints go out to the vehicle now.
+             */
+            streaming: boolean;
+            /**
+             * State
+             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
+             *     (the start failed, but the vehicle may yet take Offboard).
+             */
+            state: string;
+            /**
+             * Client
+             * @description Whose setpoint it is.
+             */
+            client: string | null;
+            /**
+             * Ordered Type
+             * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
+             */
+            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | null;
+            /** @description What goes out now: the client's within its limits, or the place held after it expired. */
+            setpoint: components["schemas"]["StreamedSetpoint"] | null;
+            /**
+             * Limited
+             * @description What the limits take away from the order now, in words; empty where nothing.
+             */
+            limited: string[];
+            /**
+             * Rate Hz
+             * @description Rate [Hz].
+             */
+            rate_hz: number;
+            /**
+             * Rate Achieved Hz
+             * @description Rate achieved [Hz].
+             */
+            rate_achieved_hz: number | null;
+            /**
+             * Age S
+             * @description Age [s].
+             */
+            age_s: number | null;
+            /**
+             * Valid For S
+             * @description Valid for [s].
+             */
+            valid_for_s: number | null;
+            /**
+             * Valid Left S
+             * @description Valid left [s].
+             */
+            valid_left_s: number | null;
+            /**
+             * On Expiry
+             * @description On expiry.
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
+            /**
+             * If Stream Stops
+             * @description What the vehicle will do by itself, in words; None before it was asked.
+             */
+            if_stream_stops: string | null;
+            /**
+             * Sends Failed
+             * @description Setpoints that could not be handed to the link.
+             */
+            sends_failed: number;
+            /**
+             * Ended
+             * @description Why the last stream ended; None while one runs or before the first.
+             */
+            ended: string | null;
+            /** @description Health. */
+            health: components["schemas"]["StreamHealth"];
+            /**
+             * Available
+             * @description For each type of setpoint: can this vehicle, on this link, fly it now; and why not.
+             */
+            available: {
+                [key: string]: components["schemas"]["Available"];
+            };
+            limits: components["schemas"]["OffboardLimits"];
+            /** @description What the vehicle does by itself when the stream stops; null before it told. */
+            failsafe: components["schemas"]["OffboardFailsafe"] | null;
+        };
+        /**
+         * OperatorLimits
+         * @description What the operator allows; None: no limit of the operator's.
+         */
+        OperatorLimits: {
+            /**
+             * Speed Max M S
+             * @description Speed max [m/s].
+             */
+            speed_max_m_s: number | null;
+            /**
+             * Climb Max M S
+             * @description Climb max [m/s].
+             */
+            climb_max_m_s: number | null;
+            /**
+             * Sink Max M S
+             * @description Sink max [m/s].
+             */
+            sink_max_m_s: number | null;
+            /**
+             * Tilt Max Rad
+             * @description Tilt max [rad].
+             */
+            tilt_max_rad: number | null;
+            /**
+             * Height Min M
+             * @description Above home.
+             */
+            height_min_m: number | null;
+            /**
+             * Height Max M
+             * @description Above home.
+             */
+            height_max_m: number | null;
+            /**
+             * Distance Max M
+             * @description From home, over the ground.
+             */
+            distance_max_m: number | null;
+            /** @description Fence. */
+            fence: components["schemas"]["FenceView"] | null;
+            /**
+             * Slew Velocity M S2
+             * @description A velocity that is sent changes by no more than this a second.
+             */
+            slew_velocity_m_s2: number | null;
+            /**
+             * Slew Attitude Rad S
+             * @description An attitude that is sent turns by no more than this a second.
+             */
+            slew_attitude_rad_s: number | null;
         };
         /**
          * ParamRequest
@@ -2202,6 +3523,342 @@ export interface components {
              * @description Is integer.
              */
             is_integer: boolean;
+        };
+        /**
+         * PathOrder
+         * @description A path, begun at once.
+         * @example {
+         *       "points": [
+         *         {
+         *           "position_ned_m": [
+         *             0,
+         *             0,
+         *             -10
+         *           ],
+         *           "t_s": 0
+         *         },
+         *         {
+         *           "position_ned_m": [
+         *             10,
+         *             0,
+         *             -10
+         *           ],
+         *           "t_s": 5
+         *         },
+         *         {
+         *           "position_ned_m": [
+         *             10,
+         *             10,
+         *             -10
+         *           ],
+         *           "t_s": 10
+         *         }
+         *       ],
+         *       "type": "path"
+         *     }
+         */
+        PathOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "path";
+            /** Points */
+            points: components["schemas"]["PathPointBody"][];
+        };
+        /**
+         * PathPointBody
+         * @description Where to be, and when.
+         */
+        PathPointBody: {
+            /**
+             * T S
+             * @description Since the path began [s].
+             */
+            t_s: number;
+            /**
+             * Position Ned M
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above it.
+             */
+            position_ned_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; given for all points or for none.
+             */
+            yaw_ned_rad?: number | null;
+        };
+        /**
+         * PathSetpoint
+         * @description A smooth curve through points in time, flown by the server whatever becomes of its client.
+         *
+         *     It begins where the vehicle is (the first point within 5 m) and at `t_s` 0.
+         *     `valid_for_s` counts from its end.
+         * @example {
+         *       "points": [
+         *         {
+         *           "position_ned_m": [
+         *             0,
+         *             0,
+         *             -10
+         *           ],
+         *           "t_s": 0
+         *         },
+         *         {
+         *           "position_ned_m": [
+         *             10,
+         *             0,
+         *             -10
+         *           ],
+         *           "t_s": 5
+         *         },
+         *         {
+         *           "position_ned_m": [
+         *             10,
+         *             10,
+         *             -10
+         *           ],
+         *           "t_s": 10
+         *         }
+         *       ],
+         *       "type": "path"
+         *     }
+         */
+        PathSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "path";
+            /** Points */
+            points: components["schemas"]["PathPointBody"][];
+        };
+        /**
+         * PolygonFenceBody
+         * @description Stay inside.
+         */
+        PolygonFenceBody: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "polygon";
+            /**
+             * Points Deg
+             * @description Latitude and longitude of each corner, in order [deg].
+             */
+            points_deg: [
+                number,
+                number
+            ][];
+        };
+        /**
+         * PositionBodyOrder
+         * @description A step from where the vehicle is now.
+         * @example {
+         *       "offset_frd_m": [
+         *         5,
+         *         0,
+         *         0
+         *       ],
+         *       "type": "position_body"
+         *     }
+         */
+        PositionBodyOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "position_body";
+            /**
+             * Offset Frd M
+             * @description Forward, right, down of the heading, level [m].
+             */
+            offset_frd_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Yaw Offset Rad
+             * @description Turned clockwise by this [rad]; the heading is kept unless given.
+             */
+            yaw_offset_rad?: number | null;
+        };
+        /**
+         * PositionBodySetpoint
+         * @description A step from where the vehicle is when it is taken, along its heading then.
+         * @example {
+         *       "offset_frd_m": [
+         *         5,
+         *         0,
+         *         0
+         *       ],
+         *       "type": "position_body"
+         *     }
+         */
+        PositionBodySetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "position_body";
+            /**
+             * Offset Frd M
+             * @description Forward, right, down of the heading, level [m].
+             */
+            offset_frd_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Yaw Offset Rad
+             * @description Turned clockwise by this [rad]; the heading is kept unless given.
+             */
+            yaw_offset_rad?: number | null;
+        };
+        /**
+         * PositionGlobalOrder
+         * @description A new place on the earth, sent at once.
+         * @example {
+         *       "alt_home_m": 12,
+         *       "lat_deg": 47.3979,
+         *       "lon_deg": 8.5458,
+         *       "type": "position_global"
+         *     }
+         */
+        PositionGlobalOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "position_global";
+            /**
+             * Lat Deg
+             * @description Degrees north, WGS 84.
+             */
+            lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            lon_deg: number;
+            /**
+             * Alt Amsl M
+             * @description Above mean sea level [m].
+             */
+            alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Above home [m].
+             */
+            alt_home_m?: number | null;
+        };
+        /**
+         * PositionGlobalSetpoint
+         * @description A place on the earth; exactly one of the two altitudes.
+         * @example {
+         *       "alt_home_m": 12,
+         *       "lat_deg": 47.3979,
+         *       "lon_deg": 8.5458,
+         *       "type": "position_global"
+         *     }
+         */
+        PositionGlobalSetpoint: {
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "position_global";
+            /**
+             * Lat Deg
+             * @description Degrees north, WGS 84.
+             */
+            lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            lon_deg: number;
+            /**
+             * Alt Amsl M
+             * @description Above mean sea level [m].
+             */
+            alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Above home [m].
+             */
+            alt_home_m?: number | null;
         };
         /**
          * PositionOrder
@@ -2251,9 +3908,9 @@ export interface components {
              * @description North, east, down of the vehicle's local origin [m]; down is negative above it.
              */
             position_ned_m: [
-                number,
-                number,
-                number
+                number | null,
+                number | null,
+                number | null
             ];
         };
         /**
@@ -2289,9 +3946,9 @@ export interface components {
              * @description North, east, down of the vehicle's local origin [m]; down is negative above it.
              */
             position_ned_m: [
-                number,
-                number,
-                number
+                number | null,
+                number | null,
+                number | null
             ];
         };
         /**
@@ -2355,10 +4012,103 @@ export interface components {
              */
             vehicle?: string | null;
             /**
+             * Holder
+             * @description With `not_in_control`: who has control.
+             */
+            holder?: string | null;
+            /**
+             * Holder Key
+             * @description Tells holders of one name apart.
+             */
+            holder_key?: string | null;
+            /**
              * Deadline S
              * @description With 504: how long was waited [s].
              */
             deadline_s?: number | null;
+        };
+        /**
+         * RatesOrder
+         * @description New body rates, sent at once.
+         * @example {
+         *       "rates_frd_rad_s": [
+         *         0,
+         *         0,
+         *         0.5
+         *       ],
+         *       "thrust": 0.5,
+         *       "type": "rates"
+         *     }
+         */
+        RatesOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "rates";
+            /**
+             * Rates Frd Rad S
+             * @description Roll, pitch, yaw rate [rad/s].
+             */
+            rates_frd_rad_s: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Thrust
+             * @description Of all rotors, 0 to 1, along the body's up.
+             */
+            thrust: number;
+        };
+        /**
+         * RatesSetpoint
+         * @description Turning rates about the body's axes, with thrust: the vehicle levels itself no more.
+         * @example {
+         *       "rates_frd_rad_s": [
+         *         0,
+         *         0,
+         *         0.5
+         *       ],
+         *       "thrust": 0.5,
+         *       "type": "rates"
+         *     }
+         */
+        RatesSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "rates";
+            /**
+             * Rates Frd Rad S
+             * @description Roll, pitch, yaw rate [rad/s].
+             */
+            rates_frd_rad_s: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Thrust
+             * @description Of all rotors, 0 to 1, along the body's up.
+             */
+            thrust: number;
         };
         /**
          * RecordedFlight
@@ -2599,6 +4349,20 @@ export interface components {
             replays: components["schemas"]["Replay"][];
         };
         /**
+         * RequestControl
+         * @description Why control is asked for.
+         * @example {
+         *       "reason": "I see it better from here"
+         *     }
+         */
+        RequestControl: {
+            /**
+             * Reason
+             * @description Shown to the holder.
+             */
+            reason?: string | null;
+        };
+        /**
          * Roi
          * @description A place that the gimbal keeps looking at.
          */
@@ -2661,7 +4425,7 @@ export interface components {
              */
             on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /** Setpoint */
-            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["VelocitySetpoint"];
+            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
             /**
              * Rate Hz
              * @description Setpoints a second [Hz].
@@ -2750,33 +4514,144 @@ export interface components {
             action: "stop_stream";
         };
         /**
+         * StreamHealth
+         * @description Whether the stream does what it should, and the vehicle what the stream says.
+         */
+        StreamHealth: {
+            /**
+             * Rate Achieved Hz
+             * @description Over the last two seconds.
+             */
+            rate_achieved_hz: number | null;
+            /**
+             * Setpoint Age S
+             * @description Since the order was taken.
+             */
+            setpoint_age_s: number | null;
+            /**
+             * Sent Age S
+             * @description Since a setpoint last went out.
+             */
+            sent_age_s: number | null;
+            /**
+             * Valid Left S
+             * @description Until the order expires.
+             */
+            valid_left_s: number | null;
+            /**
+             * Failsafe In S
+             * @description Until the vehicle's own failsafe (COM_OF_LOSS_T after the last one), were nothing sent from now on.
+             */
+            failsafe_in_s: number | null;
+            /** @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, whichever fits what is sent; None while nothing is. */
+            echo: components["schemas"]["Echo"] | null;
+            /**
+             * Position Error M
+             * @description From where it is to the position that is sent.
+             */
+            position_error_m: number | null;
+            /**
+             * Velocity Error M S
+             * @description Between its velocity and the one that is sent.
+             */
+            velocity_error_m_s: number | null;
+            /**
+             * Attitude Error Rad
+             * @description Angle between its attitude and the one that is sent.
+             */
+            attitude_error_rad: number | null;
+            /**
+             * Yaw Error Rad
+             * @description Between its heading and the one that is sent.
+             */
+            yaw_error_rad: number | null;
+        };
+        /**
          * StreamedSetpoint
-         * @description What goes out to the vehicle now.
+         * @description What goes out to the vehicle now; fields of other types are left out.
          */
         StreamedSetpoint: {
             /**
              * Type
-             * @description `position` or `velocity`.
+             * @description Of what goes out: a path or follow goes out as trajectory.
+             * @enum {string}
              */
-            type: string;
+            type: "position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow";
             /**
              * Position Ned M
              * @description North, east, down [m].
              */
             position_ned_m?: [
-                number,
-                number,
-                number
+                number | null,
+                number | null,
+                number | null
             ] | null;
             /**
              * Velocity Ned M S
              * @description North, east, down [m/s].
              */
             velocity_ned_m_s?: [
+                number | null,
+                number | null,
+                number | null
+            ] | null;
+            /**
+             * Velocity Frd M S
+             * @description Forward, right, down of the heading [m/s].
+             */
+            velocity_frd_m_s?: [
                 number,
                 number,
                 number
             ] | null;
+            /**
+             * Acceleration Ned M S2
+             * @description North, east, down [m/s²].
+             */
+            acceleration_ned_m_s2?: [
+                number | null,
+                number | null,
+                number | null
+            ] | null;
+            /**
+             * Lat Deg
+             * @description Degrees north.
+             */
+            lat_deg?: number | null;
+            /**
+             * Lon Deg
+             * @description Degrees east.
+             */
+            lon_deg?: number | null;
+            /**
+             * Alt Amsl M
+             * @description Above mean sea level [m].
+             */
+            alt_amsl_m?: number | null;
+            /**
+             * Q Ned Frd
+             * @description w, x, y, z, taking body FRD to NED.
+             */
+            q_ned_frd?: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Rates Frd Rad S
+             * @description Roll, pitch, yaw rate [rad/s].
+             */
+            rates_frd_rad_s?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Thrust
+             * @description 0 to 1.
+             */
+            thrust?: number | null;
             /**
              * Yaw Ned Rad
              * @description Heading clockwise from north [rad].
@@ -2787,6 +4662,26 @@ export interface components {
              * @description Turning rate, clockwise [rad/s].
              */
             yaw_rate_ned_rad_s?: number | null;
+        };
+        /**
+         * TakeControl
+         * @description How to take control.
+         * @example {
+         *       "on_expiry": "hold"
+         *     }
+         */
+        TakeControl: {
+            /**
+             * Force
+             * @description Take it from another holder: allowed after a denial, after `answer_s` without an answer, or where the holder cannot be asked.
+             * @default false
+             */
+            force: boolean;
+            /**
+             * On Expiry
+             * @description What the flying vehicle is told once, should this client not be heard for `lease_s`: `nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never against somebody who steers.
+             */
+            on_expiry?: ("nothing" | "hold" | "land" | "rtl") | null;
         };
         /**
          * TakeoffRequest
@@ -2912,6 +4807,105 @@ export interface components {
             value: components["schemas"]["TargetLocal"];
         };
         /**
+         * ThrustTorqueOrder
+         * @description Thrust and torque; refused on MAVLink links.
+         * @example {
+         *       "thrust_frd": [
+         *         0,
+         *         0,
+         *         -0.5
+         *       ],
+         *       "torque_frd": [
+         *         0,
+         *         0,
+         *         0
+         *       ],
+         *       "type": "thrust_torque"
+         *     }
+         */
+        ThrustTorqueOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "thrust_torque";
+            /**
+             * Thrust Frd
+             * @description Forward, right, down, each -1 to 1.
+             */
+            thrust_frd: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Torque Frd
+             * @description Roll, pitch, yaw, each -1 to 1.
+             */
+            torque_frd: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
+         * ThrustTorqueSetpoint
+         * @description Thrust and torque of the body, past all controllers; no MAVLink message carries it.
+         * @example {
+         *       "thrust_frd": [
+         *         0,
+         *         0,
+         *         -0.5
+         *       ],
+         *       "torque_frd": [
+         *         0,
+         *         0,
+         *         0
+         *       ],
+         *       "type": "thrust_torque"
+         *     }
+         */
+        ThrustTorqueSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "thrust_torque";
+            /**
+             * Thrust Frd
+             * @description Forward, right, down, each -1 to 1.
+             */
+            thrust_frd: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Torque Frd
+             * @description Roll, pitch, yaw, each -1 to 1.
+             */
+            torque_frd: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
          * Topics
          * @description Every topic's newest sample; topics that never came are left out.
          */
@@ -2944,6 +4938,177 @@ export interface components {
             health?: components["schemas"]["HealthSample"] | null;
             /** @description Newest `estimator`. */
             estimator?: components["schemas"]["EstimatorSample"] | null;
+        };
+        /**
+         * TrajectoryOrder
+         * @description Position with feed-forward, sent at once.
+         * @example {
+         *       "position_ned_m": [
+         *         5,
+         *         0,
+         *         -10
+         *       ],
+         *       "type": "trajectory",
+         *       "velocity_ned_m_s": [
+         *         1,
+         *         0,
+         *         0
+         *       ],
+         *       "yaw_ned_rad": 0
+         *     }
+         */
+        TrajectoryOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "trajectory";
+            /**
+             * Position Ned M
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above it. null: not controlled.
+             * @default [
+             *       null,
+             *       null,
+             *       null
+             *     ]
+             */
+            position_ned_m: [
+                number | null,
+                number | null,
+                number | null
+            ];
+            /**
+             * Velocity Ned M S
+             * @description North, east, down [m/s]; each at most 20. null: not controlled.
+             * @default [
+             *       null,
+             *       null,
+             *       null
+             *     ]
+             */
+            velocity_ned_m_s: [
+                number | null,
+                number | null,
+                number | null
+            ];
+            /**
+             * Acceleration Ned M S2
+             * @description North, east, down [m/s²], gravity left out; each at most 20. null: not controlled.
+             * @default [
+             *       null,
+             *       null,
+             *       null
+             *     ]
+             */
+            acceleration_ned_m_s2: [
+                number | null,
+                number | null,
+                number | null
+            ];
+        };
+        /**
+         * TrajectorySetpoint
+         * @description Position, velocity and acceleration in this priority, the lower ones as feed-forward.
+         *
+         *     Every axis needs at least one of them, and north and east of each go together.
+         * @example {
+         *       "position_ned_m": [
+         *         5,
+         *         0,
+         *         -10
+         *       ],
+         *       "type": "trajectory",
+         *       "velocity_ned_m_s": [
+         *         1,
+         *         0,
+         *         0
+         *       ],
+         *       "yaw_ned_rad": 0
+         *     }
+         */
+        TrajectorySetpoint: {
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "trajectory";
+            /**
+             * Position Ned M
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above it. null: not controlled.
+             * @default [
+             *       null,
+             *       null,
+             *       null
+             *     ]
+             */
+            position_ned_m: [
+                number | null,
+                number | null,
+                number | null
+            ];
+            /**
+             * Velocity Ned M S
+             * @description North, east, down [m/s]; each at most 20. null: not controlled.
+             * @default [
+             *       null,
+             *       null,
+             *       null
+             *     ]
+             */
+            velocity_ned_m_s: [
+                number | null,
+                number | null,
+                number | null
+            ];
+            /**
+             * Acceleration Ned M S2
+             * @description North, east, down [m/s²], gravity left out; each at most 20. null: not controlled.
+             * @default [
+             *       null,
+             *       null,
+             *       null
+             *     ]
+             */
+            acceleration_ned_m_s2: [
+                number | null,
+                number | null,
+                number | null
+            ];
         };
         /** ValidationError */
         ValidationError: {
@@ -2979,8 +5144,81 @@ export interface components {
             links: string[];
             /** @description Every topic's newest sample. */
             topics: components["schemas"]["Topics"];
+            /** @description Who may command it; null for a recording. */
+            control: components["schemas"]["Control"] | null;
             /** @description The setpoint stream to it. */
             offboard: components["schemas"]["OffboardStatus"] | null;
+        };
+        /**
+         * VehicleLimits
+         * @description What the vehicle's parameters say; None: it has not told (or the limit is off).
+         */
+        VehicleLimits: {
+            /**
+             * Speed Max M S
+             * @description Horizontal: MPC_XY_VEL_MAX [m/s].
+             */
+            speed_max_m_s: number | null;
+            /**
+             * Climb Max M S
+             * @description MPC_Z_VEL_MAX_UP [m/s].
+             */
+            climb_max_m_s: number | null;
+            /**
+             * Sink Max M S
+             * @description MPC_Z_VEL_MAX_DN [m/s].
+             */
+            sink_max_m_s: number | null;
+            /**
+             * Tilt Max Rad
+             * @description MPC_TILTMAX_AIR [rad].
+             */
+            tilt_max_rad: number | null;
+            /**
+             * Acceleration Max M S2
+             * @description Horizontal: MPC_ACC_HOR_MAX [m/s²].
+             */
+            acceleration_max_m_s2: number | null;
+            /**
+             * Acceleration Up Max M S2
+             * @description MPC_ACC_UP_MAX [m/s²].
+             */
+            acceleration_up_max_m_s2: number | null;
+            /**
+             * Acceleration Down Max M S2
+             * @description MPC_ACC_DOWN_MAX [m/s²].
+             */
+            acceleration_down_max_m_s2: number | null;
+            /**
+             * Hover Thrust
+             * @description MPC_THR_HOVER, 0 to 1.
+             */
+            hover_thrust: number | null;
+            /**
+             * Roll Rate Max Rad S
+             * @description MC_ROLLRATE_MAX [rad/s].
+             */
+            roll_rate_max_rad_s: number | null;
+            /**
+             * Pitch Rate Max Rad S
+             * @description MC_PITCHRATE_MAX [rad/s].
+             */
+            pitch_rate_max_rad_s: number | null;
+            /**
+             * Yaw Rate Max Rad S
+             * @description MC_YAWRATE_MAX [rad/s].
+             */
+            yaw_rate_max_rad_s: number | null;
+            /**
+             * Distance Max M
+             * @description From home: GF_MAX_HOR_DIST [m]; None too where it is off (0).
+             */
+            distance_max_m: number | null;
+            /**
+             * Height Max M
+             * @description Above home: GF_MAX_VER_DIST [m]; None too where it is off (0).
+             */
+            height_max_m: number | null;
         };
         /**
          * VehicleMarks
@@ -3012,6 +5250,99 @@ export interface components {
              * @description Messages left out.
              */
             messages_left_out: number;
+        };
+        /**
+         * VelocityBodyOrder
+         * @description A new velocity along the heading, sent at once.
+         * @example {
+         *       "type": "velocity_body",
+         *       "velocity_frd_m_s": [
+         *         1,
+         *         0,
+         *         0
+         *       ],
+         *       "yaw_rate_ned_rad_s": 0.2
+         *     }
+         */
+        VelocityBodyOrder: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "velocity_body";
+            /**
+             * Velocity Frd M S
+             * @description Forward, right, down of the heading [m/s]; each at most 20.
+             */
+            velocity_frd_m_s: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
+         * VelocityBodySetpoint
+         * @description A velocity along the heading, level: it turns with the vehicle.
+         * @example {
+         *       "type": "velocity_body",
+         *       "velocity_frd_m_s": [
+         *         1,
+         *         0,
+         *         0
+         *       ],
+         *       "yaw_rate_ned_rad_s": 0.2
+         *     }
+         */
+        VelocityBodySetpoint: {
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            yaw_rate_ned_rad_s?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            type: "velocity_body";
+            /**
+             * Velocity Frd M S
+             * @description Forward, right, down of the heading [m/s]; each at most 20.
+             */
+            velocity_frd_m_s: [
+                number,
+                number,
+                number
+            ];
         };
         /**
          * VelocityOrder
@@ -3061,9 +5392,9 @@ export interface components {
              * @description North, east, down [m/s]; each at most 20.
              */
             velocity_ned_m_s: [
-                number,
-                number,
-                number
+                number | null,
+                number | null,
+                number | null
             ];
         };
         /**
@@ -3099,9 +5430,9 @@ export interface components {
              * @description North, east, down [m/s]; each at most 20.
              */
             velocity_ned_m_s: [
-                number,
-                number,
-                number
+                number | null,
+                number | null,
+                number | null
             ];
         };
         /**
@@ -4280,6 +6611,77 @@ export interface operations {
             };
         };
     };
+    land_now_api_v1_vehicles__v__land_now_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["LandNowRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     kill_api_v1_vehicles__v__kill_post: {
         parameters: {
             query?: never;
@@ -4491,6 +6893,621 @@ export interface operations {
             };
         };
     };
+    me_api_v1_me_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Me"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    leave_api_v1_me_leave_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Me"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_api_v1_vehicles__v__control_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    take_api_v1_vehicles__v__control_take_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["TakeControl"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    request_api_v1_vehicles__v__control_request_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["RequestControl"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    grant_api_v1_vehicles__v__control_grant_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["AnswerControl"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deny_api_v1_vehicles__v__control_deny_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DenyControl"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    release_api_v1_vehicles__v__control_release_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    renew_api_v1_vehicles__v__control_renew_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ControlView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     show_api_v1_vehicles__v__offboard_get: {
         parameters: {
             query?: never;
@@ -4508,7 +7525,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["OffboardStatus"];
+                    "application/json": components["schemas"]["OffboardView"];
                 };
             };
             /** @description No such vehicle, link or recording. */
@@ -4640,7 +7657,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["PositionOrder"] | components["schemas"]["VelocityOrder"];
+                "application/json": components["schemas"]["PositionOrder"] | components["schemas"]["PositionGlobalOrder"] | components["schemas"]["PositionBodyOrder"] | components["schemas"]["VelocityOrder"] | components["schemas"]["VelocityBodyOrder"] | components["schemas"]["AccelerationOrder"] | components["schemas"]["TrajectoryOrder"] | components["schemas"]["AttitudeOrder"] | components["schemas"]["RatesOrder"] | components["schemas"]["ThrustTorqueOrder"] | components["schemas"]["ActuatorsOrder"] | components["schemas"]["PathOrder"] | components["schemas"]["FollowOrder"];
             };
         };
         responses: {
@@ -4718,6 +7735,215 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["OffboardStatus"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_limits_api_v1_vehicles__v__offboard_limits_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardLimits"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    set_limits_api_v1_vehicles__v__offboard_limits_put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["LimitsRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardLimits"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    set_failsafe_api_v1_vehicles__v__offboard_failsafe_put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["FailsafeRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardFailsafe"];
                 };
             };
             /** @description No such vehicle, link or recording. */

@@ -8,15 +8,15 @@ import pytest
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import NoReply, Refused, Rejected
-from gcs_server.streamer import offboard as module
+from gcs_server.streamer import offboard_control as module
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.setpoints import Order, Setpoint
+from gcs_server.streamer.setpoints import Order, Position
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import Asked
 
-UP = Setpoint(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+UP = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
 
 
@@ -26,7 +26,8 @@ class Vehicle:
         self.identity = SimpleNamespace(system_id=1, component_id=1)
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
-        self.endpoints = ("somewhere",)
+        self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink")),)
+        self.clock = SystemClock()
         self.command = self.params = self
         self.offboard = None
         self.located = True
@@ -51,6 +52,8 @@ class Vehicle:
         return self.ours if self.ours is not None and self.ours.mode == mode else None
 
     async def get(self, name):
+        if name not in PARAMS:
+            raise NoReply(f"{name} is not known", deadline_s=0)
         return SimpleNamespace(value=PARAMS[name])
 
     def topic(self, name):
@@ -122,7 +125,7 @@ def test_prerequisites_are_explained():
             await vehicle.offboard.start(Order(UP))
         vehicle.located = True
         with pytest.raises(Refused, match="2000 m"):
-            await vehicle.offboard.start(Order(Setpoint(position_ned_m=(2000.0, 0.0, 0.0))))
+            await vehicle.offboard.start(Order(Position(position_ned_m=(2000.0, 0.0, 0.0))))
         vehicle.status.mode = "offboard"
         with pytest.raises(Refused, match="somebody else"):
             await vehicle.offboard.start(Order(UP))

@@ -8,10 +8,10 @@ from gcs_server.links.base import Peer
 from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.connection import FrameSender
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.setpoints import Order, Setpoint
+from gcs_server.streamer.setpoints import Order, Position
 from gcs_server.streamer.thread import StreamThread
 
-HOVER = Setpoint(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 
 
 class Clock:

@@ -8,10 +8,10 @@ import pytest
 from gcs_server.clock import SystemClock
 from gcs_server.streamer.failsafe import Failsafe
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.setpoints import Order, Setpoint
+from gcs_server.streamer.setpoints import Order, Position, Velocity
 from gcs_server.streamer.thread import StreamThread
 
-HOVER = Setpoint(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 
 
 class Recorder:
@@ -62,7 +62,7 @@ def test_a_change_wakes_the_thread(stream):
     begin(stream, "1", sender, rate_hz=2.0)
     time.sleep(0.1)
     before = time.monotonic()
-    assert stream.change("1", Order(Setpoint(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
+    assert stream.change("1", Order(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
     time.sleep(0.05)
     assert sender.times[-1] - before < 0.04
 

@@ -1,0 +1,109 @@
+"""What the offboard routes answer, as models for the OpenAPI description."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.api.offboard_models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
+from gcs_server.api.reflect import model_of
+from gcs_server.streamer import limit_values as values
+from gcs_server.streamer import status
+from gcs_server.streamer.setpoints import Partial3, Quaternion, Vector3
+
+SetpointType = Literal[
+    "position",
+    "position_global",
+    "position_body",
+    "velocity",
+    "velocity_body",
+    "acceleration",
+    "trajectory",
+    "attitude",
+    "rates",
+    "thrust_torque",
+    "actuators",
+    "path",
+    "follow",
+]
+
+
+class _Out(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class StreamedSetpoint(_Out):
+    """What goes out to the vehicle now; fields of other types are left out."""
+
+    type: SetpointType = Field(description="Of what goes out: a path or follow goes out as trajectory.")
+    position_ned_m: Partial3 | None = Field(default=None, description="North, east, down [m].")
+    velocity_ned_m_s: Partial3 | None = Field(default=None, description="North, east, down [m/s].")
+    velocity_frd_m_s: Vector3 | None = Field(
+        default=None, description="Forward, right, down of the heading [m/s]."
+    )
+    acceleration_ned_m_s2: Partial3 | None = Field(default=None, description="North, east, down [m/s²].")
+    lat_deg: float | None = Field(default=None, description="Degrees north.")
+    lon_deg: float | None = Field(default=None, description="Degrees east.")
+    alt_amsl_m: float | None = Field(default=None, description="Above mean sea level [m].")
+    q_ned_frd: Quaternion | None = Field(default=None, description="w, x, y, z, taking body FRD to NED.")
+    rates_frd_rad_s: Vector3 | None = Field(default=None, description="Roll, pitch, yaw rate [rad/s].")
+    thrust: float | None = Field(default=None, description="0 to 1.")
+    yaw_ned_rad: float | None = Field(default=None, description="Heading clockwise from north [rad].")
+    yaw_rate_ned_rad_s: float | None = Field(default=None, description="Turning rate, clockwise [rad/s].")
+
+
+StreamHealthModel = model_of(status.StreamHealth, echo=model_of(status.Echo) | None)
+OffboardModel = model_of(
+    status.OffboardStatus,
+    ordered_type=SetpointType | None,
+    setpoint=StreamedSetpoint | None,
+    on_expiry=HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry | None,
+    health=StreamHealthModel,
+)
+
+
+class FenceView(_Out):
+    """The operator's fence: a polygon's corners, or a circle's middle and radius."""
+
+    kind: Literal["polygon", "circle"] = Field(description="Which.")
+    points_deg: tuple[tuple[float, float], ...] | None = Field(
+        default=None, description="Latitude and longitude of each corner [deg]."
+    )
+    lat_deg: float | None = Field(default=None, description="Of the middle.")
+    lon_deg: float | None = Field(default=None, description="Of the middle.")
+    radius_m: float | None = Field(default=None, description="[m]")
+
+
+LimitsModel = model_of(
+    status.Limits,
+    "OffboardLimits",
+    vehicle=model_of(values.VehicleLimits),
+    operator=model_of(values.OperatorLimits, fence=FenceView | None),
+)
+FailsafeModel = model_of(status.FailsafeView, "OffboardFailsafe")
+AvailableModel = model_of(status.Available, needs=tuple[str, ...])
+
+
+class OffboardView(OffboardModel):  # type: ignore[misc,valid-type]
+    """The stream, what can be flown, what holds it in, and what happens without it."""
+
+    available: dict[SetpointType, AvailableModel] = Field(  # type: ignore[valid-type]
+        description="For each type of setpoint: can this vehicle, on this link, fly it now; and why not."
+    )
+    limits: LimitsModel = Field(description="What setpoints are held to.")  # type: ignore[valid-type]
+    failsafe: FailsafeModel | None = Field(  # type: ignore[valid-type]
+        description="What the vehicle does by itself when the stream stops; null before it told."
+    )
+
+
+class SetpointAck(_Out):
+    """Over the WebSocket: what became of one order."""
+
+    seq: int | None = Field(default=None, description="As the client gave it.")
+    applied: StreamedSetpoint | None = Field(default=None, description="What goes out, within all limits.")
+    limited: tuple[str, ...] | None = Field(default=None, description="What the limits took away, in words.")
+    superseded: bool | None = Field(
+        default=None, description="True: a newer order had come before this one's turn; it was not sent."
+    )
+    error: dict[str, object] | None = Field(default=None, description="As problem+json, with code and field.")

@@ -1,0 +1,420 @@
+"""Setpoints as they come in over HTTP and WebSocket, one body a type; each makes the streamer's own value."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Annotated, Any, Literal, cast
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+from gcs_server.streamer import setpoints as s
+from gcs_server.streamer.rules import FOREIGN, axes_problem
+from gcs_server.vehicle.gimbal_decoder import quaternion_of
+
+Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
+MetresPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
+MetresPerSecond2 = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
+RadiansPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-10, le=10)]
+Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
+Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
+Signal = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
+Place = tuple[Metres, Metres, Metres]
+PartialPlace = tuple[Metres | None, Metres | None, Metres | None]
+PartialVelocity = tuple[MetresPerSecond | None, MetresPerSecond | None, MetresPerSecond | None]
+PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, MetresPerSecond2 | None]
+Quaternion = tuple[Signal, Signal, Signal, Signal]
+
+POSITION_WORDS = "North, east, down of the vehicle's local origin [m]; down is negative above it."
+VELOCITY_WORDS = "North, east, down [m/s]; each at most 20."
+ACCELERATION_WORDS = "North, east, down [m/s²], gravity left out; each at most 20."
+NULL_WORDS = " null: not controlled."
+
+
+def example(**fields: JsonValue) -> ConfigDict:
+    """What such a body may look like, for the reference."""
+    examples: list[JsonValue] = [fields]
+    return ConfigDict(json_schema_extra={"examples": examples})
+
+
+class Body(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SetpointBody(Body):
+    @model_validator(mode="before")
+    @classmethod
+    def _nothing_of_mavlinks(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            for name in cast(dict[object, object], data):
+                if isinstance(name, str) and name in FOREIGN:
+                    raise ValueError(f"{name}: {FOREIGN[name]}")
+        return data
+
+    def to_setpoint(self) -> s.Setpoint:
+        """The streamer's own value."""
+        raise NotImplementedError
+
+
+class _YawOrRate(SetpointBody):
+    yaw_ned_rad: Angle | None = Field(
+        default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."
+    )
+    yaw_rate_ned_rad_s: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-3.5, le=3.5, description="Turning rate, clockwise [rad/s]."
+    )
+
+    @model_validator(mode="after")
+    def _one_yaw(self) -> _YawOrRate:
+        if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
+            raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
+        return self
+
+
+def _flyable(
+    position: s.Partial3 = s.NOTHING,
+    velocity: s.Partial3 = s.NOTHING,
+    acceleration: s.Partial3 = s.NOTHING,
+) -> None:
+    problem = axes_problem(position, velocity, acceleration)
+    if problem is not None:
+        raise ValueError(problem)
+
+
+class PositionSetpoint(_YawOrRate):
+    """A place in the vehicle's local frame."""
+
+    model_config = example(type="position", position_ned_m=[0, 0, -10])
+
+    type: Literal["position"]
+    position_ned_m: PartialPlace = Field(description=POSITION_WORDS)
+
+    @model_validator(mode="after")
+    def _whole(self) -> PositionSetpoint:
+        _flyable(position=self.position_ned_m)
+        return self
+
+    def to_setpoint(self) -> s.Position:
+        return s.Position(self.position_ned_m, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
+
+
+class PositionGlobalSetpoint(_YawOrRate):
+    """A place on the earth; exactly one of the two altitudes."""
+
+    model_config = example(type="position_global", lat_deg=47.3979, lon_deg=8.5458, alt_home_m=12)
+
+    type: Literal["position_global"]
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_amsl_m: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-500, le=10_000, description="Above mean sea level [m]."
+    )
+    alt_home_m: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-100, le=1000, description="Above home [m]."
+    )
+
+    @model_validator(mode="after")
+    def _one_altitude(self) -> PositionGlobalSetpoint:
+        if (self.alt_amsl_m is None) == (self.alt_home_m is None):
+            raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
+        return self
+
+    def to_setpoint(self) -> s.PositionGlobal:
+        return s.PositionGlobal(
+            self.lat_deg,
+            self.lon_deg,
+            self.alt_amsl_m,
+            self.alt_home_m,
+            self.yaw_ned_rad,
+            self.yaw_rate_ned_rad_s,
+        )
+
+
+class PositionBodySetpoint(SetpointBody):
+    """A step from where the vehicle is when it is taken, along its heading then."""
+
+    model_config = example(type="position_body", offset_frd_m=[5, 0, 0])
+
+    type: Literal["position_body"]
+    offset_frd_m: Place = Field(description="Forward, right, down of the heading, level [m].")
+    yaw_offset_rad: Angle | None = Field(
+        default=None, description="Turned clockwise by this [rad]; the heading is kept unless given."
+    )
+
+    def to_setpoint(self) -> s.PositionBody:
+        return s.PositionBody(self.offset_frd_m, self.yaw_offset_rad)
+
+
+class VelocitySetpoint(_YawOrRate):
+    """A velocity in the vehicle's local frame."""
+
+    model_config = example(type="velocity", velocity_ned_m_s=[1, 0, 0])
+
+    type: Literal["velocity"]
+    velocity_ned_m_s: PartialVelocity = Field(description=VELOCITY_WORDS)
+
+    @model_validator(mode="after")
+    def _whole(self) -> VelocitySetpoint:
+        _flyable(velocity=self.velocity_ned_m_s)
+        return self
+
+    def to_setpoint(self) -> s.Velocity:
+        return s.Velocity(self.velocity_ned_m_s, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
+
+
+class VelocityBodySetpoint(_YawOrRate):
+    """A velocity along the heading, level: it turns with the vehicle."""
+
+    model_config = example(type="velocity_body", velocity_frd_m_s=[1, 0, 0], yaw_rate_ned_rad_s=0.2)
+
+    type: Literal["velocity_body"]
+    velocity_frd_m_s: tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond] = Field(
+        description="Forward, right, down of the heading [m/s]; each at most 20."
+    )
+
+    def to_setpoint(self) -> s.VelocityBody:
+        return s.VelocityBody(self.velocity_frd_m_s, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
+
+
+class AccelerationSetpoint(_YawOrRate):
+    """An acceleration in the vehicle's local frame; zero keeps the speed, not the place."""
+
+    model_config = example(type="acceleration", acceleration_ned_m_s2=[0.5, 0, 0])
+
+    type: Literal["acceleration"]
+    acceleration_ned_m_s2: PartialAcceleration = Field(description=ACCELERATION_WORDS)
+
+    @model_validator(mode="after")
+    def _whole(self) -> AccelerationSetpoint:
+        _flyable(acceleration=self.acceleration_ned_m_s2)
+        return self
+
+    def to_setpoint(self) -> s.Acceleration:
+        return s.Acceleration(self.acceleration_ned_m_s2, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
+
+
+class TrajectorySetpoint(_YawOrRate):
+    """Position, velocity and acceleration in this priority, the lower ones as feed-forward.
+
+    Every axis needs at least one of them, and north and east of each go together.
+    """
+
+    model_config = example(
+        type="trajectory", position_ned_m=[5, 0, -10], velocity_ned_m_s=[1, 0, 0], yaw_ned_rad=0
+    )
+
+    type: Literal["trajectory"]
+    position_ned_m: PartialPlace = Field(default=s.NOTHING, description=POSITION_WORDS + NULL_WORDS)
+    velocity_ned_m_s: PartialVelocity = Field(default=s.NOTHING, description=VELOCITY_WORDS + NULL_WORDS)
+    acceleration_ned_m_s2: PartialAcceleration = Field(
+        default=s.NOTHING, description=ACCELERATION_WORDS + NULL_WORDS
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> TrajectorySetpoint:
+        _flyable(self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
+        return self
+
+    def to_setpoint(self) -> s.Trajectory:
+        return s.Trajectory(
+            self.position_ned_m,
+            self.velocity_ned_m_s,
+            self.acceleration_ned_m_s2,
+            self.yaw_ned_rad,
+            self.yaw_rate_ned_rad_s,
+        )
+
+
+Thrust = Annotated[
+    float,
+    Field(allow_inf_nan=False, ge=0, le=1, description="Of all rotors, 0 to 1, along the body's up."),
+]
+
+
+class AttitudeSetpoint(SetpointBody):
+    """An attitude, as a quaternion or as roll, pitch and yaw, with thrust."""
+
+    model_config = example(type="attitude", roll_rad=0, pitch_rad=-0.1, yaw_ned_rad=0, thrust=0.5)
+
+    type: Literal["attitude"]
+    q_ned_frd: Quaternion | None = Field(
+        default=None, description="w, x, y, z of unit length, taking body FRD to NED; or the three angles."
+    )
+    roll_rad: Angle | None = Field(default=None, description="Right side down is positive [rad].")
+    pitch_rad: Annotated[float, Field(allow_inf_nan=False, ge=-math.pi / 2, le=math.pi / 2)] | None = Field(
+        default=None, description="Nose up is positive [rad]."
+    )
+    yaw_ned_rad: Angle | None = Field(default=None, description="Heading clockwise from north [rad].")
+    yaw_rate_ned_rad_s: float | None = Field(
+        default=None,
+        allow_inf_nan=False,
+        ge=-3.5,
+        le=3.5,
+        description="Feed-forward for the yaw, clockwise about the earth's down [rad/s].",
+    )
+    thrust: Thrust
+
+    @model_validator(mode="after")
+    def _one_attitude(self) -> AttitudeSetpoint:
+        angles = (self.roll_rad, self.pitch_rad, self.yaw_ned_rad)
+        if self.q_ned_frd is None:
+            if any(angle is None for angle in angles):
+                raise ValueError("give q_ned_frd, or all of roll_rad, pitch_rad and yaw_ned_rad")
+        elif any(angle is not None for angle in angles):
+            raise ValueError("give q_ned_frd or the three angles, not both")
+        elif abs(math.hypot(*self.q_ned_frd) - 1.0) > 0.01:
+            raise ValueError(f"q_ned_frd must have length 1, not {math.hypot(*self.q_ned_frd):.3g}")
+        return self
+
+    def to_setpoint(self) -> s.Attitude:
+        if self.q_ned_frd is not None:
+            norm = math.hypot(*self.q_ned_frd)
+            w, x, y, z = (each / norm for each in self.q_ned_frd)
+            return s.Attitude((w, x, y, z), self.thrust, self.yaw_rate_ned_rad_s)
+        assert self.roll_rad is not None
+        assert self.pitch_rad is not None
+        assert self.yaw_ned_rad is not None
+        q = quaternion_of(self.roll_rad, self.pitch_rad, self.yaw_ned_rad)
+        return s.Attitude(q, self.thrust, self.yaw_rate_ned_rad_s)
+
+
+class RatesSetpoint(SetpointBody):
+    """Turning rates about the body's axes, with thrust: the vehicle levels itself no more."""
+
+    model_config = example(type="rates", rates_frd_rad_s=[0, 0, 0.5], thrust=0.5)
+
+    type: Literal["rates"]
+    rates_frd_rad_s: tuple[RadiansPerSecond, RadiansPerSecond, RadiansPerSecond] = Field(
+        description="Roll, pitch, yaw rate [rad/s]."
+    )
+    thrust: Thrust
+
+    def to_setpoint(self) -> s.Rates:
+        return s.Rates(self.rates_frd_rad_s, self.thrust)
+
+
+class ThrustTorqueSetpoint(SetpointBody):
+    """Thrust and torque of the body, past all controllers; no MAVLink message carries it."""
+
+    model_config = example(type="thrust_torque", thrust_frd=[0, 0, -0.5], torque_frd=[0, 0, 0])
+
+    type: Literal["thrust_torque"]
+    thrust_frd: tuple[Signal, Signal, Signal] = Field(description="Forward, right, down, each -1 to 1.")
+    torque_frd: tuple[Signal, Signal, Signal] = Field(description="Roll, pitch, yaw, each -1 to 1.")
+
+    def to_setpoint(self) -> s.ThrustTorque:
+        return s.ThrustTorque(self.thrust_frd, self.torque_frd)
+
+
+class ActuatorsSetpoint(SetpointBody):
+    """Motors and servos each by itself; no MAVLink message carries it."""
+
+    model_config = example(type="actuators", motors=[0.5, 0.5, 0.5, 0.5])
+
+    type: Literal["actuators"]
+    motors: Annotated[tuple[Signal | None, ...], Field(max_length=12)] = Field(
+        default=(), description="Each -1 to 1; null is disarmed."
+    )
+    servos: Annotated[tuple[Signal | None, ...], Field(max_length=8)] = Field(
+        default=(), description="Each -1 to 1; null is disarmed."
+    )
+
+    @model_validator(mode="after")
+    def _some(self) -> ActuatorsSetpoint:
+        if not self.motors and not self.servos:
+            raise ValueError("give motors or servos")
+        return self
+
+    def to_setpoint(self) -> s.Actuators:
+        return s.Actuators(self.motors, self.servos)
+
+
+class PathPointBody(Body):
+    """Where to be, and when."""
+
+    t_s: float = Field(allow_inf_nan=False, ge=0, le=3600, description="Since the path began [s].")
+    position_ned_m: Place = Field(description=POSITION_WORDS)
+    yaw_ned_rad: Angle | None = Field(
+        default=None, description="Heading clockwise from north [rad]; given for all points or for none."
+    )
+
+
+class PathSetpoint(SetpointBody):
+    """A smooth curve through points in time, flown by the server whatever becomes of its client.
+
+    It begins where the vehicle is (the first point within 5 m) and at `t_s` 0.
+    `valid_for_s` counts from its end.
+    """
+
+    model_config = example(
+        type="path",
+        points=[
+            {"t_s": 0, "position_ned_m": [0, 0, -10]},
+            {"t_s": 5, "position_ned_m": [10, 0, -10]},
+            {"t_s": 10, "position_ned_m": [10, 10, -10]},
+        ],
+    )
+
+    type: Literal["path"]
+    points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000)]
+
+    @model_validator(mode="after")
+    def _in_time(self) -> PathSetpoint:
+        times = [point.t_s for point in self.points]
+        if times[0] != 0:
+            raise ValueError("points.0.t_s must be 0: the path begins when it is taken")
+        for index, (before, after) in enumerate(itertools.pairwise(times), start=1):
+            if after - before < 0.01:
+                raise ValueError(f"points.{index}.t_s must be later than the one before by 0.01 s or more")
+        if len({point.yaw_ned_rad is None for point in self.points}) > 1:
+            raise ValueError("points: give yaw_ned_rad for all points or for none")
+        return self
+
+    def to_setpoint(self) -> s.Path:
+        return s.Path(tuple(s.PathPoint(p.t_s, p.position_ned_m, p.yaw_ned_rad) for p in self.points))
+
+
+class FollowSetpoint(SetpointBody):
+    """A place beside another vehicle, that moves with it; exactly one offset, at least 2 m long."""
+
+    model_config = example(type="follow", vehicle="2", offset_frd_m=[-5, 0, -2], yaw="same")
+
+    type: Literal["follow"]
+    vehicle: str = Field(min_length=1, max_length=32, description="The id of the one to follow.")
+    offset_ned_m: Place | None = Field(default=None, description="North, east, down of it [m].")
+    offset_frd_m: Place | None = Field(
+        default=None, description="Forward, right, down of it by its heading, level [m]."
+    )
+    yaw: Literal["keep", "same", "face"] = Field(
+        default="keep", description="The heading: kept, the other's, or towards it."
+    )
+
+    @model_validator(mode="after")
+    def _one_offset(self) -> FollowSetpoint:
+        if (self.offset_ned_m is None) == (self.offset_frd_m is None):
+            raise ValueError("give exactly one of offset_ned_m and offset_frd_m")
+        if math.hypot(*(self.offset_ned_m or self.offset_frd_m or ())) < s.FOLLOW_MIN_DISTANCE_M:
+            raise ValueError(f"the offset must be at least {s.FOLLOW_MIN_DISTANCE_M:g} m long")
+        return self
+
+    def to_setpoint(self) -> s.Follow:
+        return s.Follow(self.vehicle, self.offset_ned_m, self.offset_frd_m, self.yaw)
+
+
+AnySetpoint = Annotated[
+    PositionSetpoint
+    | PositionGlobalSetpoint
+    | PositionBodySetpoint
+    | VelocitySetpoint
+    | VelocityBodySetpoint
+    | AccelerationSetpoint
+    | TrajectorySetpoint
+    | AttitudeSetpoint
+    | RatesSetpoint
+    | ThrustTorqueSetpoint
+    | ActuatorsSetpoint
+    | PathSetpoint
+    | FollowSetpoint,
+    Field(discriminator="type"),
+]

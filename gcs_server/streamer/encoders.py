@@ -1,0 +1,216 @@
+"""Setpoints as the bytes PX4 reads them from: one encoder a MAVLink message.
+
+PX4 v1.16 follows local frames 1 (LOCAL_NED) and 8 (BODY_NED) and global frames 5, 6 and 11; of the global
+ones only 5 (altitude above mean sea level) means the same whatever home is. In frame 8 it ignores positions
+and drops a velocity as a whole if one of its ignore bits is set. Which fields count is said by *ignore* bits.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.streamer.setpoints import (
+    NOTHING,
+    Acceleration,
+    Attitude,
+    Partial3,
+    Position,
+    PositionGlobal,
+    Rates,
+    Sendable,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+    zeros_for_none,
+)
+
+MSG_LOCAL = d.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+MSG_GLOBAL = d.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
+MSG_ATTITUDE = d.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
+MSG_COMMAND_LONG = d.MAVLINK_MSG_ID_COMMAND_LONG
+FRAME_LOCAL_NED = 1
+FRAME_GLOBAL_AMSL = 5
+FRAME_BODY_NED = 8
+
+IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ACCELERATION = 1, 8, 64
+"""The bit of the first axis; the others follow."""
+IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
+IGNORE_ALL = 511
+ATTITUDE_IGNORE_RATES = 7
+ATTITUDE_IGNORE_YAW_RATE = 4
+ATTITUDE_IGNORE_ATTITUDE = 128
+
+_local = struct.Struct("<I11fHBBB")
+_global = struct.Struct("<Iii9fHBBB")
+_attitude = struct.Struct("<I8fBBB")
+_time = struct.Struct("<I")
+_command_long = struct.Struct("<7fHBBB")
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
+Packed = tuple[int, bytes]
+"""Message id, payload without its time."""
+
+
+def type_mask(
+    position: Partial3, velocity: Partial3, acceleration: Partial3, yaw: float | None, yaw_rate: float | None
+) -> int:
+    """POSITION_TARGET_TYPEMASK: 2552 for a position with yaw, 1479 for a velocity with yaw rate, …"""
+    mask = 0
+    for first_bit, vector in (
+        (IGNORE_POSITION, position),
+        (IGNORE_VELOCITY, velocity),
+        (IGNORE_ACCELERATION, acceleration),
+    ):
+        mask |= sum(first_bit << axis for axis, value in enumerate(vector) if value is None)
+    mask |= IGNORE_YAW if yaw is None else 0
+    return mask | (IGNORE_YAW_RATE if yaw_rate is None else 0)
+
+
+def _wrapped(yaw: float | None) -> float:
+    return math.remainder(yaw or 0.0, math.tau)
+
+
+def _pack_local(
+    frame: int,
+    target: tuple[int, int],
+    position: Partial3,
+    velocity: Partial3,
+    acceleration: Partial3,
+    yaw: float | None,
+    yaw_rate: float | None,
+) -> Packed:
+    return MSG_LOCAL, _local.pack(
+        0,
+        *zeros_for_none(position),
+        *zeros_for_none(velocity),
+        *zeros_for_none(acceleration),
+        _wrapped(yaw),
+        yaw_rate or 0.0,
+        type_mask(position, velocity, acceleration, yaw, yaw_rate),
+        *target,
+        frame,
+    )
+
+
+def _position(s: Position, target: tuple[int, int]) -> Packed:
+    return _pack_local(
+        FRAME_LOCAL_NED, target, s.position_ned_m, NOTHING, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+    )
+
+
+def _velocity(s: Velocity, target: tuple[int, int]) -> Packed:
+    return _pack_local(
+        FRAME_LOCAL_NED, target, NOTHING, s.velocity_ned_m_s, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+    )
+
+
+def _velocity_body(s: VelocityBody, target: tuple[int, int]) -> Packed:
+    return _pack_local(
+        FRAME_BODY_NED, target, NOTHING, s.velocity_frd_m_s, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+    )
+
+
+def _acceleration(s: Acceleration, target: tuple[int, int]) -> Packed:
+    return _pack_local(
+        FRAME_LOCAL_NED,
+        target,
+        NOTHING,
+        NOTHING,
+        s.acceleration_ned_m_s2,
+        s.yaw_ned_rad,
+        s.yaw_rate_ned_rad_s,
+    )
+
+
+def _trajectory(s: Trajectory, target: tuple[int, int]) -> Packed:
+    return _pack_local(
+        FRAME_LOCAL_NED,
+        target,
+        s.position_ned_m,
+        s.velocity_ned_m_s,
+        s.acceleration_ned_m_s2,
+        s.yaw_ned_rad,
+        s.yaw_rate_ned_rad_s,
+    )
+
+
+def _position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
+    if s.alt_amsl_m is None:
+        raise ValueError("a height above home is turned into one above mean sea level before it is sent")
+    mask = type_mask((0.0, 0.0, 0.0), NOTHING, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
+    return MSG_GLOBAL, _global.pack(
+        0,
+        round(s.lat_deg * 1e7),
+        round(s.lon_deg * 1e7),
+        s.alt_amsl_m,
+        *(0.0,) * 6,
+        _wrapped(s.yaw_ned_rad),
+        s.yaw_rate_ned_rad_s or 0.0,
+        mask,
+        *target,
+        FRAME_GLOBAL_AMSL,
+    )
+
+
+def _attitude_target(s: Attitude, target: tuple[int, int]) -> Packed:
+    mask = ATTITUDE_IGNORE_RATES if s.yaw_rate_ned_rad_s is None else 3
+    rates = (0.0, 0.0, s.yaw_rate_ned_rad_s or 0.0)
+    return MSG_ATTITUDE, _attitude.pack(0, *s.q_ned_frd, *rates, s.thrust, *target, mask)
+
+
+def _rates(s: Rates, target: tuple[int, int]) -> Packed:
+    return MSG_ATTITUDE, _attitude.pack(
+        0, *LEVEL, *s.rates_frd_rad_s, s.thrust, *target, ATTITUDE_IGNORE_ATTITUDE
+    )
+
+
+_ENCODERS: dict[type, Callable[[Any, tuple[int, int]], Packed]] = {
+    Position: _position,
+    PositionGlobal: _position_global,
+    Velocity: _velocity,
+    VelocityBody: _velocity_body,
+    Acceleration: _acceleration,
+    Trajectory: _trajectory,
+    Attitude: _attitude_target,
+    Rates: _rates,
+}
+MAVLINK_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
+"""Types that a MAVLink message takes to PX4 as they are."""
+
+
+def encode(setpoint: Sendable, target: tuple[int, int]) -> Packed:
+    """The message id and payload, its time left zero.
+
+    Args:
+        setpoint: what to send.
+        target: the vehicle's system id and its autopilot's component id.
+    """
+    return _ENCODERS[type(setpoint)](setpoint, target)
+
+
+def stamped(payload: bytes, now_s: float) -> bytes:
+    """The payload with `time_boot_ms` set."""
+    return _time.pack(int(now_s * 1000) & 0xFFFFFFFF) + payload[_time.size :]
+
+
+MAV_CMD_DO_SET_MODE = 176
+MAV_MODE_FLAG_CUSTOM_MODE_ENABLED = 1
+PX4_MAIN_MODE_AUTO = 4
+PX4_AUTO_SUB_MODES = {"hold": 3, "land": 6}
+
+
+def mode_command(mode: str, target: tuple[int, int], attempt: int) -> bytes:
+    """The COMMAND_LONG payload that asks for Hold or Land; `attempt` becomes its confirmation field."""
+    return _command_long.pack(
+        MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+        PX4_MAIN_MODE_AUTO,
+        PX4_AUTO_SUB_MODES[mode],
+        *(0.0,) * 4,
+        MAV_CMD_DO_SET_MODE,
+        *target,
+        min(attempt, 255),
+    )

@@ -1,0 +1,133 @@
+"""Limits as they are known: the vehicle's own, read from its parameters, and the operator's, set by API."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+VEHICLE_PARAMETERS = (
+    "MPC_XY_VEL_MAX",
+    "MPC_Z_VEL_MAX_UP",
+    "MPC_Z_VEL_MAX_DN",
+    "MPC_TILTMAX_AIR",
+    "MPC_ACC_HOR_MAX",
+    "MPC_ACC_UP_MAX",
+    "MPC_ACC_DOWN_MAX",
+    "MPC_THR_HOVER",
+    "MC_ROLLRATE_MAX",
+    "MC_PITCHRATE_MAX",
+    "MC_YAWRATE_MAX",
+    "GF_MAX_HOR_DIST",
+    "GF_MAX_VER_DIST",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleLimits:
+    """What the vehicle's parameters say; None: it has not told (or the limit is off)."""
+
+    speed_max_m_s: float | None = None
+    """Horizontal: MPC_XY_VEL_MAX [m/s]."""
+    climb_max_m_s: float | None = None
+    """MPC_Z_VEL_MAX_UP [m/s]."""
+    sink_max_m_s: float | None = None
+    """MPC_Z_VEL_MAX_DN [m/s]."""
+    tilt_max_rad: float | None = None
+    """MPC_TILTMAX_AIR [rad]."""
+    acceleration_max_m_s2: float | None = None
+    """Horizontal: MPC_ACC_HOR_MAX [m/s²]."""
+    acceleration_up_max_m_s2: float | None = None
+    """MPC_ACC_UP_MAX [m/s²]."""
+    acceleration_down_max_m_s2: float | None = None
+    """MPC_ACC_DOWN_MAX [m/s²]."""
+    hover_thrust: float | None = None
+    """MPC_THR_HOVER, 0 to 1."""
+    roll_rate_max_rad_s: float | None = None
+    """MC_ROLLRATE_MAX [rad/s]."""
+    pitch_rate_max_rad_s: float | None = None
+    """MC_PITCHRATE_MAX [rad/s]."""
+    yaw_rate_max_rad_s: float | None = None
+    """MC_YAWRATE_MAX [rad/s]."""
+    distance_max_m: float | None = None
+    """From home: GF_MAX_HOR_DIST [m]; None too where it is off (0)."""
+    height_max_m: float | None = None
+    """Above home: GF_MAX_VER_DIST [m]; None too where it is off (0)."""
+
+
+def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
+    """From parameters; those that are missing stay unknown."""
+
+    def degrees(name: str) -> float | None:
+        value = values.get(name)
+        return None if value is None else math.radians(value)
+
+    def unless_off(name: str) -> float | None:
+        return values.get(name) or None
+
+    return VehicleLimits(
+        speed_max_m_s=values.get("MPC_XY_VEL_MAX"),
+        climb_max_m_s=values.get("MPC_Z_VEL_MAX_UP"),
+        sink_max_m_s=values.get("MPC_Z_VEL_MAX_DN"),
+        tilt_max_rad=degrees("MPC_TILTMAX_AIR"),
+        acceleration_max_m_s2=values.get("MPC_ACC_HOR_MAX"),
+        acceleration_up_max_m_s2=values.get("MPC_ACC_UP_MAX"),
+        acceleration_down_max_m_s2=values.get("MPC_ACC_DOWN_MAX"),
+        hover_thrust=values.get("MPC_THR_HOVER"),
+        roll_rate_max_rad_s=degrees("MC_ROLLRATE_MAX"),
+        pitch_rate_max_rad_s=degrees("MC_PITCHRATE_MAX"),
+        yaw_rate_max_rad_s=degrees("MC_YAWRATE_MAX"),
+        distance_max_m=unless_off("GF_MAX_HOR_DIST"),
+        height_max_m=unless_off("GF_MAX_VER_DIST"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PolygonFence:
+    """The vehicle stays inside."""
+
+    points_deg: tuple[tuple[float, float], ...]
+    """Latitude, longitude of each corner, in order."""
+    kind: str = "polygon"
+
+
+@dataclass(frozen=True, slots=True)
+class CircleFence:
+    """The vehicle stays inside."""
+
+    lat_deg: float
+    lon_deg: float
+    radius_m: float
+    kind: str = "circle"
+
+
+Fence = PolygonFence | CircleFence
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorLimits:
+    """What the operator allows; None: no limit of the operator's."""
+
+    speed_max_m_s: float | None = None
+    climb_max_m_s: float | None = None
+    sink_max_m_s: float | None = None
+    tilt_max_rad: float | None = None
+    height_min_m: float | None = None
+    """Above home."""
+    height_max_m: float | None = None
+    """Above home."""
+    distance_max_m: float | None = None
+    """From home, over the ground."""
+    fence: Fence | None = None
+    slew_velocity_m_s2: float | None = None
+    """A velocity that is sent changes by no more than this a second."""
+    slew_attitude_rad_s: float | None = None
+    """An attitude that is sent turns by no more than this a second."""
+
+    @property
+    def bounds_a_place(self) -> bool:
+        """Whether the vehicle's position must be known to keep these."""
+        return any(
+            limit is not None
+            for limit in (self.height_min_m, self.height_max_m, self.distance_max_m, self.fence)
+        )

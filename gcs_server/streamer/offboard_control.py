@@ -1,0 +1,316 @@
+"""The event loop's side of one vehicle's stream: checks, starts, stops, and says how it stands."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, InvalidRequest, NoReply, Refused, Rejected
+from gcs_server.streamer.available import Availability
+from gcs_server.streamer.failsafe import ACTION_MODES, Failsafe
+from gcs_server.streamer.health import health_of
+from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS, OperatorLimits, vehicle_limits
+from gcs_server.streamer.news import Leader, Snapshot
+from gcs_server.streamer.observe import Observer
+from gcs_server.streamer.rules import problem_of
+from gcs_server.streamer.setpoints import Follow, Order, Sendable
+from gcs_server.streamer.status import Available, FailsafeView, Limits, OffboardStatus, expiry_view
+from gcs_server.streamer.thread import StreamThread
+from gcs_server.vehicle.vehicle import Vehicle
+
+PRE_STREAM_S = 1.2
+"""PX4 wants more than a second of setpoints before it takes Offboard."""
+PARAMETERS_WITHIN_S = 3.0
+"""What the vehicle has not told by then stays unknown."""
+FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
+MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so a setpoint has nowhere to go."
+FindVehicle = Callable[[str], Vehicle]
+
+
+class OffboardControl:
+    """A vehicle's attribute `offboard`.
+
+    Args:
+        clock: the server's.
+        vehicle: whose.
+        thread: what sends.
+        find: other vehicles by id, for following them; raises UnknownVehicle.
+    """
+
+    def __init__(self, clock: Clock, vehicle: Vehicle, thread: StreamThread, find: FindVehicle) -> None:
+        self._clock = clock
+        self._vehicle = vehicle
+        self._thread = thread
+        self._find = find
+        self._observer = Observer(vehicle)
+        self._availability = Availability(self._observer, self._protocol)
+        self._parameters: dict[str, float] = {}
+        self._failsafe: Failsafe | None = None
+        self._limits = OperatorLimits()
+        self._asked = 0
+        """The number of the stream for which Offboard has been asked for."""
+        vehicle.command.on_mode_command = lambda: thread.refrain(vehicle.id)
+        identity = vehicle.identity
+        thread.attach(vehicle.id, vehicle, (identity.system_id, identity.component_id))
+
+    # --- the stream -------------------------------------------------------------------------------
+
+    async def start(self, order: Order, rate_hz: float = 50.0) -> OffboardStatus:
+        """Streams, asks for Offboard, and returns once the vehicle reports it; from any other mode.
+
+        Where Offboard was asked for and its coming is in doubt (no answer, another command, the caller gone),
+        the stream goes on for `UNDO_S` and puts the vehicle into Hold should it take Offboard yet.
+
+        Raises:
+            Refused: an estimate is missing, the target is too far, or somebody streams already.
+            Rejected: the vehicle refused Offboard; the stream has been stopped.
+        """
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        status = vehicle.status
+        if status.mode == "offboard" and status.armed and not self._thread.state(vehicle.id).order:
+            raise Refused(
+                f"Vehicle {vehicle.id} already flies Offboard by somebody else's setpoints.",
+                remedy="Stop the other program, or command Hold first.",
+            )
+        self._check(order)
+        number = self._thread.begin(vehicle.id, order, rate_hz, self.snapshot(order))
+        if not number:
+            raise Refused(
+                f"Vehicle {vehicle.id} is streamed to already.",
+                remedy="Send a setpoint to change the target, or stop the stream first.",
+            )
+        try:
+            began_s = self._clock.monotonic_s()
+            self._check_rate(await self.read_failsafe(), rate_hz)
+            await self._clock.sleep(max(0.0, PRE_STREAM_S - (self._clock.monotonic_s() - began_s)))
+            self._still_starting(number)
+            self._check(order)  # seconds may have passed, and the vehicle's limits are known now
+            self._asked = number
+            await vehicle.command.set_mode("offboard")
+            if not self._thread.engage(vehicle.id, self.snapshot(), number):
+                self._still_starting(number)
+        except BaseException as error:
+            if self._asked == number and not isinstance(error, Rejected):
+                self._thread.abandon(vehicle.id, self.snapshot(), number)
+            else:
+                reason = str(error) or "it was cancelled"
+                self._thread.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
+            raise
+        return self.status()
+
+    def _still_starting(self, number: int) -> None:
+        if not self._thread.starting(self._vehicle.id, number):
+            ended = self._thread.state(self._vehicle.id).last_end
+            raise Refused(ended.text if ended else "The stream was stopped while it started.")
+
+    @staticmethod
+    def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
+        """Two setpoints must fit into the vehicle's patience, so that one may be lost."""
+        patience_s = failsafe.loss_timeout_s
+        if patience_s is not None and 2.0 / rate_hz > patience_s:
+            raise Refused(
+                f"{rate_hz:g} setpoints a second are too few: the vehicle gives up after {patience_s:g} s "
+                "(COM_OF_LOSS_T).",
+                remedy=f"Stream at {math.ceil(2.0 / max(patience_s, 0.02)):d} Hz or more.",
+            )
+
+    def setpoint(self, order: Order) -> OffboardStatus:
+        """A new target, sent at once.
+
+        Raises:
+            Refused: no stream runs, an estimate is missing, or the target is too far.
+        """
+        self._vehicle.require_commandable()
+        state = self._thread.state(self._vehicle.id)
+        if state.phase == "idle":
+            ended = f" It ended: {state.last_end.text}" if state.last_end else ""
+            raise Refused(
+                MESSAGE_OF_NO_STREAM + ended,
+                remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
+            )
+        self._check(order)
+        if not self._thread.change(self._vehicle.id, order, self.snapshot(order)):
+            raise Refused(
+                "The stream is just ending (the vehicle is being put into Hold or Land).",
+                remedy="Wait for it to end, then call offboard/start again.",
+            )
+        return self.status()
+
+    async def stop(self) -> OffboardStatus:
+        """Puts the vehicle into Hold, waits for its own word, then stops; nothing is sent afterwards.
+
+        Without a stream nothing is done: the vehicle is not ours to put into Hold. A landing that the order
+        asked for on its expiry goes on.
+        """
+        vehicle = self._vehicle
+        state = self._thread.state(vehicle.id)
+        if state.phase in ("idle", "landing"):
+            return self.status()
+        self._thread.wind_down(vehicle.id, self.snapshot())
+        may_come = state.phase in ("starting", "undoing") and self._asked == state.number
+        if may_come or vehicle.status.mode == "offboard":
+            await vehicle.command.set_mode("hold")
+        self._thread.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
+        return self.status()
+
+    # --- what the vehicle is configured to ----------------------------------------------------------
+
+    async def read_failsafe(self) -> Failsafe:
+        """Asks the vehicle for its limits and what it does when the stream stops; the rest stays unknown."""
+        values: dict[str, float] = {}
+
+        async def read(name: str) -> None:
+            try:
+                values[name] = (await self._vehicle.params.get(name)).value
+            except NoReply:
+                return
+
+        try:
+            async with asyncio.timeout(PARAMETERS_WITHIN_S), asyncio.TaskGroup() as group:
+                for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
+                    group.create_task(read(name))
+        except TimeoutError:
+            pass  # what came in time counts
+        except ExceptionGroup as several:
+            raise several.exceptions[0] from several
+        self._parameters = values
+        action = values.get("COM_OBL_RC_ACT")
+        self._failsafe = Failsafe(
+            values.get("COM_OF_LOSS_T"),
+            None if action is None else int(action),
+            self._observer.hears_transmitter(),
+        )
+        return self._failsafe
+
+    async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
+        """Sets what the vehicle does by itself when the stream stops, each value verified.
+
+        Raises:
+            InvalidRequest: no such action.
+            Refused: the stream that runs would be too slow for `after_s`.
+            Rejected: the vehicle keeps another value.
+        """
+        if action is not None and action not in ACTION_MODES[:6]:
+            raise InvalidRequest("action", f"There is no action {action!r}: {', '.join(ACTION_MODES[:6])}.")
+        state = self._thread.state(self._vehicle.id)
+        if after_s is not None and state.phase != "idle":
+            self._check_rate(Failsafe(after_s, None, False), state.rate_hz)
+        if after_s is not None:
+            await self._vehicle.params.set("COM_OF_LOSS_T", after_s)
+        if action is not None:
+            await self._vehicle.params.set("COM_OBL_RC_ACT", ACTION_MODES.index(action))
+        view = self._failsafe_view(await self.read_failsafe())
+        assert view is not None
+        return view
+
+    async def know(self) -> None:
+        """Asks the vehicle for what is not known of it and can be."""
+        if self._failsafe is None:
+            try:
+                self._vehicle.require_commandable()
+                await self.read_failsafe()
+            except GcsError:
+                pass  # replayed, lost or of another kind: it stays unknown, and the status says the rest
+
+    # --- what can be read ---------------------------------------------------------------------------
+
+    def available(self) -> dict[str, Available]:
+        """Which types of setpoint it can be flown by now, and why not by the rest."""
+        return self._availability.all()
+
+    def limits(self) -> Limits:
+        """What setpoints are held to."""
+        return Limits(vehicle_limits(self._parameters), self._limits)
+
+    def set_limits(self, limits: OperatorLimits) -> Limits:
+        """The operator's limits from now on, for the stream that runs too."""
+        self._limits = limits
+        return self.limits()
+
+    def failsafe(self) -> FailsafeView | None:
+        """What the vehicle does by itself when the stream stops; None before it told."""
+        return self._failsafe_view(self._failsafe)
+
+    @staticmethod
+    def _failsafe_view(failsafe: Failsafe | None) -> FailsafeView | None:
+        if failsafe is None:
+            return None
+        return FailsafeView(
+            failsafe.loss_timeout_s, failsafe.action_mode, failsafe.transmitter, failsafe.words()
+        )
+
+    def status(self) -> OffboardStatus:
+        """How the stream stands, now."""
+        state = self._thread.state(self._vehicle.id)
+        order = state.order
+        return OffboardStatus(
+            streaming=state.phase != "idle",
+            state=state.phase,
+            client=order.client if order else None,
+            ordered_type=order.setpoint.type if order else None,
+            setpoint=setpoint_view(state.sent),
+            limited=state.limited,
+            rate_hz=state.rate_hz,
+            rate_achieved_hz=state.rate_achieved_hz,
+            age_s=state.age_s,
+            valid_for_s=order.valid_for_s if order else None,
+            valid_left_s=state.valid_left_s,
+            on_expiry=expiry_view(order.on_expiry) if order else None,
+            if_stream_stops=self._failsafe.words() if self._failsafe else None,
+            sends_failed=state.sends_failed,
+            ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
+            health=health_of(state, self._observer, self._failsafe),
+        )
+
+    def snapshot(self, order: Order | None = None) -> Snapshot:
+        """The vehicle as the stream's thread is to know it (for an order that is about to be taken)."""
+        order = order or self._thread.state(self._vehicle.id).order
+        return self._observer.snapshot(
+            hover_thrust=self._parameters.get("MPC_THR_HOVER"),
+            leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
+        )
+
+    # --- inside -------------------------------------------------------------------------------------
+
+    def _protocol(self) -> str:
+        endpoints = self._vehicle.endpoints
+        return endpoints[0].connection.protocol if endpoints else "MAVLink"
+
+    def _leader(self, follow: Follow) -> Leader | None:
+        try:
+            leader = self._find(follow.vehicle)
+        except GcsError:
+            return None
+        return Observer(leader).as_leader(self._observer.origin())
+
+    def _check(self, order: Order) -> None:
+        """Raises Refused where the order cannot be flown now, InvalidRequest where it never can."""
+        setpoint = order.setpoint
+        problem = problem_of(setpoint)
+        if problem is not None:
+            raise InvalidRequest("setpoint", problem)
+        self._availability.require(setpoint)
+        if isinstance(setpoint, Follow):
+            self._check_leader(setpoint)
+
+    def _check_leader(self, follow: Follow) -> None:
+        if follow.vehicle == self._vehicle.id:
+            raise InvalidRequest("vehicle", "A vehicle cannot follow itself.")
+        self._find(follow.vehicle)
+        leader = self._leader(follow)
+        if leader is None or (follow.offset_frd_m is not None and leader.yaw_ned_rad is None):
+            raise Refused(
+                f"Vehicle {follow.vehicle} is not heard, or does not know where it is.",
+                remedy="It needs a global position, fresh within a second, to be followed.",
+            )
+
+
+def setpoint_view(sent: Sendable | None) -> dict[str, object] | None:
+    """A setpoint as the API shows it, what it does not control left out."""
+    if sent is None:
+        return None
+    return {"type": sent.type, **{k: v for k, v in asdict(sent).items() if v is not None}}
