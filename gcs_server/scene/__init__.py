@@ -1,7 +1,8 @@
 """The 3D view: the only place that knows viser, and the only one that speaks ENU."""
 
 from gcs_server.scene.clicks import SceneClick
+from gcs_server.scene.gizmo import SceneGizmo
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.scene import Scene
 
-__all__ = ["OffboardTarget", "Scene", "SceneClick"]
+__all__ = ["OffboardTarget", "Scene", "SceneClick", "SceneGizmo"]

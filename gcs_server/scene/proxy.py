@@ -2,8 +2,9 @@
 
 `GET /scene/` is the program, `WS /scene/` its stream, `POST /scene/view/{token}` says what one view shows,
 `POST /scene/view/{token}/click` where somebody clicked into it. A browser may say through the stream where
-its camera is, and nothing else: everything else that viser would obey (above all the request for a public
-tunnel) ends here.
+its camera is and, of the two handles of its view's preview, how they are dragged (`gizmo.py`, which viser
+does not get to hear); everything else that viser would obey (above all the request for a public tunnel)
+ends here.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
+from gcs_server.scene.gizmo import Drag, MovedMessage, PreviewRequest, ReleasedMessage, drag_of
 from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.views import View
@@ -51,6 +53,9 @@ class ViewRequest(BaseModel):
     mode: Literal["chase", "free", "gimbal", "top"] | None = None
     vehicle: str | None = Field(default=None, max_length=32, description="A vehicle's id.")
     theme: Literal["dark", "light"] | None = None
+    preview: PreviewRequest | None = Field(
+        default=None, description="What is not sent yet; null takes it away, as does another vehicle."
+    )
 
 
 class _CameraMessage(
@@ -69,7 +74,7 @@ class _CameraMessage(
     up_direction: tuple[float, float, float]
 
 
-_decoder = msgspec.msgpack.Decoder(_CameraMessage)
+_decoder = msgspec.msgpack.Decoder(_CameraMessage | MovedMessage | ReleasedMessage)
 
 BRIDGE_KEY = "bridge"
 """In what viser is asked: which bridge its client came by."""
@@ -104,17 +109,19 @@ class Bridges:
             del self._sending_since_s[bridge]
 
 
-def camera_message(data: bytes) -> bytes | None:
-    """What of a browser's message viser gets: a camera, written anew by us; None for anything else.
-
-    Not finite or without a direction, a camera would make viser raise whenever we set one later.
-    """
+def understood(data: bytes) -> bytes | Drag | None:
+    """What a browser says: a camera for viser, written anew by us; a drag for us; None: anything else."""
     if len(data) > MAX_FROM_BROWSER:
         return None
     try:
         message = _decoder.decode(data)
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None
+    return _camera(message) if isinstance(message, _CameraMessage) else drag_of(message)
+
+
+def _camera(message: _CameraMessage) -> bytes | None:
+    """Not finite or without a direction, a camera would make viser raise whenever we set one later."""
     values = (*message.wxyz, *message.position, *message.look_at, *message.up_direction)
     if not all(map(math.isfinite, (*values, message.fov, message.near, message.far))):
         return None
@@ -127,12 +134,14 @@ def scene_router(
     host: ViserHost,
     set_view: Callable[[str, ViewRequest], View],
     click: Callable[[str, ClickRequest], SceneClick | None],
+    drag: Callable[[str, Drag], None],
     bridges: Bridges,
 ) -> APIRouter:
     """The routes below `/scene`.
 
     Args:
         set_view: keeps what a token's view shall show; raises UnknownVehicle.
+        drag: is told by which bridge a handle was dragged, and how.
         bridges: is told how the sending goes.
         click: tells the page of a view's token where the ground was clicked; None: it was not the ground.
     """
@@ -178,7 +187,7 @@ def scene_router(
             log.warning("3D view refused to a page of %s", websocket.headers.get("origin"))
             await websocket.close(code=1008)  # before accept: HTTP 403
             return
-        await _bridge(websocket, host, bridges)
+        await _bridge(websocket, host, bridges, drag)
 
     return router
 
@@ -193,7 +202,9 @@ def _require_own(token: str, request: Request) -> None:
         )
 
 
-async def _bridge(websocket: WebSocket, host: ViserHost, bridges: Bridges) -> None:
+async def _bridge(
+    websocket: WebSocket, host: ViserHost, bridges: Bridges, drag: Callable[[str, Drag], None]
+) -> None:
     bridge = bridges.new()
     query = {k: v for k in QUERY_KEYS if (v := websocket.query_params.get(k)) and len(v) <= 64}
     offered = [Subprotocol(p) for p in websocket.scope.get("subprotocols", []) if p.startswith("viser-v")]
@@ -216,7 +227,9 @@ async def _bridge(websocket: WebSocket, host: ViserHost, bridges: Bridges) -> No
         async with asyncio.TaskGroup() as both:
             sending = partial(bridges.sending, bridge)
             both.create_task(_to_browser(upstream, websocket, sending), name="scene to browser")
-            both.create_task(_from_browser(websocket, upstream), name="scene from browser")
+            both.create_task(
+                _from_browser(websocket, upstream, partial(drag, bridge)), name="scene from browser"
+            )
 
 
 async def _to_browser(
@@ -235,12 +248,18 @@ async def _to_browser(
         await upstream.close()
 
 
-async def _from_browser(websocket: WebSocket, upstream: websockets.asyncio.client.ClientConnection) -> None:
+async def _from_browser(
+    websocket: WebSocket,
+    upstream: websockets.asyncio.client.ClientConnection,
+    drag: Callable[[Drag], None],
+) -> None:
     try:
         while True:
             data = await websocket.receive_bytes()
-            camera = camera_message(data)
-            if camera is not None:
-                await upstream.send(camera)
+            said = understood(data)
+            if isinstance(said, Drag):
+                drag(said)
+            elif said is not None:
+                await upstream.send(said)
     except (ConnectionClosed, WebSocketDisconnect, RuntimeError, KeyError, OSError):
         await upstream.close()

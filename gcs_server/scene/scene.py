@@ -9,18 +9,20 @@ from __future__ import annotations
 import logging
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 
 from fastapi import APIRouter
 
 from gcs_server.clock import Clock
 from gcs_server.scene.clicks import ClickRequest, SceneClick
+from gcs_server.scene.gizmo import Drag, SceneGizmo, dragged
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
 from gcs_server.scene.proxy import BRIDGE_KEY, TOKEN, Bridges, ViewRequest, scene_router
 from gcs_server.scene.stage import Stage
 from gcs_server.scene.tracks import Tracks
-from gcs_server.scene.views import CAMERAS, Mode, View
+from gcs_server.scene.views import CAMERAS, Mode, Preview, View
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +42,7 @@ class Scene:
         clock: measures the steps.
         offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
         on_click: is told which point of the ground was clicked in which view.
+        on_gizmo: is told where a view's preview has been dragged to.
     """
 
     def __init__(
@@ -48,16 +51,19 @@ class Scene:
         clock: Clock,
         offboard: OffboardTargets | None = None,
         on_click: Callable[[SceneClick], None] | None = None,
+        on_gizmo: Callable[[SceneGizmo], None] | None = None,
     ) -> None:
         self._fleet = fleet
         self._clock = clock
         self._on_click = on_click
+        self._on_gizmo = on_gizmo
         self._host = ViserHost()
         self._tracks = Tracks(fleet, offboard)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._stages: dict[int, tuple[str, Stage]] = {}
         self._bridges = Bridges(clock)
-        self._router = scene_router(self._host, self._set_view, self._click, self._bridges)
+        self._router = scene_router(self._host, self._set_view, self._click, self._drag, self._bridges)
+        self._serial = 0
         self._started = False
 
     def router(self) -> APIRouter:
@@ -122,8 +128,48 @@ class Scene:
         if wanted.vehicle is not None:
             self._fleet.get(wanted.vehicle)
         old = self._views.get(token, View())
-        view = View(wanted.mode or old.mode, wanted.vehicle or old.vehicle, wanted.theme or old.theme)
+        view = View(
+            wanted.mode or old.mode,
+            wanted.vehicle or old.vehicle,
+            wanted.theme or old.theme,
+            self._preview(wanted, old),
+        )
         return self._keep(token, view)
+
+    def _preview(self, wanted: ViewRequest, old: View) -> Preview | None:
+        """What is not named stays; a place is one of its vehicle only."""
+        if "preview" not in wanted.model_fields_set:
+            return old.preview if wanted.vehicle in (None, old.vehicle) else None
+        asked = wanted.preview
+        if asked is None:
+            return None
+        self._serial += 1
+        return Preview(asked.position_ned_m, asked.yaw_ned_rad, asked.handles, self._serial)
+
+    def _drag(self, bridge: str, drag: Drag) -> None:
+        """A handle was dragged in the browser of this bridge: only its own view's preview follows."""
+        for client_id, (token, stage) in self._stages.items():
+            if self._host.query_of(client_id).get(BRIDGE_KEY) == bridge:
+                self._drag_in(token, stage, drag)
+                return
+
+    def _drag_in(self, token: str, stage: Stage, drag: Drag) -> None:
+        view = self._views[token]
+        shown = self._tracks.shown(view.vehicle)
+        pose = shown[1].smoother.pose if shown is not None else None
+        origin = shown[1].local_origin_enu_m if shown is not None else None
+        if view.preview is None or not view.preview.handles or view.mode != "free":
+            return
+        if shown is None or pose is None or origin is None:
+            return
+        moved = dragged(view.preview, drag, origin, pose.position_enu_m)
+        if moved is None:
+            return
+        stage.hold(turns=drag.turns)
+        self._views[token] = replace(view, preview=moved)
+        if self._on_gizmo is not None:
+            released = drag.position_enu_m is None
+            self._on_gizmo(SceneGizmo(token, shown[0], moved.position_ned_m, moved.yaw_ned_rad, released))
 
     def _click(self, token: str, click: ClickRequest) -> SceneClick | None:
         """Raises Refused where no vehicle has said where on earth it is."""

@@ -14,6 +14,7 @@ import numpy as np
 import viser
 
 from gcs_server.scene.frames import Vector3
+from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
@@ -70,6 +71,7 @@ class Stage:
             self._add_lights()
             self._grid = self._add_grid()
             self._marks: Any = None
+            self._preview: PreviewNode | None = None
             self._board = Board(client)
             self._compass = [self._direction(i, name) for i, name in enumerate(COMPASS)]
 
@@ -80,6 +82,7 @@ class Stage:
                 node.remove()
             self._vehicles.clear()
             self._board.remove()
+            self._drop_preview()
             for handle in (self._marks, self._grid, self._world, self._lights):
                 if handle is not None:
                     handle.remove()
@@ -110,11 +113,36 @@ class Stage:
                 node.update(track.smoother, track.trail, now_s, hidden=through_its_camera)
             self._look(view, fleet[seen].smoother if seen is not None else None)
             labels = [label for node in self._vehicles.values() for label in node.labels]
+            self._show_preview(view, fleet[seen] if seen is not None else None)
+            if self._preview is not None:
+                labels.append(self._preview.label)
             self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
                 self._show_marks(view.mode)
+
+    def hold(self, *, turns: bool) -> None:
+        """This browser's hand is on one of the preview's handles."""
+        if self._preview is not None:
+            self._preview.held(turns)
+
+    def _show_preview(self, view: View, track: Track | None) -> None:
+        """Only while there is one: nothing is made for it, and nothing sent, before."""
+        pose = track.smoother.pose if track is not None else None
+        origin = track.local_origin_enu_m if track is not None else None
+        if view.preview is None or pose is None or origin is None or pose.lost:
+            self._drop_preview()
+            return
+        if self._preview is None:
+            self._preview = PreviewNode(self._client, self._palette, self._shapes)
+        still = view.mode == "free"  # the other modes move the world under the hand
+        self._preview.update(view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=still)
+
+    def _drop_preview(self) -> None:
+        if self._preview is not None:
+            self._preview.remove()
+            self._preview = None
 
     @property
     def _scale(self) -> str:

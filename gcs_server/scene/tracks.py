@@ -34,6 +34,8 @@ class Track:
     """When it was looked at, by the clock of its samples."""
     owed_since_s: float | None
     """Since then, by the same clock, its trail is yet to be made up; None: it is whole."""
+    local_origin_enu_m: Vector3 | None = None
+    """Where its own local frame starts; None while it has none."""
     smoother: Smoother = field(default_factory=Smoother)
     trail: Trail = field(default_factory=Trail)
 
@@ -64,6 +66,7 @@ class Tracks:
         for vehicle in vehicles:
             track = self._track(vehicle, away=away)
             place = places[vehicle.id] = self._placement.place(vehicle)
+            track.local_origin_enu_m = place.local_origin_enu_m
             if place.known and track.owed_since_s is None:
                 track.trail.add(place.position_enu_m)
             asked = self._offboard(vehicle.id) if self._offboard is not None else None
@@ -74,6 +77,11 @@ class Tracks:
             vehicle = next((v for v in owing if v.id in wanted), owing[0])
             self._make_up(vehicle, places[vehicle.id])
         return {vehicle.id: self._tracks[vehicle.id] for vehicle in vehicles}
+
+    def shown(self, vehicle_id: str | None) -> tuple[str, Track] | None:
+        """The vehicle a view shows; None, or one that has gone: the first there is."""
+        vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
+        return None if vehicle_id is None else (vehicle_id, self._tracks[vehicle_id])
 
     def on_ground(
         self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
@@ -86,9 +94,9 @@ class Tracks:
         Raises:
             Refused: nobody knows where on earth that is.
         """
-        vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
-        pose = self._tracks[vehicle_id].smoother.pose if vehicle_id is not None else None
-        if vehicle_id is None or pose is None:
+        shown = self.shown(vehicle_id)
+        pose = shown[1].smoother.pose if shown is not None else None
+        if shown is None or pose is None:
             raise Refused("There is no vehicle yet, so nobody knows where on earth this ground is.")
         point = ground_point(eye_enu_m, ray_enu, pose.ground_z_m)
         if point is None:
@@ -99,7 +107,7 @@ class Tracks:
                 "No vehicle has told its position yet, so nobody knows where on earth this ground is.",
                 remedy="Wait for a position fix.",
             )
-        return (vehicle_id, *geodetic)
+        return (shown[0], *geodetic)
 
     def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
         present = {vehicle.id: vehicle for vehicle in vehicles}

@@ -26,6 +26,18 @@ Mode = Literal["chase", "free", "gimbal", "top"]
 
 
 @dataclass(frozen=True, slots=True)
+class Preview:
+    """What a page is about to ask of the view's vehicle, in the vehicle's local NED."""
+
+    position_ned_m: Vector3
+    yaw_ned_rad: float | None
+    handles: bool
+    """It may be dragged."""
+    serial: int
+    """Grows whenever the page puts it somewhere; a drag in the browser leaves it."""
+
+
+@dataclass(frozen=True, slots=True)
 class View:
     """What one browser wants to see."""
 
@@ -33,6 +45,7 @@ class View:
     vehicle: str | None = None
     """None: the first one."""
     theme: Theme = "dark"
+    preview: Preview | None = None
 
 
 @dataclass(frozen=True, slots=True)

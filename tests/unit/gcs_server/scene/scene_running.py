@@ -14,7 +14,7 @@ from websockets.asyncio.client import connect
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused, UnknownVehicle
-from gcs_server.scene import SceneClick
+from gcs_server.scene import SceneClick, SceneGizmo
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.scene import Scene
 from gcs_server.supervise import Supervisor
@@ -26,7 +26,10 @@ class Running:
     def __init__(self) -> None:
         self.fleet = FakeFleet([flying("1"), flying("2")])
         self.clicks: list[SceneClick] = []
-        self.scene = Scene(self.fleet, SystemClock(), on_click=self.clicks.append)
+        self.gizmos: list[SceneGizmo] = []
+        self.scene = Scene(
+            self.fleet, SystemClock(), on_click=self.clicks.append, on_gizmo=self.gizmos.append
+        )
         self.port = 0
         self.shares: list[str] = []
 

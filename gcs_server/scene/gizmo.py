@@ -1,0 +1,250 @@
+"""What is about to be asked for, drawn before it is sent, and the two handles by which a hand moves it.
+
+The handles are viser's transform controls: one along the ground and about the vertical, one up and down, so
+that nobody tilts a place. What a browser says of them is read and judged here and never reaches viser; it
+becomes a place in the vehicle's local NED, which the page that owns the view may then send or not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import msgspec
+import viser
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.scene.frames import (
+    IDENTITY,
+    Quaternion,
+    Vector3,
+    enu_from_ned,
+    normalized,
+    q_from_yaw,
+    yaw_enu_from_ned,
+    yaw_from_q,
+)
+from gcs_server.scene.labels import Label
+from gcs_server.scene.model import q_along
+from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.shapes import Shapes
+from gcs_server.scene.views import Preview
+
+GROUND_HANDLE = "/world/gizmo_ground"
+HEIGHT_HANDLE = "/world/gizmo_height"
+HANDLE_PX = 96.0
+REACH_M = 1_000.0
+"""Farther from its vehicle than this nothing is dragged: at the horizon a pixel is that long."""
+AWAY_M = 0.35
+LABEL_BELOW_M = 0.14
+
+Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
+
+
+class PreviewRequest(BaseModel):
+    """What a page wants drawn as not sent yet."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    position_ned_m: tuple[Finite, Finite, Finite] = Field(description="In the vehicle's local frame.")
+    yaw_ned_rad: Angle | None = None
+    handles: bool = Field(default=False, description="With handles to drag it by; they show in `free`.")
+
+
+class MovedMessage(
+    msgspec.Struct,
+    tag_field="type",
+    tag="TransformControlsUpdateMessage",
+    frozen=True,
+    forbid_unknown_fields=True,
+):
+    """viser's word for a handle under a hand."""
+
+    name: str
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    owner: str = ""
+
+
+class ReleasedMessage(
+    msgspec.Struct,
+    tag_field="type",
+    tag="TransformControlsDragEndMessage",
+    frozen=True,
+    forbid_unknown_fields=True,
+):
+    """viser's word for a handle let go."""
+
+    name: str
+    owner: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Drag:
+    """What one browser did to a handle, in the world's ENU; released without a pose of its own."""
+
+    position_enu_m: Vector3 | None
+    q_enu: Quaternion | None
+    turns: bool
+    """The handle that turns too; by the other the yaw stays."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneGizmo:
+    """Where a view's preview has been dragged to, in its vehicle's local NED."""
+
+    view: str
+    """The token of the view it was dragged in."""
+    vehicle: str
+    position_ned_m: Vector3
+    yaw_ned_rad: float | None
+    released: bool
+    """The hand has let go."""
+
+
+def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
+    """What a browser's message means; None: no handle of ours, or no place."""
+    if message.name not in (GROUND_HANDLE, HEIGHT_HANDLE):
+        return None
+    turns = message.name == GROUND_HANDLE
+    if isinstance(message, ReleasedMessage):
+        return Drag(None, None, turns)
+    q = normalized(message.wxyz)
+    if q is None or not all(map(math.isfinite, message.position)):
+        return None
+    return Drag(message.position, q, turns)
+
+
+def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: Vector3) -> Preview | None:
+    """The preview after a drag; None where it was dragged out of reach.
+
+    Args:
+        origin_enu_m: where the vehicle's local frame starts.
+        vehicle_enu_m: where the vehicle is.
+    """
+    if drag.position_enu_m is None or drag.q_enu is None:
+        return preview
+    if math.dist(drag.position_enu_m, vehicle_enu_m) > REACH_M:
+        return None
+    east, north, up = (p - o for p, o in zip(drag.position_enu_m, origin_enu_m, strict=True))
+    yaw_ned_rad = preview.yaw_ned_rad
+    if drag.turns and yaw_ned_rad is not None:
+        yaw_ned_rad = math.remainder(yaw_enu_from_ned(yaw_from_q(drag.q_enu)), 2 * math.pi)
+    return Preview((north, east, -up), yaw_ned_rad, preview.handles, preview.serial)
+
+
+def words(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
+    """Distance, height above home and yaw."""
+    parts = [
+        f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m",
+        f"height {position_enu_m[2] - ground_z_m:.1f} m",
+    ]
+    if preview.yaw_ned_rad is not None:
+        parts.append(f"{round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")
+    return " · ".join(parts)
+
+
+class PreviewNode:
+    """The ghost of what is not sent yet, in one browser's scene; there only while there is one."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette, shapes: Shapes) -> None:
+        self._scene = client.scene
+        self._root = self._scene.add_frame("/world/preview", show_axes=False)
+        self._ghost = self._lines("/ghost", shapes.ghost, palette, 1.2)
+        self._way = self._lines("/way", shapes.dots, palette, 1.4)
+        self.label = Label(client, "/world/preview/label", palette.target, side="below")
+        self.label.text = "not sent"
+        self._handles: tuple[Any, Any] | None = None
+        self._serial = -1
+        self._drawn: Preview | None = None
+        self._held = GROUND_HANDLE
+
+    def remove(self) -> None:
+        """Takes it down, handles and all."""
+        self._remove_handles()
+        self._root.remove()
+
+    def update(
+        self,
+        preview: Preview,
+        origin_enu_m: Vector3,
+        vehicle_enu_m: Vector3,
+        ground_z_m: float,
+        *,
+        handles: bool,
+    ) -> None:
+        """Puts it where it is meant; the handles only where the page, and not this browser, put it.
+
+        Args:
+            handles: whether this view has a world that stands still to drag it in.
+        """
+        east, north, up = enu_from_ned(preview.position_ned_m)
+        at = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)
+        yaw = preview.yaw_ned_rad
+        q = q_from_yaw(yaw_enu_from_ned(yaw)) if yaw is not None else IDENTITY
+        self._ghost.position, self._ghost.wxyz = at, q
+        self.label.move((at[0], at[1], at[2] - LABEL_BELOW_M))
+        self.label.note = words(preview, at, vehicle_enu_m, ground_z_m)
+        self._stretch(vehicle_enu_m, at)
+        if not (handles and preview.handles):
+            self._remove_handles()
+        elif self._handles is None or preview.serial != self._serial:
+            self._remove_handles()
+            self._handles = self._add_handles(at, q, turns=yaw is not None)
+        elif self._drawn is not None and preview != self._drawn:
+            self._follow(at, q)
+        self._serial, self._drawn = preview.serial, preview
+
+    def _follow(self, at: Vector3, q: Quaternion) -> None:
+        """The handle that is not under the hand goes with the one that is; that one the browser moves."""
+        assert self._handles is not None
+        ground, height = self._handles
+        if self._held == HEIGHT_HANDLE:
+            ground.position, ground.wxyz = at, q
+        else:
+            height.position = at
+
+    def held(self, turns: bool) -> None:
+        """Which handle is under the hand."""
+        self._held = GROUND_HANDLE if turns else HEIGHT_HANDLE
+
+    def _add_handles(self, at: Vector3, q: Quaternion, *, turns: bool) -> tuple[Any, Any]:
+        common: dict[str, Any] = {
+            "scale": HANDLE_PX,
+            "fixed": True,
+            "line_width": 3.0,
+            "depth_test": False,
+            "opacity": 0.9,
+            "position": at,
+        }
+        ground = self._scene.add_transform_controls(
+            GROUND_HANDLE, active_axes=(True, True, False), disable_rotations=not turns, wxyz=q, **common
+        )
+        height = self._scene.add_transform_controls(
+            HEIGHT_HANDLE, active_axes=(False, False, True), disable_rotations=True, **common
+        )
+        return ground, height
+
+    def _remove_handles(self) -> None:
+        for handle in self._handles or ():
+            handle.remove()
+        self._handles = None
+
+    def _stretch(self, start: Vector3, end: Vector3) -> None:
+        length_m = math.dist(start, end)
+        self._way.visible = length_m > AWAY_M
+        if length_m > AWAY_M:
+            self._way.position = start
+            self._way.wxyz = q_along((end[0] - start[0], end[1] - start[1], end[2] - start[2]))
+            self._way.scale = (length_m, 1.0, 1.0)
+
+    def _lines(self, name: str, points: Any, palette: Palette, width_px: float) -> Any:
+        return self._scene.add_line_segments(
+            f"/world/preview{name}",
+            points,
+            lit(palette.target, palette),
+            thickness=width_px,
+            thickness_units="screen",
+        )

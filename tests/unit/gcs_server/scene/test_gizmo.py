@@ -1,0 +1,137 @@
+"""A preview is drawn and dragged: what passes, what becomes of it, and what a browser cannot do by it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import httpx
+import msgspec
+import pytest
+from scene_running import CAMERA, eventually, open_stream
+
+from gcs_server.scene.frames import q_from_yaw
+from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged, words
+from gcs_server.scene.proxy import understood
+from gcs_server.scene.views import Preview
+
+pack = msgspec.msgpack.encode
+MOVED = {
+    "type": "TransformControlsUpdateMessage",
+    "name": GROUND_HANDLE,
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (3.0, 4.0, 5.0),
+    "owner": "client:1",
+}
+RELEASED = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "owner": "client:1"}
+PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
+
+
+def test_a_drag_is_a_place_in_the_vehicles_own_frame():
+    drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), turns=True)
+    moved = dragged(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
+    assert moved.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
+    assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)  # along x is east
+    assert moved.serial == PREVIEW.serial
+
+
+def test_the_height_handle_turns_nothing_and_an_unknown_yaw_stays_unknown():
+    up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), turns=False)
+    assert dragged(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
+    without = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
+    turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), turns=True)
+    assert dragged(without, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
+
+
+def test_out_of_reach_nothing_follows():
+    drag = Drag((REACH_M + 10, 0.0, 5.0), q_from_yaw(0.0), turns=True)
+    assert dragged(PREVIEW, drag, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)) is None
+
+
+def test_a_release_keeps_the_place():
+    assert dragged(PREVIEW, Drag(None, None, turns=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
+
+
+def test_the_label_says_distance_height_and_yaw():
+    assert words(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0) == "10.0 m · height 4.0 m · 000°"
+
+
+@pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])
+def test_the_two_handles_are_heard(name):
+    moved = understood(pack({**MOVED, "name": name}))
+    assert moved == Drag((3.0, 4.0, 5.0), (1.0, 0.0, 0.0, 0.0), turns=name == GROUND_HANDLE)
+    assert understood(pack({**RELEASED, "name": name})) == Drag(None, None, turns=name == GROUND_HANDLE)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {**MOVED, "name": "/world/vehicle_1"},
+        {**MOVED, "position": (math.nan, 0.0, 0.0)},
+        {**MOVED, "position": (math.inf, 0.0, 0.0)},
+        {**MOVED, "wxyz": (0.0, 0.0, 0.0, 0.0)},
+        {**MOVED, "position": (0.0, 0.0)},
+        {**MOVED, "more": 1},
+        {**RELEASED, "name": 3},
+        {**MOVED, "type": "TransformControlsDragStartMessage"},
+        {**MOVED, "name": "x" * 5000},
+    ],
+)
+def test_nothing_else_is(message):
+    assert understood(pack(message)) is None
+
+
+def handles_in(running) -> int:
+    client = next(iter(running.host.clients().values()))
+    return len(client.scene._handle_from_transform_controls_name)
+
+
+def test_a_preview_is_dragged_and_told_with_its_view(running):
+    """Only in its own view, only in a world that stands still, and viser hears nothing of it."""
+
+    async def drag():
+        async with httpx.AsyncClient() as http, open_stream(running, "?view=hand&vehicle=2") as stream:
+            await stream.send(pack(CAMERA))
+            await eventually(lambda: running.scene.viewers == 1)
+            assert handles_in(running) == 0
+            place = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
+            await http.post(running.url + "view/hand", json={"preview": place})
+            await stream.send(pack(MOVED))  # chase: the world moves under the hand
+            await http.post(running.url + "view/hand", json={"mode": "free"})
+            await eventually(lambda: handles_in(running) == 2)
+            assert running.gizmos == []
+            await stream.send(pack(MOVED))
+            await stream.send(pack(RELEASED))
+            await eventually(lambda: len(running.gizmos) == 2)
+            await http.post(running.url + "view/hand", json={"preview": None})
+            await eventually(lambda: handles_in(running) == 0)
+            await stream.send(pack(MOVED))
+            await stream.send(pack(CAMERA))
+            await asyncio.sleep(0.1)
+
+    running.gizmos.clear()
+    asyncio.run(drag())
+    moved, released = running.gizmos
+    assert (moved.view, moved.vehicle, moved.released, released.released) == ("hand", "2", False, True)
+    assert moved.position_ned_m == released.position_ned_m
+    assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)
+
+
+def test_another_vehicle_takes_the_preview_away(running):
+    place = {"position_ned_m": [0, 0, -5]}
+    httpx.post(running.url + "view/other", json={"vehicle": "1", "preview": place})
+    assert running.scene._views["other"].preview is not None
+    httpx.post(running.url + "view/other", json={"theme": "light"})
+    assert running.scene._views["other"].preview is not None
+    httpx.post(running.url + "view/other", json={"vehicle": "2"})
+    assert running.scene._views["other"].preview is None
+
+
+@pytest.mark.parametrize(
+    ("preview", "field"),
+    [({"position_ned_m": [0, 0]}, "position_ned_m"), ({"position_ned_m": [0, 0, 1e9]}, "position_ned_m")],
+)
+def test_a_bad_preview_names_its_field(running, preview, field):
+    answer = httpx.post(running.url + "view/hand", json={"preview": preview})
+    assert answer.status_code == 422
+    assert field in answer.text
