@@ -18,14 +18,16 @@ from gcs_server.api.access import Access
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
 from gcs_server.api.schema import bare_app
-from gcs_server.api.station import Station, client_name
+from gcs_server.api.station import Station, client_of
 from gcs_server.clock import Clock, SystemClock
+from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
+from gcs_server.control.lease import Terms
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.replay.service import Replays
-from gcs_server.scene import OffboardTarget, Scene, SceneClick
+from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
 from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.folder import DataFolder
@@ -69,15 +71,20 @@ class Server:
         self.streamer = Streamer(clock, server_silent_limit_s=settings.server_silent_limit_s)
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.scene = (
-            Scene(self.fleet, clock, self._offboard_target, self._scene_clicked) if settings.scene else None
+            Scene(self.fleet, clock, self._offboard_target, self._scene_clicked, self._scene_dragged)
+            if settings.scene
+            else None
         )
+        journal = Journal(clock, folder.journal)
+        terms = Terms(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
         self.station = Station(
             clock=clock,
             router=self.router,
             fleet=self.fleet,
             hub=Hub(clock, self.fleet),
-            journal=Journal(clock, folder.journal),
+            journal=journal,
+            authority=Authority(clock, self.fleet, journal, self.supervisor, terms),
             replays=replays,
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
@@ -104,6 +111,7 @@ class Server:
                 log.warning("link %s: %s", url, error)
                 self._link_errors.append(Notice("link", f"{url}: {error.message}", link=url))
         self.streamer.start(self.supervisor)
+        self.station.authority.start()
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)
         if self._simulator is not None:
@@ -148,6 +156,10 @@ class Server:
         # Only told, not kept: a click is no event of the vehicle's.
         hub, unix_s = self.station.hub, self.station.clock.unix_s()
         hub.tell(Event(0, "scene_click", click.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(click)))
+
+    def _scene_dragged(self, gizmo: SceneGizmo) -> None:
+        hub, unix_s = self.station.hub, self.station.clock.unix_s()
+        hub.tell(Event(0, "scene_gizmo", gizmo.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(gizmo)))
 
 
 class Page(StaticFiles):
@@ -195,7 +207,7 @@ def create_app(
             vehicle = request.path_params.get("v")
             command = request.url.path.partition(f"/vehicles/{vehicle}/")[2] or request.url.path
             server.station.journal.add(
-                client_name(request), command, vehicle, {}, "invalid_request", detail, 0.0
+                client_of(request), command, vehicle, {}, "invalid_request", detail, 0.0
             )
 
     app.state.note_invalid = note_invalid

@@ -8,7 +8,8 @@
     ├── RecordingUnusable        a recording in which nothing can be read
     ├── InvalidRequest           what was asked is not well-formed; names the field
     ├── Refused                  not sent: our own check says no, with the reason and the remedy
-    │   └── NotVerified          this autopilot or airframe is shown, not commanded
+    │   ├── NotVerified          this autopilot or airframe is shown, not commanded
+    │   └── NotInControl         another client holds control of the vehicle
     ├── Rejected                 the vehicle said no, in its own words
     ├── NoReply                  nothing came back within the deadline
     └── Disconnected             the link or the vehicle went while we waited
@@ -98,6 +99,29 @@ class NotVerified(Refused):
     """The vehicle is of a kind for which this command has not been verified."""
 
     code = "not_verified"
+
+
+class NotInControl(Refused):
+    """Another client holds control of the vehicle."""
+
+    code = "not_in_control"
+
+    def __init__(self, vehicle_id: str, *, holder: str, holder_key: str, can_be_asked: bool) -> None:
+        how = (
+            "Ask for it (control/request); the holder may grant it."
+            if can_be_asked
+            else "The holder cannot be asked (it watches no telemetry): wait until it is done, or take "
+            "control by force (control/take with force)."
+        )
+        super().__init__(
+            f"{holder} has control of vehicle {vehicle_id}, not you: nothing was sent.",
+            remedy=f"{how} Hold, Land now and Kill need no control.",
+        )
+        self.holder = holder
+        self.holder_key = holder_key
+
+    def details(self) -> dict[str, object]:
+        return {"holder": self.holder, "holder_key": self.holder_key}
 
 
 class Rejected(GcsError):

@@ -53,6 +53,12 @@ class Settings(BaseModel):
         le=30,
         description="Silence of the event loop [s] after which setpoint streams stop.",
     )
+    control_lease_s: float = Field(
+        default=30.0, ge=5, le=3600, description="How long control of a vehicle lasts unrenewed [s]."
+    )
+    control_answer_s: float = Field(
+        default=15.0, ge=3, le=120, description="How long a holder has to answer who asks for control [s]."
+    )
 
     @field_validator("token")
     @classmethod

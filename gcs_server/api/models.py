@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.replay.playback import FASTEST, SLOWEST
-from gcs_server.streamer.setpoints import OnExpiry, Order, Setpoint
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
-MetresPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
 Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
 Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
-Yaw = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
 
 
 def _example(**fields: JsonValue) -> ConfigDict:
@@ -90,105 +85,6 @@ class KillRequest(_Body):
     )
 
 
-class _YawOrRate(_Body):
-    yaw_ned_rad: Yaw | None = Field(
-        default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."
-    )
-    yaw_rate_ned_rad_s: float | None = Field(
-        default=None, allow_inf_nan=False, ge=-3.5, le=3.5, description="Turning rate, clockwise [rad/s]."
-    )
-
-    @model_validator(mode="after")
-    def _one_yaw(self) -> _YawOrRate:
-        if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
-            raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
-        return self
-
-
-class PositionSetpoint(_YawOrRate):
-    """A place in the vehicle's local frame."""
-
-    model_config = _example(type="position", position_ned_m=[0, 0, -10])
-
-    type: Literal["position"]
-    position_ned_m: tuple[Metres, Metres, Metres] = Field(
-        description="North, east, down of the vehicle's local origin [m]; down is negative above it."
-    )
-
-
-class VelocitySetpoint(_YawOrRate):
-    """A velocity in the vehicle's local frame."""
-
-    model_config = _example(type="velocity", velocity_ned_m_s=[1, 0, 0])
-
-    type: Literal["velocity"]
-    velocity_ned_m_s: tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond] = Field(
-        description="North, east, down [m/s]; each at most 20."
-    )
-
-
-class HoldOnExpiry(_Body):
-    """Hold the place reached by position setpoints, then PX4's Hold mode; without an estimate, land."""
-
-    action: Literal["hold"]
-    hold_for_s: float = Field(
-        default=5.0, allow_inf_nan=False, ge=0, le=3600, description="How long before Hold mode [s]."
-    )
-
-
-class LandOnExpiry(_Body):
-    """Land where it is."""
-
-    action: Literal["land"]
-
-
-class StopStreamOnExpiry(_Body):
-    """Stop sending: the vehicle's own failsafe decides."""
-
-    action: Literal["stop_stream"]
-
-
-AnyOnExpiry = Annotated[HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry, Field(discriminator="action")]
-AnySetpoint = Annotated[PositionSetpoint | VelocitySetpoint, Field(discriminator="type")]
-ValidFor = Annotated[
-    float,
-    Field(
-        allow_inf_nan=False,
-        ge=0.05,
-        le=3600,
-        description="How long the setpoint is good without being renewed [s]; then `on_expiry` happens.",
-    ),
-]
-
-
-class _Lasting(_Body):
-    valid_for_s: ValidFor = 1.0
-    on_expiry: AnyOnExpiry = Field(
-        default=HoldOnExpiry(action="hold"),
-        description="What the server does by itself when the setpoint has become too old.",
-    )
-
-
-class StartRequest(_Lasting):
-    """The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed."""
-
-    setpoint: AnySetpoint
-    rate_hz: float = Field(
-        default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second [Hz]."
-    )
-
-
-class PositionOrder(PositionSetpoint, _Lasting):
-    """A new place, sent at once."""
-
-
-class VelocityOrder(VelocitySetpoint, _Lasting):
-    """A new velocity, sent at once."""
-
-
-AnyOrder = Annotated[PositionOrder | VelocityOrder, Field(discriminator="type")]
-
-
 class GimbalAngles(_Body):
     """Where the camera is to look."""
 
@@ -248,27 +144,6 @@ class LinkRequest(_Body):
         max_length=40,
         description="How to call it; made from the URL if left out.",
     )
-
-
-def to_setpoint(body: PositionSetpoint | VelocitySetpoint) -> Setpoint:
-    """The streamer's own value."""
-    return Setpoint(
-        position_ned_m=body.position_ned_m if isinstance(body, PositionSetpoint) else None,
-        velocity_ned_m_s=body.velocity_ned_m_s if isinstance(body, VelocitySetpoint) else None,
-        yaw_ned_rad=body.yaw_ned_rad,
-        yaw_rate_ned_rad_s=body.yaw_rate_ned_rad_s,
-    )
-
-
-def to_order(
-    setpoint: PositionSetpoint | VelocitySetpoint,
-    valid_for_s: float,
-    on_expiry: HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry,
-    client: str,
-) -> Order:
-    """The streamer's own value."""
-    hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
-    return Order(to_setpoint(setpoint), valid_for_s, OnExpiry(on_expiry.action, hold_for_s), client)
 
 
 class ReplayRequest(_Body):

@@ -16,6 +16,7 @@ from gcs_server.errors import (
     InvalidRequest,
     LinkError,
     NoReply,
+    NotInControl,
     RecordingUnusable,
     Refused,
     Rejected,
@@ -23,9 +24,13 @@ from gcs_server.errors import (
     UnknownRecording,
     UnknownVehicle,
 )
+from gcs_server.streamer.setpoints import TYPES
 from gcs_server.telemetry.wire import encode
 
 log = logging.getLogger(__name__)
+
+UNION_TAGS = frozenset(TYPES) | {"hold", "land", "stop_stream", "polygon", "circle"}
+"""Names of union branches, which Pydantic puts into the paths of fields."""
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
@@ -34,6 +39,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (RecordingUnusable, 409, "Recording unusable"),
     (InvalidRequest, 422, "Not possible as asked"),
     (Rejected, 409, "The vehicle refused"),
+    (NotInControl, 409, "Not in control"),
     (Refused, 409, "Not sent"),
     (NoReply, 504, "No answer"),
     (Disconnected, 503, "Link lost"),
@@ -66,6 +72,8 @@ class Problem(BaseModel):
     reasons: list[str] | None = Field(default=None, description="The vehicle's own words.")
     mav_result: int | None = Field(default=None, description="MAV_RESULT of its acknowledgement.")
     vehicle: str | None = Field(default=None, description="The vehicle's id, where it is unknown.")
+    holder: str | None = Field(default=None, description="With `not_in_control`: who has control.")
+    holder_key: str | None = Field(default=None, description="Tells holders of one name apart.")
     deadline_s: float | None = Field(default=None, description="With 504: how long was waited [s].")
 
 
@@ -103,9 +111,7 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
         parts = [str(part) for part in item["loc"]]
         if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
             parts = parts[1:]
-        parts = [
-            part for part in parts if part not in ("position", "velocity", "hold", "land", "stop_stream")
-        ]
+        parts = [part for part in parts if part not in UNION_TAGS]
         message = str(item["msg"]).removeprefix("Value error, ")
         if item["type"] == "json_invalid":
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"

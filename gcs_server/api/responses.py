@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any, Literal
 
 from fastapi import Response
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from gcs_server.api.models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
+from gcs_server.api.offboard_views import OffboardModel
 from gcs_server.api.reflect import model_of
+from gcs_server.control.authority import ControlStatus
 from gcs_server.control.journal import Entry
+from gcs_server.control.lease import ControlRequest
 from gcs_server.links.base import LinkInfo, Recording
 from gcs_server.replay.catalogue import RecordingInfo
 from gcs_server.replay.marks import ArmedSpan, ModeSpan, Said, VehicleMarks
 from gcs_server.replay.service import RecordingIndex, Replay
-from gcs_server.streamer.offboard import OffboardStatus
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.identity import Identity
-from gcs_server.vehicle.samples import TOPICS, Sample, Vector3
+from gcs_server.vehicle.mode_cause import ModeCause
+from gcs_server.vehicle.samples import TOPICS, Sample
 from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.params import Param
 from gcs_server.vehicle.vehicle import Vehicle
@@ -51,21 +54,27 @@ VehicleMarksModel = model_of(
 RecordingIndexModel = model_of(RecordingIndex, vehicles=tuple[VehicleMarksModel, ...])
 
 
-class StreamedSetpoint(_Out):
-    """What goes out to the vehicle now."""
-
-    type: str = Field(description="`position` or `velocity`.")
-    position_ned_m: Vector3 | None = Field(default=None, description="North, east, down [m].")
-    velocity_ned_m_s: Vector3 | None = Field(default=None, description="North, east, down [m/s].")
-    yaw_ned_rad: float | None = Field(default=None, description="Heading clockwise from north [rad].")
-    yaw_rate_ned_rad_s: float | None = Field(default=None, description="Turning rate, clockwise [rad/s].")
-
-
-OffboardModel = model_of(
-    OffboardStatus,
-    setpoint=StreamedSetpoint | None,
-    on_expiry=HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry | None,
+ControlModel = model_of(
+    ControlStatus,
+    "Control",
+    requests=tuple[model_of(ControlRequest), ...],
+    mode_cause=model_of(ModeCause) | None,
 )
+
+
+class ControlView(ControlModel):  # type: ignore[misc,valid-type]
+    """Who may command a vehicle, as its caller sees it."""
+
+    yours: bool = Field(description="Whether the caller holds it.")
+    your_key: str = Field(description="The caller's key.")
+
+
+class Me(_Out):
+    """Who the caller is."""
+
+    name: str = Field(description="As the journal and the others see it.")
+    key: str = Field(description="Tells it from clients of the same name; stands as `holder_key`.")
+    controls: list[str] = Field(description="Vehicles that it controls.")
 
 
 def _sample_model(name: str, value: Any) -> type[BaseModel]:
@@ -98,6 +107,7 @@ _vehicle_fields: dict[str, Any] = {
     "status": (StatusModel, Field(description="What it is doing.")),
     "links": (list[str], Field(description="Names of the links it is heard on, most recent first.")),
     "topics": (TopicsModel, Field(description="Every topic's newest sample.")),
+    "control": (ControlModel | None, Field(description="Who may command it; null for a recording.")),  # type: ignore[operator]
     "offboard": (OffboardModel | None, Field(description="The setpoint stream to it.")),  # type: ignore[operator]
 }
 VehicleModel = create_model(
@@ -242,6 +252,11 @@ def answer(value: object, status_code: int = 200) -> Response:
     return Response(encode(value), status_code=status_code, media_type="application/json")
 
 
+def fields_of(value: Any) -> dict[str, object]:
+    """A dataclass's fields by name, as they are."""
+    return {field.name: getattr(value, field.name) for field in fields(value)}
+
+
 def sample_view(sample: Sample) -> dict[str, object]:
     """One of a vehicle's `topics`."""
     return {
@@ -254,12 +269,14 @@ def sample_view(sample: Sample) -> dict[str, object]:
 def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
     """A vehicle whole."""
     samples = {name: vehicle.topic(name) for name in TOPICS}
+    recorded = vehicle.identity.replayed
     return {
         "id": vehicle.id,
         "identity": vehicle.identity,
         "status": vehicle.status,
         "links": vehicle.links,
         "topics": {name: sample_view(sample) for name, sample in samples.items() if sample is not None},
+        "control": None if recorded or vehicle.control is None else vehicle.control.status(),
         "offboard": vehicle.offboard.status() if vehicle.offboard is not None else None,
     }
 

@@ -6,9 +6,10 @@ import json
 import sys
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 
 from gcs_server.api import (
+    control_routes,
     gimbal_routes,
     map_routes,
     offboard_routes,
@@ -18,6 +19,7 @@ from gcs_server.api import (
     station_routes,
     vehicle_routes,
 )
+from gcs_server.api.station import heard
 from gcs_server.version import __version__
 
 API = "/api/v1"
@@ -25,10 +27,11 @@ API = "/api/v1"
 
 def api_router() -> APIRouter:
     """Everything under /api/v1."""
-    router = APIRouter(prefix=API)
+    router = APIRouter(prefix=API, dependencies=[Depends(heard)])
     for part in (
         station_routes,
         vehicle_routes,
+        control_routes,
         offboard_routes,
         gimbal_routes,
         map_routes,
@@ -61,7 +64,9 @@ def bare_app() -> FastAPI:
         version=__version__,
         description=(
             "A ground-control station for PX4. Names say quantity, frame and unit; errors are problem+json. "
-            "A command succeeds when the vehicle's own state shows it. Name your program in `X-Client`. "
+            "A command succeeds when the vehicle's own state shows it. Name your program in "
+            "`X-Client` and give it an id of its own in `X-Client-Id`: one client at a time controls a "
+            "vehicle (409 `not_in_control`). "
             "A server that other machines can reach wants its token with every call, as "
             "`Authorization: Bearer …`; without it the answer is 401."
         ),

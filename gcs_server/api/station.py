@@ -9,9 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from fastapi import Depends, Request
+from fastapi import Depends
+from starlette.requests import HTTPConnection
 
 from gcs_server.clock import Clock
+from gcs_server.control.authority import Authority
+from gcs_server.control.client import Client
 from gcs_server.control.journal import Journal
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.router import Router
@@ -22,7 +25,6 @@ from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.services.transaction import Progress
 from gcs_server.vehicle.vehicle import Vehicle
 
-LONGEST_CLIENT_NAME = 64
 SETPOINT_LINE_PERIOD_S = 1.0
 DEBUG = 7
 """MAV_SEVERITY: of no interest once it is over."""
@@ -37,6 +39,7 @@ class Station:
     fleet: Fleet
     hub: Hub
     journal: Journal
+    authority: Authority
     replays: Replays
     started_s: float
     own_ids: tuple[int, int]
@@ -45,9 +48,10 @@ class Station:
     has_scene: bool = False
     simulator: bool = False
     more_warnings: list[Callable[[], list[Notice]]] = field(default_factory=list[Callable[[], list[Notice]]])
-    setpoints_noted: dict[tuple[str, str], tuple[float, int]] = field(
-        default_factory=dict[tuple[str, str], tuple[float, int]]
+    setpoints_noted: dict[tuple[str, str, str], tuple[float, int]] = field(
+        default_factory=dict[tuple[str, str, str], tuple[float, int]]
     )
+    """By client's key, vehicle and result: when the last line was written, and how many came since."""
 
     def warnings(self) -> list[Notice]:
         """What stands now, from everywhere."""
@@ -59,21 +63,41 @@ class Station:
         return notices
 
 
-def get_station(request: Request) -> Station:
+def get_station(connection: HTTPConnection) -> Station:
     """Dependency: the station of this application."""
-    return request.app.state.station
+    return connection.app.state.station
 
 
-def client_name(request: Request) -> str:
-    """Dependency: the X-Client header, else the address."""
-    name = "".join(c for c in request.headers.get("x-client", "") if c.isprintable()).strip()
-    if name:
-        return name[:LONGEST_CLIENT_NAME]
-    return request.client.host if request.client is not None else "unknown"
+def client_of(connection: HTTPConnection) -> Client:
+    """Dependency: who asks, by `X-Client` and `X-Client-Id`, else by its address.
+
+    WebSockets of browsers carry no headers: they give `?client=` and `&client_id=`.
+    """
+    name, client_id = _says_of_itself(connection)
+    return Client.of(name, client_id, connection.client.host if connection.client is not None else "")
+
+
+def names_itself(connection: HTTPConnection) -> bool:
+    """Whether it is more than somebody at an address."""
+    return any(_says_of_itself(connection))
+
+
+def _says_of_itself(connection: HTTPConnection) -> tuple[str, str]:
+    headers = connection.headers
+    query = connection.query_params if connection.scope["type"] == "websocket" else {}
+    return (
+        headers.get("x-client") or query.get("client", ""),
+        headers.get("x-client-id") or query.get("client_id", ""),
+    )
 
 
 StationDep = Annotated[Station, Depends(get_station)]
-ClientDep = Annotated[str, Depends(client_name)]
+ClientDep = Annotated[Client, Depends(client_of)]
+
+
+def heard(station: StationDep, client: ClientDep) -> None:
+    """Dependency of all routes: any request of a client renews what it holds."""
+    station.authority.heard(client)
 
 
 def get_vehicle(v: str, station: StationDep) -> Vehicle:
@@ -104,7 +128,24 @@ class Outcome:
 def journaled(
     station: Station, client: str, command: str, vehicle_id: str | None, arguments: dict[str, object]
 ) -> Generator[Outcome]:
-    """One line of the journal for what happens in the block, however it ends."""
+    """The seam of all commands: who is not in control is refused, and whatever happens leaves a line.
+
+    Raises:
+        NotInControl: another client holds control of the vehicle.
+    """
+    with noted(station, client, command, vehicle_id, arguments) as outcome:
+        if vehicle_id is not None:
+            station.authority.admit(client, command, vehicle_id)
+        yield outcome
+        if vehicle_id is not None:
+            station.authority.carried_out(client, command, vehicle_id)
+
+
+@contextmanager
+def noted(
+    station: Station, client: str, command: str, vehicle_id: str | None, arguments: dict[str, object]
+) -> Generator[Outcome]:
+    """One line of the journal for what happens in the block, however it ends; asks nobody for control."""
     began_s = station.clock.monotonic_s()
     outcome = Outcome()
     result, detail = "ok", None
@@ -122,21 +163,26 @@ def journaled(
     finally:
         outcome.duration_s = station.clock.monotonic_s() - began_s
         arguments = plain(arguments)
-        if command != "offboard/setpoint" or result != "ok":
-            station.journal.add(client, command, vehicle_id, arguments, result, detail, outcome.duration_s)
+        if command == "offboard/setpoint" and result in ("ok", "not_in_control"):
+            _note_setpoint(station, client, vehicle_id or "", arguments, (result, detail, outcome.duration_s))
         else:
-            _note_setpoint(station, client, vehicle_id or "", arguments, outcome.duration_s)
+            station.journal.add(client, command, vehicle_id, arguments, result, detail, outcome.duration_s)
 
 
 def _note_setpoint(
-    station: Station, client: str, vehicle_id: str, arguments: dict[str, object], duration_s: float
+    station: Station,
+    client: str,
+    vehicle_id: str,
+    arguments: dict[str, object],
+    end: tuple[str, str | None, float],
 ) -> None:
-    """A stream of accepted setpoints becomes a line a second with the newest one and their number."""
+    """A stream of setpoints becomes a line a second with the newest one and their number."""
     now_s = station.clock.monotonic_s()
-    last_s, count = station.setpoints_noted.get((client, vehicle_id), (float("-inf"), 0))
+    key = (Client.named(client).key, vehicle_id, end[0])
+    last_s, count = station.setpoints_noted.get(key, (float("-inf"), 0))
     if now_s - last_s < SETPOINT_LINE_PERIOD_S:
-        station.setpoints_noted[client, vehicle_id] = (last_s, count + 1)
+        station.setpoints_noted[key] = (last_s, count + 1)
         return
-    station.setpoints_noted[client, vehicle_id] = (now_s, 0)
+    station.setpoints_noted[key] = (now_s, 0)
     arguments = {**arguments, "setpoints_since_last_line": count + 1}
-    station.journal.add(client, "offboard/setpoint", vehicle_id, arguments, "ok", None, duration_s)
+    station.journal.add(client, "offboard/setpoint", vehicle_id, arguments, *end)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
@@ -9,7 +10,7 @@ from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 from gcs_server.api import models, responses
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, Station, StationDep, journaled
+from gcs_server.api.station import ClientDep, Station, StationDep, client_of, journaled, names_itself
 from gcs_server.telemetry.wire import SCHEMA_VERSION
 from gcs_server.version import __version__
 
@@ -78,7 +79,9 @@ async def telemetry(socket: WebSocket) -> None:
     """See "WebSocket telemetry" in docs/architecture.md."""
     station: Station = socket.app.state.station
     await socket.accept()
+    here = station.authority.connected(client_of(socket)) if names_itself(socket) else nullcontext()
     try:
-        await station.hub.serve(socket)
+        with here:
+            await station.hub.serve(socket)
     except* (WebSocketDisconnect, RuntimeError):
         pass  # the browser went; RuntimeError is what a send to a closed socket raises

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from gcs_server.api import models, responses
+from gcs_server.api import control_models, models, responses
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import ClientDep, Station, StationDep, VehicleDep, journaled, progress_to
@@ -106,7 +106,7 @@ async def disarm(v: str, station: StationDep, client: ClientDep) -> Response:
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, client: ClientDep) -> Response:
-    """Stops and stays; ends a setpoint stream."""
+    """Stops and stays, whoever has control; ends a setpoint stream."""
     return await carry_out(
         station,
         client,
@@ -188,21 +188,39 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, client: Cl
     return await carry_out(station, client, "goto", v, body.model_dump(exclude_none=True), work)
 
 
+@router.post("/{v}/land_now", response_model=responses.CommandDone, tags=["commands"])
+async def land_now(
+    v: str, body: control_models.LandNowRequest, station: StationDep, client: ClientDep
+) -> Response:
+    """Lands where it is, whoever has control; answers once it is landing. The holder keeps control."""
+    wanted = f"vehicle {v} lands now"
+
+    async def work(vehicle: Vehicle) -> None:
+        _confirmed(body.confirm, wanted)
+        await vehicle.command.land(by=client, progress=progress_to(vehicle, client, "land_now"))
+
+    return await carry_out(station, client, "land_now", v, body.model_dump(), work)
+
+
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
 async def kill(v: str, body: models.KillRequest, station: StationDep, client: ClientDep) -> Response:
-    """Stops the motors at once, in flight too: the vehicle falls."""
+    """Stops the motors at once, in flight too, whoever has control: the vehicle falls."""
     wanted = f"motors stop, vehicle {v} falls"
 
     async def work(vehicle: Vehicle) -> None:
-        if body.confirm != wanted:
-            raise InvalidRequest(
-                "confirm",
-                "The confirmation does not name this vehicle; nothing was sent.",
-                remedy=f"Send exactly {wanted!r}.",
-            )
+        _confirmed(body.confirm, wanted)
         await vehicle.command.kill(progress=progress_to(vehicle, client, "kill"))
 
     return await carry_out(station, client, "kill", v, body.model_dump(), work)
+
+
+def _confirmed(said: str, wanted: str) -> None:
+    if said != wanted:
+        raise InvalidRequest(
+            "confirm",
+            "The confirmation does not name this vehicle; nothing was sent.",
+            remedy=f"Send exactly {wanted!r}.",
+        )
 
 
 @router.get("/{v}/params/{name}", response_model=responses.ParamModel, tags=["parameters"])

@@ -11,11 +11,13 @@
 
 from gcs_server.client.aio import Gcs, Gimbal, Offboard, Vehicle
 from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
+from gcs_server.client.control import Control
 from gcs_server.client.errors import (
     ApiError,
     Invalid,
     NoReply,
     NotAllowed,
+    NotInControl,
     Refused,
     Timeout,
     Unknown,
@@ -24,11 +26,13 @@ from gcs_server.client.errors import (
 
 __all__ = [
     "ApiError",
+    "Control",
     "Gcs",
     "Gimbal",
     "Invalid",
     "NoReply",
     "NotAllowed",
+    "NotInControl",
     "Offboard",
     "Refused",
     "SyncGcs",

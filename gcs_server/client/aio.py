@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any, TypeVar
+from uuid import uuid4
 
 import httpx
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from gcs_server.client.address import address_and_token
+from gcs_server.client.control import Control
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
 from gcs_server.client.setpoints import Body, Expiry, lifetime, setpoint
 
@@ -23,6 +26,8 @@ T = TypeVar("T")
 
 POLL_S = 0.1
 """How often `until` looks."""
+LEAVING_S = 2.0
+"""How long the end of the block may wait for the server [s]."""
 
 
 class Gcs:
@@ -34,6 +39,8 @@ class Gcs:
         timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
         token: what a server that listens to other machines asks for; else the one of `url`, where that is the
             link that the server printed, else `GCS_TOKEN`.
+        client_id: tells this program from others of its name, and so who has control of a vehicle; one of its
+            own unless given, here or by `GCS_CLIENT_ID`.
     """
 
     def __init__(
@@ -43,9 +50,13 @@ class Gcs:
         client: str = "python",
         timeout_s: float = 60.0,
         token: str | None = None,
+        client_id: str | None = None,
     ) -> None:
         self.url, token = address_and_token(url, token)
-        self._headers = {"X-Client": client} | ({"Authorization": f"Bearer {token}"} if token else {})
+        client_id = client_id or os.environ.get("GCS_CLIENT_ID") or uuid4().hex
+        self._headers = {"X-Client": client, "X-Client-Id": client_id}
+        self._headers |= {"Authorization": f"Bearer {token}"} if token else {}
+        self._has_commanded = False
         self._http = httpx.AsyncClient(
             base_url=f"{self.url}/api/v1", headers=self._headers, timeout=timeout_s
         )
@@ -54,6 +65,9 @@ class Gcs:
         return self
 
     async def __aexit__(self, *_: object) -> None:
+        if self._has_commanded:  # who has gone controls nothing
+            with suppress(httpx.TransportError):
+                await self._http.post("/me/leave", timeout=LEAVING_S)
         await self._http.aclose()
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any:
@@ -63,6 +77,7 @@ class Gcs:
             ApiError: the server or the vehicle said no.
             Unreachable: the server did not answer.
         """
+        self._has_commanded = self._has_commanded or method != "GET"
         try:
             response = await self._http.request(method, path, json=body)
         except httpx.TransportError as error:
@@ -131,6 +146,7 @@ class Vehicle:
         self._gcs = gcs
         self.id = vehicle_id
         self.gimbal = Gimbal(self)
+        self.control = Control(self)
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
@@ -200,6 +216,10 @@ class Vehicle:
     async def land(self) -> None:
         """Lands where it is."""
         await self.request("POST", "/land")
+
+    async def land_now(self) -> None:
+        """Lands where it is, whoever has control."""
+        await self.request("POST", "/land_now", {"confirm": f"vehicle {self.id} lands now"})
 
     async def rtl(self) -> None:
         """Returns and lands."""

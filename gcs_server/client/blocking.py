@@ -12,6 +12,7 @@ from typing import Any
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from gcs_server.client import aio
+from gcs_server.client.control import Control, OnLost
 from gcs_server.client.setpoints import Body, Expiry
 
 
@@ -25,8 +26,9 @@ class SyncGcs:
         client: str = "python",
         timeout_s: float = 60.0,
         token: str | None = None,
+        client_id: str | None = None,
     ) -> None:
-        self._gcs = aio.Gcs(url, client=client, timeout_s=timeout_s, token=token)
+        self._gcs = aio.Gcs(url, client=client, timeout_s=timeout_s, token=token, client_id=client_id)
         self._starting: AbstractContextManager[BlockingPortal] = start_blocking_portal()
         self._portal: BlockingPortal | None = None
 
@@ -79,6 +81,7 @@ class SyncVehicle:
         self._vehicle = vehicle
         self.id = vehicle.id
         self.gimbal = SyncGimbal(gcs, vehicle.gimbal)
+        self.control = SyncControl(gcs, vehicle.control)
 
     def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """One call below `/api/v1/vehicles/{id}`."""
@@ -125,6 +128,10 @@ class SyncVehicle:
     def land(self) -> None:
         """Lands where it is."""
         self._gcs.portal.call(self._vehicle.land)
+
+    def land_now(self) -> None:
+        """Lands where it is, whoever has control."""
+        self._gcs.portal.call(self._vehicle.land_now)
 
     def rtl(self) -> None:
         """Returns and lands."""
@@ -221,6 +228,45 @@ class SyncOffboard:
     def stop(self) -> None:
         """Ends in Hold."""
         self._gcs.portal.call(self._stream.stop)
+
+
+class SyncControl:
+    """Who may command a vehicle; methods as `control.Control`."""
+
+    def __init__(self, gcs: SyncGcs, control: Control) -> None:
+        self._gcs = gcs
+        self._control = control
+
+    def show(self) -> dict[str, Any]:
+        """Who has it, since when, who asks for it."""
+        return self._gcs.portal.call(self._control.show)
+
+    def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
+        """Takes control."""
+        return self._gcs.portal.call(lambda: self._control.take(force=force, on_expiry=on_expiry))
+
+    def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
+        """Asks the holder; with `wait_s` waits so long for the answer."""
+        return self._gcs.portal.call(lambda: self._control.request(reason, wait_s=wait_s))
+
+    def grant(self, client: str) -> dict[str, Any]:
+        """Hands control to one who asks, by key or name."""
+        return self._gcs.portal.call(self._control.grant, client)
+
+    def deny(self, client: str, reason: str | None = None) -> dict[str, Any]:
+        """Keeps control; the one who asks may then force it."""
+        return self._gcs.portal.call(self._control.deny, client, reason)
+
+    def release(self) -> dict[str, Any]:
+        """Gives it up; nothing changes in flight."""
+        return self._gcs.portal.call(self._control.release)
+
+    @contextmanager
+    def held(self, *, force: bool = False, on_expiry: OnLost | None = None) -> Generator[dict[str, Any]]:
+        """Has control for the length of a block."""
+        block = self._control.held(force=force, on_expiry=on_expiry)
+        with self._gcs.portal.wrap_async_context_manager(block) as status:
+            yield status
 
 
 class SyncGimbal:

@@ -5,6 +5,7 @@ ApiError                    any answer that is not a success
 ├── Invalid                 422: a field is missing, not finite or out of range
 ├── Unknown                 404: no such vehicle, link or parameter
 ├── Refused                 409: our checks or the vehicle said no, with the vehicle's own reasons
+│   └── NotInControl        409: another client has control of the vehicle
 └── NoReply                 504: the vehicle did not answer
 Unreachable                 the server itself did not answer
 Timeout                     what was waited for did not happen
@@ -46,6 +47,16 @@ class Refused(ApiError):
     """Not done: the server's checks or the vehicle itself said no."""
 
 
+class NotInControl(Refused):
+    """Another client has control of the vehicle: `holder` names it."""
+
+    def __init__(self, status: int, problem: dict[str, object]) -> None:
+        super().__init__(status, problem)
+        self.holder = str(problem.get("holder", ""))
+        self.holder_key = str(problem.get("holder_key", ""))
+        """Tells holders of one name apart."""
+
+
 class NoReply(ApiError):
     """The vehicle did not answer in time."""
 
@@ -77,4 +88,6 @@ def raise_for(response: httpx.Response) -> None:
     except ValueError:
         body = response.text or response.reason_phrase
     problem: dict[str, object] = dict(body) if isinstance(body, dict) else {"detail": str(body)}
+    if problem.get("code") == "not_in_control":
+        raise NotInControl(response.status_code, problem)
     raise _BY_STATUS.get(response.status_code, ApiError)(response.status_code, problem)

@@ -32,7 +32,10 @@ from gcs_server.vehicle.vehicle import Vehicle
 EVENT_QUEUE_LENGTH = 500
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
-ALL_TOPICS = frozenset(TOPICS) | {"offboard", "identity"}
+CONTROL_PERIOD_S = 0.5
+PERIODS_S = {"offboard": OFFBOARD_PERIOD_S, "identity": IDENTITY_PERIOD_S, "control": CONTROL_PERIOD_S}
+"""Topics that are made anew so often, not sent by the vehicle."""
+ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S)
 CLOSE_TOO_SLOW = 1013
 
 
@@ -72,17 +75,13 @@ class Encoded:
         """(a mark that grows with each new sample, JSON); None before the first."""
         key = (vehicle.id, topic)
         held = self._bytes.get(key)
-        if topic in ("offboard", "identity"):
-            period_s = OFFBOARD_PERIOD_S if topic == "offboard" else IDENTITY_PERIOD_S
+        if topic in PERIODS_S:
             now_s = self._clock.monotonic_s()
-            if held is not None and now_s - held[0] < period_s:
+            if held is not None and now_s - held[0] < PERIODS_S[topic]:
                 return held
-            if topic == "identity":
-                value: object = vehicle.identity
-            elif vehicle.offboard is None:
+            value = self._made(vehicle, topic)
+            if value is None:
                 return None
-            else:
-                value = vehicle.offboard.status()
             wire = WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)
             fresh = (now_s, encode(wire))
         else:
@@ -97,6 +96,14 @@ class Encoded:
             fresh = (sample.received_monotonic_s, encode(wire))
         self._bytes[key] = fresh
         return fresh
+
+    @staticmethod
+    def _made(vehicle: Vehicle, topic: str) -> object | None:
+        if topic == "identity":
+            return vehicle.identity
+        if topic == "control":
+            return None if vehicle.identity.replayed or not vehicle.control else vehicle.control.status()
+        return None if vehicle.offboard is None else vehicle.offboard.status()
 
 
 class Client:

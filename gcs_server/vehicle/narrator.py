@@ -6,6 +6,7 @@ from collections import deque
 
 from gcs_server.clock import Clock
 from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, ArmingReport, VehicleEvent, decode_event
 from gcs_server.vehicle.reducers import Facts
@@ -15,7 +16,7 @@ PAIR_WITHIN_S = 0.3
 """PX4 sends a text that ends in a tab and its event within a few milliseconds of each other."""
 SAME_TEXT_S = 1.0
 REMEMBERED_SEQUENCES = 64
-NOTICE = 5
+WARNING, NOTICE = 4, 5
 
 
 class Narrator:
@@ -56,16 +57,20 @@ class Narrator:
             self._lone_events.append(now_s)
         self._line("event", event.level, held or event.text, event)
 
-    def facts(self, before: Facts, after: Facts) -> None:
-        """What changed between two states."""
+    def facts(self, before: Facts, after: Facts, cause: ModeCause | None = None) -> None:
+        """What changed between two states; `cause` of a changed mode."""
         known = before.heartbeat_s > float("-inf")
         if known and after.armed != before.armed:
             self._line("armed" if after.armed else "disarmed", NOTICE, "Armed" if after.armed else "Disarmed")
         if known and after.custom_mode != before.custom_mode:
             name, label = name_and_label(after.custom_mode, after.autopilot)
-            self._feed.add(
-                "mode_changed", self._clock.unix_s(), f"Mode {label}", severity=NOTICE, data={"mode": name}
-            )
+            text, severity = f"Mode {label}", NOTICE
+            data: dict[str, object] = {"mode": name}
+            if cause is not None:
+                data |= {"cause": cause.source, "by": cause.who}
+                if cause.from_outside or cause.source == "failsafe":
+                    text, severity = f"{text}: {cause.text}", WARNING
+            self._feed.add("mode_changed", self._clock.unix_s(), text, severity=severity, data=data)
 
     def tick(self) -> None:
         """Called a few times a second: gives out what has waited long enough for its other half."""

@@ -15,7 +15,9 @@ from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.identity import Identity, Version, with_version
+from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.narrator import Narrator
+from gcs_server.vehicle.outsiders import Outsiders
 from gcs_server.vehicle.px4_events import ArmingReport
 from gcs_server.vehicle.reducers import REDUCERS, Facts
 from gcs_server.vehicle.samples import Sample, Status
@@ -47,6 +49,8 @@ class Vehicle:
         self.events = EventFeed(vehicle_id)
         self.offboard: Any = None
         """The offboard control (streamer/), set by whoever builds the server; None before."""
+        self.control: Any = None
+        """Who may command it (control/), set by whoever builds the server; None before."""
         self._identity = identity
         self._state = VehicleState(identity.component_id, clock)
         self._narrator = Narrator(self.events, clock)
@@ -58,12 +62,15 @@ class Vehicle:
         self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self._narrator.event(full_payload(f)),
+            d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._outsiders.ack(full_payload(f)),
+            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._outsiders.gimbal(full_payload(f)),
         }
         self._notable = frozenset((*REDUCERS, *self._special))
         """Messages that do more than become the newest of their kind."""
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
         self.params = ParamService(self)
+        self._outsiders = Outsiders(self, self.command)
 
     @property
     def identity(self) -> Identity:
@@ -84,6 +91,11 @@ class Vehicle:
     def arming_report(self) -> ArmingReport:
         """What keeps it from arming."""
         return self._narrator.report
+
+    @property
+    def mode_cause(self) -> ModeCause | None:
+        """Who makes it fly its mode; None before the mode has changed since it was first heard."""
+        return self._outsiders.mode_cause
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -153,7 +165,7 @@ class Vehicle:
         before = state.facts
         if state.take(frame) and msg_id in self._notable:
             if state.facts is not before:
-                self._narrator.facts(before, state.facts)
+                self._narrator.facts(before, state.facts, self._outsiders.mode(before, state.facts))
             if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
                 self._heartbeat()
             special = self._special.get(msg_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,9 @@ import pytest
 
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.station import free_port, server, vehicle
+
+os.environ["GCS_CLIENT_ID"] = "e2e"
+"""All programs and pages of a test are one client, in control of its vehicle, unless they say otherwise."""
 
 SPEED = 3
 """Simulated over real time: a minute of flight takes 20 s, and 50 Hz are still 17 a simulated second."""

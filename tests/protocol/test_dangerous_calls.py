@@ -7,25 +7,29 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from gcs_server.api import models, offboard_routes, vehicle_routes
+from gcs_server.api import models, offboard_models, offboard_routes, vehicle_routes
 from gcs_server.api.station import Station
+from gcs_server.control.authority import Authority
+from gcs_server.control.client import Client
 from gcs_server.control.journal import Journal
-from gcs_server.errors import Disconnected, InvalidRequest, NoReply, Refused, UnknownVehicle
+from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from gcs_server.replay.service import Replays
 from tests.protocol.conftest import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
-ORDER = TypeAdapter(models.AnyOrder)
+ORDER = TypeAdapter(offboard_models.AnyOrder)
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 
 def station_of(world):
+    journal = Journal(world.clock, None)
     return Station(
         clock=world.clock,
         router=world.router,
         fleet=world.fleet,
         hub=None,
-        journal=Journal(world.clock, None),
+        journal=journal,
+        authority=Authority(world.clock, world.fleet, journal, world.supervisor),
         started_s=0.0,
         replays=Replays(world.router, world.fleet, Path("no recordings")),
         own_ids=(255, 190),
@@ -139,25 +143,37 @@ def test_a_vehicle_that_turns_out_to_be_another_loses_its_stream_with_a_word(jum
     twins(jump, story)
 
 
-def test_two_clients_that_take_turns_stand_both_in_the_journal(jump):
+def test_two_clients_that_hand_over_stand_both_in_the_journal(jump):
     async def story(world, station, first, second):
-        body = models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        body = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, "anna")
         for number in range(30):
             target = {"type": "position", "position_ned_m": [number, 0, -5], "valid_for_s": 60}
-            client = ("anna", "bert")[number % 2]
+            client, other = ("anna", "bert") if number < 15 else ("bert", "anna")
+            if number == 15:
+                lease = station.authority.control("1").lease
+                lease.request(Client.named("bert"))
+                lease.grant(Client.named("anna"), "bert")
             done = await offboard_routes.setpoint("1", ORDER.validate_python(target), station, client)
             assert json.loads(done.body)["client"] == client
+            with pytest.raises(NotInControl, match=f"{client} has control"):
+                await offboard_routes.setpoint("1", ORDER.validate_python(target), station, other)
             await seconds(0.1)
-        await offboard_routes.stop("1", station, "carla")
-        with pytest.raises(Refused):
-            await offboard_routes.setpoint("1", ORDER.validate_python(PLACE), station, "anna")
+        with pytest.raises(NotInControl, match="bert has control"):
+            await offboard_routes.stop("1", station, "carla")
+        await offboard_routes.stop("1", station, "bert")
+        with pytest.raises(Refused, match="no setpoint stream"):
+            await offboard_routes.setpoint("1", ORDER.validate_python(PLACE), station, "bert")
         said = lines(station)
         assert said[0] == ("anna", "offboard/start", "1", "ok")
-        assert {client for client, command, *_ in said if command == "offboard/setpoint"} == {"anna", "bert"}
-        assert said[-2:] == [
-            ("carla", "offboard/stop", "1", "ok"),
-            ("anna", "offboard/setpoint", "1", "refused"),
+        setpoints = {(who, result) for who, command, _, result in said if command == "offboard/setpoint"}
+        both = {(name, result) for name in ("anna", "bert") for result in ("ok", "not_in_control")}
+        assert setpoints == both | {("bert", "refused")}
+        assert len(said) < 20, "a line a second for those who send many"
+        assert said[-3:] == [
+            ("carla", "offboard/stop", "1", "not_in_control"),
+            ("bert", "offboard/stop", "1", "ok"),
+            ("bert", "offboard/setpoint", "1", "refused"),
         ]
         assert not second.setpoints
 
@@ -166,7 +182,7 @@ def test_two_clients_that_take_turns_stand_both_in_the_journal(jump):
 
 def test_hold_by_another_client_ends_the_stream_and_nothing_more_is_sent(jump):
     async def story(world, station, first, second):
-        body = models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        body = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, "anna")
         assert first.mode == OFFBOARD
         await vehicle_routes.hold("1", station, "bert")
@@ -212,7 +228,7 @@ def test_nonsense_setpoints_do_not_come_past_the_door(bad):
 @pytest.mark.parametrize("bad", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
 def test_nonsense_rates_do_not_come_past_the_door(bad):
     with pytest.raises(ValidationError):
-        models.StartRequest.model_validate({"setpoint": PLACE} | bad)
+        offboard_models.StartRequest.model_validate({"setpoint": PLACE} | bad)
 
 
 @pytest.mark.parametrize(
@@ -222,10 +238,10 @@ def test_places_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, pl
     async def story(world, station, first, second):
         far = {"type": "position", "position_ned_m": place}
         with pytest.raises(Refused, match="at most 1000 m"):
-            body = models.StartRequest.model_validate({"setpoint": far})
+            body = offboard_models.StartRequest.model_validate({"setpoint": far})
             await offboard_routes.start("1", body, station, "me")
         assert not first.setpoints
-        start = models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        start = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", start, station, "me")
         with pytest.raises(Refused, match="at most 1000 m"):
             await offboard_routes.setpoint("1", ORDER.validate_python(far), station, "me")

@@ -10,12 +10,17 @@ export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
 const TIMEOUT_MS = 45_000;
 
 export class ApiClient {
-  /** @param name how this page calls itself in the journal. */
+  /** @param who how this page calls itself in the journal, and the id that tells it from pages of the same name. */
   constructor(
-    readonly name: string,
+    private readonly who: string | { readonly name: string; readonly id: string },
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
     private readonly base = '/api/v1',
   ) {}
+
+  /** As it is now: a person may rename a page. */
+  get name(): string {
+    return typeof this.who === 'string' ? this.who : this.who.name;
+  }
 
   get<T>(path: string): Promise<Outcome<T>> {
     return this.call<T>('GET', path);
@@ -31,6 +36,7 @@ export class ApiClient {
 
   private async call<T>(method: string, path: string, body?: object): Promise<Outcome<T>> {
     const headers: Record<string, string> = { 'X-Client': this.name, Accept: 'application/json' };
+    if (typeof this.who !== 'string') headers['X-Client-Id'] = this.who.id;
     if (body !== undefined) headers['Content-Type'] = 'application/json';
     const init: RequestInit = { method, headers, signal: AbortSignal.timeout(TIMEOUT_MS) };
     if (body !== undefined) init.body = JSON.stringify(body);

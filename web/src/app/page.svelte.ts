@@ -3,7 +3,7 @@
  * changes at most once per animation frame and whoever reads `facts` is painted again then.
  */
 
-import { ApiClient, pageName } from '../api/client';
+import { ApiClient } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { TelemetrySocket, type SocketState } from '../live/socket';
 import type { WireEvent } from '../live/wire';
@@ -12,6 +12,7 @@ import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../features/offboard/view';
 import { vehicleFacts, type VehicleFacts } from './facts';
 import { loadFleet, loadPast } from './backfill';
+import { identity, leave, memory } from './identity';
 
 /** Ages and expiries are repainted this often even when nothing arrives [ms]. */
 const QUIET_REPAINT_MS = 200;
@@ -19,7 +20,9 @@ const RATE_HZ = 25;
 
 class Page {
   readonly store = new TelemetryStore();
-  readonly api = new ApiClient(pageName());
+  private readonly tab = memory(() => sessionStorage);
+  readonly who = $state(identity(this.tab, memory(() => localStorage)));
+  readonly api = new ApiClient(this.who);
   readonly socket: TelemetrySocket;
   tick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
@@ -37,7 +40,7 @@ class Page {
   constructor() {
     const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
     this.socket = new TelemetrySocket(
-      `${scheme}//${location.host}/api/v1/telemetry`,
+      `${scheme}//${location.host}/api/v1/telemetry?${new URLSearchParams({ client: this.who.name, client_id: this.who.id }).toString()}`,
       () => ({ vehicles: '*', topics: [...new Set([...PAGE_TOPICS, ...this.moreTopics])], rate_hz: RATE_HZ }),
       (frame) => {
         this.store.apply(frame);
@@ -52,6 +55,7 @@ class Page {
 
   start(): void {
     this.socket.start();
+    window.addEventListener('pagehide', () => leave(this.tab));
     window.addEventListener('online', () => this.socket.retryNow());
     document.addEventListener('visibilitychange', () => this.socket.retryNow());
     let painted = -1;

@@ -1,0 +1,61 @@
+"""What comes in about control of a vehicle, and its guarded actions: checked at the door."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.control.lease import OnControlLost
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LandNowRequest(_Body):
+    """Says in words what is about to happen."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"confirm": "vehicle 1 lands now"}]})
+
+    confirm: str = Field(
+        max_length=100, description="Exactly `vehicle {id} lands now`, with the vehicle's id."
+    )
+
+
+class TakeControl(_Body):
+    """How to take control."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"on_expiry": "hold"}]})
+
+    force: bool = Field(
+        default=False,
+        description="Take it from another holder: allowed after a denial, after `answer_s` without an "
+        "answer, or where the holder cannot be asked.",
+    )
+    on_expiry: OnControlLost | None = Field(
+        default=None,
+        description="What the flying vehicle is told once, should this client not be heard for `lease_s`: "
+        "`nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never against somebody who "
+        "steers.",
+    )
+
+
+class RequestControl(_Body):
+    """Why control is asked for."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "I see it better from here"}]})
+
+    reason: str | None = Field(default=None, max_length=200, description="Shown to the holder.")
+
+
+class AnswerControl(_Body):
+    """To whom."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"client": "bob"}]})
+
+    client: str = Field(min_length=1, max_length=64, description="Key or name of the one who asks.")
+
+
+class DenyControl(AnswerControl):
+    """To whom, and why."""
+
+    reason: str | None = Field(default=None, max_length=200, description="Shown to the one who asks.")

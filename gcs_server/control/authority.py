@@ -1,0 +1,245 @@
+"""Who may command what: the one place that every command passes, and everybody hears of.
+
+Holds a lease for each vehicle, knows which clients are there (open telemetry sockets), tells each change to
+all, writes it to the journal, and does what was agreed when a holder is not heard any more.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.control.client import Client
+from gcs_server.control.journal import Journal
+from gcs_server.control.lease import Change, ControlRequest, Lease, OnControlLost, Terms
+from gcs_server.errors import GcsError, Refused, UnknownVehicle
+from gcs_server.mavlink import dialect as d
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.fleet import Fleet
+from gcs_server.vehicle.mode_cause import ModeCause
+from gcs_server.vehicle.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
+
+OPEN_TO_ALL = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}
+"""Commands that need no control: who sees danger stops it."""
+SETTLE_PERIOD_S = 0.5
+FLYING = ("in_air", "taking_off", "landing")
+ON_ITS_WAY = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
+"""Modes that go on by themselves: what Hold ends. In others somebody steers, or it stands or lands."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlStatus:
+    """The topic `control`, and what the routes of control answer."""
+
+    holder: str | None
+    """Who may command; null: whoever commands first has it."""
+    holder_key: str | None
+    """Tells clients of one name apart; a client's own stands in `GET /me`."""
+    since_unix_s: float | None
+    expires_in_s: float | None
+    """Until it is free, should the holder not be heard again; a request renews it, an open telemetry socket
+    keeps it [s]."""
+    can_be_asked: bool
+    """Whether the holder would see a request: its telemetry socket is open."""
+    on_expiry: OnControlLost | None
+    """What the flying vehicle is told when the holder is not heard any more."""
+    requests: tuple[ControlRequest, ...]
+    """Who asks for it."""
+    lease_s: float
+    """How long control lasts without a request [s]."""
+    answer_s: float
+    """How long a holder has to answer before it may be forced [s]."""
+    mode_cause: ModeCause | None
+    """Who makes the vehicle fly its present mode; null where it has not changed since it was first heard."""
+
+
+class VehicleControl:
+    """A vehicle's attribute `control`."""
+
+    def __init__(self, vehicle: Vehicle, lease: Lease) -> None:
+        self._vehicle = vehicle
+        self.lease = lease
+
+    def status(self) -> ControlStatus:
+        """Who may command it, now."""
+        lease = self.lease
+        holder = lease.holder
+        return ControlStatus(
+            holder=None if holder is None else str(holder),
+            holder_key=None if holder is None else holder.key,
+            since_unix_s=lease.since_unix_s,
+            expires_in_s=lease.expires_in_s,
+            can_be_asked=lease.can_be_asked,
+            on_expiry=lease.on_expiry,
+            requests=lease.requests(),
+            lease_s=lease.terms.lease_s,
+            answer_s=lease.terms.answer_s,
+            mode_cause=self._vehicle.mode_cause,
+        )
+
+
+class Authority:
+    """Of all vehicles.
+
+    Args:
+        clock: what leases run on.
+        fleet: whose vehicles; each gets its `control`.
+        journal: where takings, refusals and ends are noted.
+        supervisor: owns what happens at an expiry.
+        terms: how long things last.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        fleet: Fleet,
+        journal: Journal,
+        supervisor: Supervisor,
+        terms: Terms | None = None,
+    ) -> None:
+        self._clock = clock
+        self._fleet = fleet
+        self._journal = journal
+        self._supervisor = supervisor
+        self._terms = terms or Terms()
+        self._connected: Counter[str] = Counter()
+        fleet.on_vehicle_added(self._attach)
+
+    def start(self) -> None:
+        """Begins to let leases run out."""
+        self._supervisor.start("control", self._settle_for_ever)
+
+    # --- who is there ---------------------------------------------------------------------------
+
+    @contextmanager
+    def connected(self, client: Client) -> Generator[None]:
+        """For as long as a client's telemetry socket is open."""
+        self._connected[client.key] += 1
+        try:
+            yield
+        finally:
+            self.heard(client)
+            self._connected[client.key] -= 1
+            self._connected += Counter()  # forgets who is at 0
+
+    def heard(self, client: Client) -> None:
+        """The client made a request, of whatever kind: its leases begin anew."""
+        for lease in self._leases():
+            lease.settle()
+            lease.heard(client)
+
+    def held_by(self, client: Client) -> list[str]:
+        """Vehicles that it controls."""
+        found: list[str] = []
+        for vehicle in self._fleet.all():
+            holder = vehicle.control.lease.holder
+            if holder is not None and holder.key == client.key:
+                found.append(vehicle.id)
+        return found
+
+    # --- the seam -------------------------------------------------------------------------------
+
+    def admit(self, client: str, command: str, vehicle_id: str) -> None:
+        """Before each command: lets it pass, takes what nobody holds, or refuses.
+
+        Raises:
+            NotInControl: another client holds control and the command is none of `OPEN_TO_ALL`.
+        """
+        lease = self._lease(vehicle_id)
+        if lease is not None and command not in OPEN_TO_ALL:
+            lease.command(Client.named(client))
+
+    def carried_out(self, client: str, command: str, vehicle_id: str) -> None:
+        """After each command that succeeded: a holder hears of what others did."""
+        lease = self._lease(vehicle_id)
+        if lease is not None and command in OPEN_TO_ALL:
+            lease.intervened(Client.named(client), OPEN_TO_ALL[command])
+
+    def control(self, vehicle_id: str) -> VehicleControl:
+        """For the routes of control.
+
+        Raises:
+            UnknownVehicle: there is none of that id.
+            Refused: it is a recording.
+        """
+        vehicle = self._fleet.get(vehicle_id)
+        if vehicle.identity.replayed:
+            raise Refused(f"Vehicle {vehicle_id} is a recording; nobody controls it.")
+        return vehicle.control
+
+    # --- the parts ------------------------------------------------------------------------------
+
+    def _attach(self, vehicle: Vehicle) -> None:
+        lease = Lease(
+            self._clock,
+            vehicle.id,
+            self._terms,
+            lambda client: client.key in self._connected,
+            lambda change: self._changed(vehicle, change),
+        )
+        vehicle.control = VehicleControl(vehicle, lease)
+
+    def _lease(self, vehicle_id: str) -> Lease | None:
+        """None for what refuses every command anyway: unknown vehicles, recordings."""
+        try:
+            vehicle = self._fleet.get(vehicle_id)
+        except UnknownVehicle:
+            return None
+        return None if vehicle.identity.replayed else vehicle.control.lease
+
+    def _leases(self) -> list[Lease]:
+        return [vehicle.control.lease for vehicle in self._fleet.all()]
+
+    def _changed(self, vehicle: Vehicle, change: Change) -> None:
+        taken_away = change.action in ("forced", "expired", "intervened")
+        vehicle.events.add(
+            "control",
+            self._clock.unix_s(),
+            change.text,
+            severity=d.MAV_SEVERITY_WARNING if taken_away else d.MAV_SEVERITY_NOTICE,
+            data={
+                "action": change.action,
+                "client": str(change.client),
+                "client_key": change.client.key,
+                "previous": None if change.previous is None else str(change.previous),
+                "previous_key": None if change.previous is None else change.previous.key,
+                "reason": change.reason,
+                "control": asdict(vehicle.control.status()),
+            },
+        )
+        if change.action == "expired":
+            self._journal.add("server", "control/expired", vehicle.id, {}, "ok", change.text, 0.0)
+            if change.on_expiry != "nothing":
+                self._supervisor.spawn("control-lost", self._act(vehicle, change))
+
+    async def _act(self, vehicle: Vehicle, change: Change) -> None:
+        """What was agreed for a holder that is not heard any more; never against somebody who steers."""
+        wanted, began_s = change.on_expiry, self._clock.monotonic_s()
+        status = vehicle.status
+        ours = status.mode != "offboard" or vehicle.offboard.status().streaming
+        goes_on = status.mode in ON_ITS_WAY and ours
+        standing = status.mode == "hold" and wanted != "hold"
+        if not status.armed or status.landed_state not in FLYING or not (goes_on or standing):
+            return
+        command = {"hold": vehicle.command.hold, "land": vehicle.command.land, "rtl": vehicle.command.rtl}
+        result, detail = "ok", change.text
+        try:
+            await command[wanted](by=f"The server ({change.client} is not heard any more)")
+        except GcsError as error:
+            result, detail = error.code, str(error)
+            log.warning("vehicle %s: control ended, and %s failed: %s", vehicle.id, wanted, error)
+        self._journal.add(
+            "server", wanted, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
+        )
+
+    async def _settle_for_ever(self) -> None:
+        while True:
+            for lease in self._leases():
+                lease.settle()
+            await self._clock.sleep(SETTLE_PERIOD_S)

@@ -1,0 +1,52 @@
+"""Who asks: a client's name for people, and the key that tells it from others of the same name.
+
+A client names itself in `X-Client` and, so that two of one name are two, gives an id of its own in
+`X-Client-Id` (WebSockets of browsers: `?client=` and `&client_id=`). Without an id it is its name at its
+address. This keeps people out of each other's way; it is no protection against somebody who is let in and
+claims to be another: the token is what keeps strangers out.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+
+LONGEST_NAME = 64
+LONGEST_ID = 64
+KEY_LENGTH = 12
+
+
+class Client(str):
+    """A client's name, which knows whose it is. Equal names may be two clients: compare `key`."""
+
+    __slots__ = ("key",)
+
+    key: str
+    """Made of the id or the address, never showing the id itself."""
+
+    @classmethod
+    def of(cls, name: str, client_id: str = "", address: str = "") -> Client:
+        """Made of what a request says of itself.
+
+        Args:
+            name: as in `X-Client`; the address where it is empty.
+            client_id: as in `X-Client-Id`.
+            address: where the request comes from.
+        """
+        shown = _printable(name)[:LONGEST_NAME] or address or "unknown"
+        own = _printable(client_id)[:LONGEST_ID]
+        client = cls(shown)
+        secret = f"id {own}" if own else f"name {shown} at {address}"
+        client.key = sha256(secret.encode()).hexdigest()[:KEY_LENGTH]
+        return client
+
+    @classmethod
+    def named(cls, name: str) -> Client:
+        """The one that a name says, where only a name is known."""
+        return name if isinstance(name, Client) else cls.of(name)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (str, (str(self),))  # a copy is a name: journal and samples keep no keys
+
+
+def _printable(text: str) -> str:
+    return "".join(c for c in text if c.isprintable()).strip()

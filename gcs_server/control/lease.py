@@ -1,0 +1,351 @@
+"""Who may command a vehicle: one client at a time, for as long as it is heard. Pure, on an injected clock.
+
+A lease is taken by asking for it or by commanding a vehicle that nobody holds. It lasts `lease_s` from the
+holder's last request; while the holder's telemetry socket is open it does not run out. Another client asks;
+the holder grants or denies. Who was denied, or got no answer within `answer_s`, or faces a holder who cannot
+be asked, may force it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from gcs_server.clock import Clock
+from gcs_server.control.client import Client
+from gcs_server.errors import NotInControl, Refused
+
+OnControlLost = Literal["nothing", "hold", "land", "rtl"]
+"""What a flying vehicle is told when its holder is not heard any more."""
+REQUEST_LIVES_S = 120.0
+"""A request, or the right to force that a denial gives, is forgotten after this [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """How long things last; the operator's settings."""
+
+    lease_s: float = 30.0
+    answer_s: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Something that everybody should hear."""
+
+    action: str
+    """taken, requested, granted, denied, withdrawn, forced, released, expired, intervened."""
+    client: Client
+    """Who did it, or whose control ran out."""
+    text: str
+    holder: Client | None
+    """Afterwards."""
+    previous: Client | None = None
+    """The holder before, where it changed."""
+    reason: str | None = None
+    on_expiry: OnControlLost = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class ControlRequest:
+    """Somebody who asks for control."""
+
+    client: str
+    """Its name."""
+    key: str
+    """Tells clients of one name apart; a client's own stands in `GET /me`."""
+    reason: str | None
+    """Why, in its own words."""
+    since_unix_s: float
+    answer_left_s: float
+    """How long the holder has left to answer before it may be forced [s]."""
+
+
+@dataclass(slots=True)
+class _Holding:
+    client: Client
+    since_unix_s: float
+    heard_s: float
+    on_expiry: OnControlLost
+
+
+@dataclass(slots=True)
+class _Asking:
+    client: Client
+    reason: str | None
+    since_unix_s: float
+    asked_s: float
+    """When the present holder was asked."""
+    first_s: float
+    denied: bool = False
+
+
+@dataclass(slots=True)
+class Lease:
+    """Of one vehicle.
+
+    Args:
+        vehicle_id: for the words.
+        terms: how long things last.
+        reachable: whether a client has an open telemetry socket: it is there, and can be asked.
+        tell: called with each change.
+    """
+
+    clock: Clock
+    vehicle_id: str
+    terms: Terms
+    reachable: Callable[[Client], bool]
+    tell: Callable[[Change], None]
+    _holding: _Holding | None = None
+    _asking: dict[str, _Asking] = field(default_factory=dict[str, _Asking])
+
+    # --- what there is --------------------------------------------------------------------------
+
+    @property
+    def holder(self) -> Client | None:
+        """Who commands; None: whoever commands first."""
+        self.settle()
+        return None if self._holding is None else self._holding.client
+
+    @property
+    def since_unix_s(self) -> float | None:
+        """Since when."""
+        return None if self._holding is None else self._holding.since_unix_s
+
+    @property
+    def on_expiry(self) -> OnControlLost | None:
+        """What the vehicle is told when the holder is not heard any more."""
+        return None if self._holding is None else self._holding.on_expiry
+
+    @property
+    def expires_in_s(self) -> float | None:
+        """Until control is free, should the holder not be heard again [s]."""
+        if self._holding is None:
+            return None
+        return max(0.0, self._holding.heard_s + self.terms.lease_s - self.clock.monotonic_s())
+
+    @property
+    def can_be_asked(self) -> bool:
+        """Whether the holder would see a request."""
+        return self._holding is not None and self.reachable(self._holding.client)
+
+    def requests(self) -> tuple[ControlRequest, ...]:
+        """Who waits for an answer, the first first."""
+        return tuple(
+            ControlRequest(str(a.client), a.client.key, a.reason, a.since_unix_s, self._answer_left_s(a))
+            for a in self._asking.values()
+            if not a.denied
+        )
+
+    # --- the holder -----------------------------------------------------------------------------
+
+    def command(self, client: Client) -> None:
+        """A command of this client's: it holds control, or takes what nobody holds.
+
+        Raises:
+            NotInControl: another holds it.
+        """
+        self.settle()
+        if self._holding is None:
+            self._give(
+                client, "taken", client, f"{client} commands vehicle {self.vehicle_id} and has control."
+            )
+        elif self._holding.client.key == client.key:
+            self.heard(client)
+        else:
+            raise self._not_in_control(self._holding)
+
+    def heard(self, client: Client) -> None:
+        """The client made a request: where it is the holder, its time begins anew."""
+        if self._holding is not None and self._holding.client.key == client.key:
+            self._holding.heard_s = self.clock.monotonic_s()
+
+    def take(self, client: Client, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
+        """Takes what nobody holds, or by force what another does.
+
+        Args:
+            client: who.
+            force: from another, who was asked first where that is possible.
+            on_expiry: what the vehicle is told when the holder is not heard any more; "nothing" unless given.
+
+        Raises:
+            NotInControl: another holds it, and it was not forced.
+            Refused: forced without asking a holder who can be asked, or before the time to answer is over.
+        """
+        self.settle()
+        holding = self._holding
+        if holding is None:
+            self._give(client, "taken", client, f"{client} has taken control of vehicle {self.vehicle_id}.")
+        elif holding.client.key != client.key:
+            if not force:
+                raise self._not_in_control(holding)
+            self._may_force(client, holding)
+            text = f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client} by force."
+            self._give(client, "forced", client, text)
+        self.heard(client)
+        if on_expiry is not None and self._holding is not None:
+            self._holding.on_expiry = on_expiry
+
+    def grant(self, client: Client, to: str) -> None:
+        """Hands control to somebody who asks.
+
+        Args:
+            client: the holder.
+            to: key or name of the one who asks.
+
+        Raises:
+            NotInControl: `client` does not hold it.
+            Refused: nobody of that name asks.
+        """
+        holding = self._own(client)
+        asking = self._who_asks(to)
+        text = f"{holding.client} has given control of vehicle {self.vehicle_id} to {asking.client}."
+        self._give(asking.client, "granted", client, text)
+
+    def deny(self, client: Client, to: str, reason: str | None = None) -> None:
+        """Keeps control; the one who asks may then take it by force. Raises as `grant`."""
+        holding = self._own(client)
+        asking = self._who_asks(to)
+        asking.denied, asking.first_s = True, self.clock.monotonic_s()
+        why = f": {reason}" if reason else ""
+        text = (
+            f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} asked for it{why}."
+        )
+        self.tell(Change("denied", client, text, holding.client, reason=reason))
+
+    def release(self, client: Client) -> None:
+        """Gives control up (the first who asks gets it), or takes a request back; else nothing happens."""
+        self.settle()
+        asking = self._asking.pop(client.key, None)
+        holding = self._holding
+        if holding is not None and holding.client.key == client.key:
+            text = f"{client} has released control of vehicle {self.vehicle_id}."
+            self._end(Change("released", client, text, None, previous=client))
+        elif asking is not None and not asking.denied:
+            text = f"{client} asks no longer for control of vehicle {self.vehicle_id}."
+            self.tell(Change("withdrawn", client, text, self.holder))
+
+    # --- the others -----------------------------------------------------------------------------
+
+    def request(self, client: Client, reason: str | None = None) -> None:
+        """Asks the holder; what nobody holds is taken at once."""
+        self.settle()
+        holding = self._holding
+        if holding is None:
+            self.take(client)
+            return
+        if holding.client.key == client.key:
+            self.heard(client)
+            return
+        now_s = self.clock.monotonic_s()
+        known = self._asking.get(client.key)
+        if known is not None and not known.denied:
+            known.reason = reason or known.reason
+            return
+        self._asking[client.key] = _Asking(client, reason, self.clock.unix_s(), now_s, now_s)
+        why = f": {reason}" if reason else ""
+        text = f"{client} asks {holding.client} for control of vehicle {self.vehicle_id}{why}."
+        self.tell(Change("requested", client, text, holding.client, reason=reason))
+
+    def intervened(self, client: Client, what: str) -> None:
+        """A client used one of the actions that are open to all."""
+        self.settle()
+        holding = self._holding
+        if holding is None or holding.client.key == client.key:
+            return
+        text = f"{client} commanded {what} of vehicle {self.vehicle_id}; {holding.client} still has control."
+        self.tell(Change("intervened", client, text, holding.client))
+
+    def settle(self) -> None:
+        """Lets what is over be over. Called before each step, and now and then."""
+        now_s = self.clock.monotonic_s()
+        for key, asking in list(self._asking.items()):
+            if now_s - asking.first_s > REQUEST_LIVES_S:
+                del self._asking[key]
+        holding = self._holding
+        if holding is None:
+            return
+        if self.reachable(holding.client):
+            holding.heard_s = now_s
+        elif now_s - holding.heard_s > self.terms.lease_s:
+            text = (
+                f"{holding.client} has not been heard for {self.terms.lease_s:g} s: "
+                f"its control of vehicle {self.vehicle_id} has ended."
+            )
+            self._end(
+                Change("expired", holding.client, text, None, holding.client, on_expiry=holding.on_expiry)
+            )
+
+    # --- the parts ------------------------------------------------------------------------------
+
+    def _give(self, client: Client, action: str, by: Client, text: str) -> None:
+        previous = None if self._holding is None else self._holding.client
+        now_s = self.clock.monotonic_s()
+        self._holding = _Holding(client, self.clock.unix_s(), now_s, "nothing")
+        self._asking.pop(client.key, None)
+        for key, asking in list(self._asking.items()):  # the new holder is asked anew
+            if asking.denied:
+                del self._asking[key]
+            asking.asked_s = now_s
+        self.tell(Change(action, by, text, client, previous))
+
+    def _end(self, change: Change) -> None:
+        self._holding = None
+        self.tell(change)
+        waiting = next((a for a in self._asking.values() if not a.denied), None)
+        if waiting is not None:
+            text = f"{waiting.client} asked for control of vehicle {self.vehicle_id} and has it now."
+            self._give(waiting.client, "taken", waiting.client, text)
+
+    def _own(self, client: Client) -> _Holding:
+        self.settle()
+        if self._holding is None:
+            raise Refused(f"Nobody controls vehicle {self.vehicle_id}.", remedy="Take control of it first.")
+        if self._holding.client.key != client.key:
+            raise self._not_in_control(self._holding)
+        self.heard(client)
+        return self._holding
+
+    def _who_asks(self, to: str) -> _Asking:
+        asking = [a for a in self._asking.values() if not a.denied]
+        found = [a for a in asking if a.client.key == to] or [a for a in asking if str(a.client) == to]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            keys = ", ".join(a.client.key for a in found)
+            raise Refused(f"{len(found)} clients named {to!r} ask.", remedy=f"Give one's key: {keys}.")
+        names = ", ".join(f"{a.client} ({a.client.key})" for a in asking) or "nobody"
+        raise Refused(
+            f"{to!r} does not ask for control of vehicle {self.vehicle_id}.", remedy=f"Who asks: {names}."
+        )
+
+    def _answer_left_s(self, asking: _Asking) -> float:
+        if not self.can_be_asked:
+            return 0.0
+        return max(0.0, asking.asked_s + self.terms.answer_s - self.clock.monotonic_s())
+
+    def _may_force(self, client: Client, holding: _Holding) -> None:
+        if not self.can_be_asked:
+            return
+        asking = self._asking.get(client.key)
+        if asking is None:
+            raise Refused(
+                f"{holding.client} is there and was not asked for control of vehicle {self.vehicle_id}.",
+                remedy=f"Ask first (control/request); a denial, or {self.terms.answer_s:g} s without an "
+                "answer, lets you force it. Hold, Land now and Kill need no control.",
+            )
+        left_s = self._answer_left_s(asking)
+        if not asking.denied and left_s > 0:
+            raise Refused(
+                f"{holding.client} has {left_s:.0f} s left to answer.",
+                remedy="Wait for the answer. Hold, Land now and Kill need no control.",
+            )
+
+    def _not_in_control(self, holding: _Holding) -> NotInControl:
+        return NotInControl(
+            self.vehicle_id,
+            holder=str(holding.client),
+            holder_key=holding.client.key,
+            can_be_asked=self.reachable(holding.client),
+        )

@@ -1,0 +1,106 @@
+"""Who makes a vehicle fly the mode that it flies: our command, itself, its pilot, another station. Pure.
+
+The vehicle does not say. What it does say is weighed: our own commands, acknowledgements that it sends to
+other stations, the mode that was asked for beside the one that it flies, whether it hears a transmitter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.modes import BY_CUSTOM_MODE
+from gcs_server.vehicle.reducers import Facts
+
+FOREIGN_ACK_S = 3.0
+"""A mode that changes within this after an acknowledgement to another station is that station's doing."""
+MODE_COMMANDS = frozenset(
+    {
+        d.MAV_CMD_DO_SET_MODE,
+        d.MAV_CMD_NAV_TAKEOFF,
+        d.MAV_CMD_NAV_LAND,
+        d.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        d.MAV_CMD_DO_REPOSITION,
+        d.MAV_CMD_DO_ORBIT,
+        d.MAV_CMD_MISSION_START,
+    }
+)
+BY_HAND = frozenset({"manual", "altitude", "position", "position_slow", "acro", "stabilized"})
+ENDS_IN_HOLD = frozenset({"takeoff", "mission", "land", "rtl", "orbit", "precision_land", "vtol_takeoff"})
+MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 1 << 16
+
+Source = Literal["command", "vehicle", "failsafe", "pilot", "station", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignAck:
+    """The vehicle accepted a command of another station that may change its mode."""
+
+    system: int
+    component: int
+    heard_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ModeCause:
+    """Why the vehicle flies its present mode, as far as can be known."""
+
+    source: Source
+    """command (this server's), vehicle (its own course), failsafe, pilot (its transmitter), station (another
+    one), unknown."""
+    who: str | None
+    """The client, or the other station."""
+    text: str
+    """For people."""
+    since_unix_s: float
+
+    @property
+    def from_outside(self) -> bool:
+        """Somebody else's doing, as far as can be known."""
+        return self.source in ("pilot", "station", "unknown")
+
+
+def cause_of(
+    before: Facts,
+    after: Facts,
+    *,
+    asked: tuple[str, str | None] | None,
+    foreign: ForeignAck | None,
+    hears_transmitter: bool,
+    now_s: float,
+    unix_s: float,
+) -> ModeCause:
+    """Weighs what is known when a mode has changed.
+
+    Args:
+        before: the vehicle's words before.
+        after: and after.
+        asked: (what, client) of our newest command that brings this mode.
+        foreign: the newest acknowledgement to another station.
+        hears_transmitter: whether it has a transmitter.
+        now_s: monotonic.
+        unix_s: for people.
+    """
+    if asked is not None:
+        what, client = asked
+        return ModeCause("command", client, f"{client or 'this server'} commanded {what}", unix_s)
+    if foreign is not None and now_s - foreign.heard_s <= FOREIGN_ACK_S:
+        who = f"station {foreign.system}/{foreign.component}"
+        return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
+    old, new = (_name(facts.custom_mode) for facts in (before, after))
+    if after.intended_custom_mode not in (None, after.custom_mode) or after.system_status in (
+        d.MAV_STATE_CRITICAL,
+        d.MAV_STATE_EMERGENCY,
+    ):
+        return ModeCause("failsafe", None, "its own failsafe", unix_s)
+    if not after.armed or (new == "hold" and old in ENDS_IN_HOLD):
+        return ModeCause("vehicle", None, "its own course", unix_s)
+    if new in BY_HAND and hears_transmitter:
+        return ModeCause("pilot", None, "its transmitter", unix_s)
+    return ModeCause("unknown", None, "not this server: its pilot, another station or itself", unix_s)
+
+
+def _name(custom_mode: int) -> str | None:
+    mode = BY_CUSTOM_MODE.get(custom_mode)
+    return None if mode is None else mode.name

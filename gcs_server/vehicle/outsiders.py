@@ -1,0 +1,89 @@
+"""Notices what others do with a vehicle beside us: another station, a transmitter, whoever takes its gimbal.
+
+It is told to everyone and respected: nothing here, and nobody who hears of it, takes anything back.
+"""
+
+from __future__ import annotations
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.tables import LAYOUTS
+from gcs_server.vehicle.gimbal_decoder import control_of
+from gcs_server.vehicle.mode_cause import (
+    MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
+    MODE_COMMANDS,
+    ForeignAck,
+    ModeCause,
+    cause_of,
+)
+from gcs_server.vehicle.modes import name_and_label
+from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.samples import Health
+from gcs_server.vehicle.services.command import CommandService
+from gcs_server.vehicle.services.port import VehiclePort
+
+_ack = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_ACK]
+
+
+class Outsiders:
+    """Of one vehicle.
+
+    Args:
+        vehicle: whose messages are heard.
+        command: knows which modes were asked for by us.
+    """
+
+    def __init__(self, vehicle: VehiclePort, command: CommandService) -> None:
+        self._vehicle = vehicle
+        self._command = command
+        self._foreign_ack: ForeignAck | None = None
+        self._gimbal_control: tuple[int, int] | None = None
+        self.mode_cause: ModeCause | None = None
+        """Who makes it fly its mode; None before the mode has changed since it was first heard."""
+
+    def mode(self, before: Facts, after: Facts) -> ModeCause | None:
+        """Who changed the mode; None where it did not change, or is heard for the first time."""
+        vehicle = self._vehicle
+        if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):
+            return None
+        if after.autopilot != d.MAV_AUTOPILOT_PX4:
+            return None
+        asked = self._command.asked_for(name_and_label(after.custom_mode, after.autopilot)[0])
+        self.mode_cause = cause_of(
+            before,
+            after,
+            asked=None if asked is None else (asked.what, asked.by),
+            foreign=self._foreign_ack,
+            hears_transmitter=self._hears_transmitter(),
+            now_s=vehicle.clock.monotonic_s(),
+            unix_s=vehicle.clock.unix_s(),
+        )
+        return self.mode_cause
+
+    def ack(self, payload: bytes) -> None:
+        """COMMAND_ACK: what the vehicle answers to others tells that they command it."""
+        said = dict(zip(_ack.fields, _ack.unpacker.unpack(payload), strict=True))
+        target = (said["target_system"], said["target_component"])
+        ours = target[0] in (0, self._vehicle.own_ids[0])
+        if not ours and said["result"] == d.MAV_RESULT_ACCEPTED and said["command"] in MODE_COMMANDS:
+            self._foreign_ack = ForeignAck(*target, self._vehicle.clock.monotonic_s())
+
+    def gimbal(self, payload: bytes) -> None:
+        """GIMBAL_MANAGER_STATUS: somebody else may have taken the gimbal that was ours."""
+        vehicle, control = self._vehicle, control_of(payload)
+        if self._gimbal_control == vehicle.own_ids and control not in (None, vehicle.own_ids):
+            other = f"{control[0]}/{control[1]}"
+            vehicle.events.add(
+                "control",
+                vehicle.clock.unix_s(),
+                f"Station {other} has taken the gimbal from this server.",
+                severity=d.MAV_SEVERITY_WARNING,
+                data={"action": "gimbal_taken", "by": other},
+            )
+        self._gimbal_control = control
+
+    def _hears_transmitter(self) -> bool:
+        sample = self._vehicle.topic("health")
+        if sample is None or not isinstance(sample.value, Health):
+            return False
+        health = sample.value
+        return bool(health.sensors_present & health.sensors_healthy & MAV_SYS_STATUS_SENSOR_RC_RECEIVER)

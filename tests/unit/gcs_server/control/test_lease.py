@@ -1,0 +1,250 @@
+"""One client at a time commands a vehicle: taking, asking, forcing, running out. On a clock of its own."""
+
+import pytest
+
+from gcs_server.control.client import Client
+from gcs_server.control.lease import Lease, Terms
+from gcs_server.errors import NotInControl, Refused
+
+ANNA, BOB, CARL = (Client.of(name, name * 3) for name in ("anna", "bob", "carl"))
+
+
+class Clock:
+    now_s = 100.0
+
+    def monotonic_s(self):
+        return self.now_s
+
+    def unix_s(self):
+        return 1e9 + self.now_s
+
+
+class Desk:
+    """A lease, and everything around it."""
+
+    def __init__(self):
+        self.clock, self.there, self.told = Clock(), set(), []
+        reachable = lambda client: client.key in self.there  # noqa: E731
+        self.lease = Lease(self.clock, "7", Terms(lease_s=30.0, answer_s=15.0), reachable, self.told.append)
+
+    def sits_down(self, *clients):
+        self.there |= {client.key for client in clients}
+
+    def gets_up(self, client):
+        self.there.discard(client.key)
+
+    def after(self, seconds):
+        self.clock.now_s += seconds
+        self.lease.settle()
+
+    def actions(self):
+        return [change.action for change in self.told]
+
+
+@pytest.fixture
+def desk():
+    return Desk()
+
+
+# --- who is who -----------------------------------------------------------------------------------
+
+
+def test_two_tabs_of_one_name_are_two_clients():
+    one, other = Client.of("page", "a"), Client.of("page", "b")
+    assert one == other
+    assert one.key != other.key
+    assert Client.of("page", "a", "10.0.0.1").key == Client.of("renamed", "a", "10.0.0.2").key
+
+
+def test_without_an_id_a_client_is_its_name_at_its_address():
+    assert Client.of("script", "", "10.0.0.1").key == Client.of("script", "", "10.0.0.1").key
+    assert Client.of("script", "", "10.0.0.1").key != Client.of("script", "", "10.0.0.2").key
+    assert Client.of("script", "", "10.0.0.1").key != Client.of("other", "", "10.0.0.1").key
+    assert Client.of("", "", "10.0.0.1") == "10.0.0.1"
+
+
+def test_an_id_is_never_shown():
+    client = Client.of("anna", "very secret")
+    assert "secret" not in client.key + client
+
+
+# --- holding --------------------------------------------------------------------------------------
+
+
+def test_a_command_takes_what_nobody_holds_and_others_are_refused_in_words(desk):
+    desk.lease.command(ANNA)
+    desk.lease.command(ANNA)
+    assert desk.lease.holder.key == ANNA.key
+    with pytest.raises(NotInControl, match=r"anna has control of vehicle 7, not you") as refused:
+        desk.lease.command(BOB)
+    assert refused.value.details() == {"holder": "anna", "holder_key": ANNA.key}
+    assert "Hold, Land now and Kill" in refused.value.remedy
+    assert desk.actions() == ["taken"]
+
+
+def test_it_runs_out_when_the_holder_is_not_heard_and_is_free_then(desk):
+    desk.lease.take(ANNA, on_expiry="hold")
+    desk.after(29)
+    desk.lease.heard(ANNA)
+    desk.after(29)
+    assert desk.lease.holder.key == ANNA.key
+    desk.lease.heard(BOB)
+    desk.after(1.1)
+    assert desk.lease.holder is None
+    assert desk.told[-1].action == "expired"
+    assert desk.told[-1].on_expiry == "hold"
+    desk.lease.command(BOB)
+    assert desk.lease.on_expiry == "nothing", "what was agreed with another"
+
+
+def test_an_open_socket_keeps_it_and_its_end_lets_the_time_begin(desk):
+    desk.sits_down(ANNA)
+    desk.lease.command(ANNA)
+    desk.after(3600)
+    assert desk.lease.holder.key == ANNA.key
+    desk.gets_up(ANNA)
+    desk.after(29)
+    assert desk.lease.holder is not None
+    desk.after(2)
+    assert desk.lease.holder is None
+
+
+def test_released_it_is_free_and_another_ones_release_changes_nothing(desk):
+    desk.lease.command(ANNA)
+    desk.lease.release(BOB)
+    assert desk.lease.holder.key == ANNA.key
+    desk.lease.release(ANNA)
+    assert desk.lease.holder is None
+    assert desk.actions() == ["taken", "released"]
+
+
+# --- asking ---------------------------------------------------------------------------------------
+
+
+def test_who_asks_is_shown_with_its_reason_and_granted(desk):
+    desk.sits_down(ANNA, BOB)
+    desk.lease.command(ANNA)
+    desk.lease.request(BOB, "I see it better")
+    desk.lease.request(BOB)
+    [asked] = desk.lease.requests()
+    assert (asked.client, asked.reason, asked.answer_left_s) == ("bob", "I see it better", 15.0)
+    with pytest.raises(NotInControl):
+        desk.lease.grant(BOB, "bob")
+    desk.lease.grant(ANNA, "bob")
+    assert desk.lease.holder.key == BOB.key
+    assert desk.told[-1].previous.key == ANNA.key
+    assert desk.lease.requests() == ()
+    with pytest.raises(NotInControl):
+        desk.lease.command(ANNA)
+
+
+def test_asking_for_what_nobody_holds_takes_it(desk):
+    desk.lease.request(BOB)
+    assert desk.lease.holder.key == BOB.key
+
+
+def test_who_is_there_is_asked_before_it_is_forced(desk):
+    desk.sits_down(ANNA)
+    desk.lease.command(ANNA)
+    with pytest.raises(NotInControl):
+        desk.lease.take(BOB)
+    with pytest.raises(Refused, match="was not asked"):
+        desk.lease.take(BOB, force=True)
+    desk.lease.request(BOB)
+    with pytest.raises(Refused, match="15 s left to answer"):
+        desk.lease.take(BOB, force=True)
+    desk.after(15)
+    desk.lease.take(BOB, force=True)
+    assert desk.lease.holder.key == BOB.key
+    assert desk.told[-1].action == "forced"
+    assert desk.told[-1].text == "bob has taken control of vehicle 7 from anna by force."
+
+
+def test_who_was_denied_may_force_at_once_and_is_told_why(desk):
+    desk.sits_down(ANNA)
+    desk.lease.command(ANNA)
+    desk.lease.request(BOB)
+    desk.lease.deny(ANNA, BOB.key, "landing now")
+    assert desk.lease.requests() == ()
+    assert desk.told[-1].reason == "landing now"
+    desk.lease.take(BOB, force=True)
+    assert desk.lease.holder.key == BOB.key
+
+
+def test_who_cannot_be_asked_may_be_forced_at_once(desk):
+    desk.lease.command(ANNA)
+    desk.lease.take(BOB, force=True)
+    assert desk.lease.holder.key == BOB.key
+
+
+def test_a_new_holder_is_asked_anew(desk):
+    desk.sits_down(ANNA, BOB, CARL)
+    desk.lease.command(ANNA)
+    desk.lease.request(BOB)
+    desk.after(14)
+    desk.lease.request(CARL)
+    desk.lease.grant(ANNA, "bob")
+    assert [asked.client for asked in desk.lease.requests()] == ["carl"]
+    desk.after(14)
+    with pytest.raises(Refused, match="1 s left"):
+        desk.lease.take(CARL, force=True)
+
+
+def test_a_denial_is_no_right_to_force_the_next_holder(desk):
+    desk.sits_down(ANNA, CARL)
+    desk.lease.command(ANNA)
+    desk.lease.request(BOB)
+    desk.lease.deny(ANNA, "bob")
+    desk.lease.request(CARL)
+    desk.lease.grant(ANNA, "carl")
+    with pytest.raises(Refused, match="was not asked"):
+        desk.lease.take(BOB, force=True)
+
+
+@pytest.mark.parametrize("ending", ["released", "expired"])
+def test_the_first_who_asks_gets_it_when_the_holder_goes(desk, ending):
+    desk.lease.command(ANNA)
+    desk.lease.request(BOB)
+    desk.lease.request(CARL)
+    if ending == "released":
+        desk.lease.release(ANNA)
+    else:
+        desk.after(31)
+    assert desk.lease.holder.key == BOB.key
+    assert desk.actions()[-2:] == [ending, "taken"]
+    assert [asked.client for asked in desk.lease.requests()] == ["carl"]
+
+
+def test_a_request_is_taken_back_and_an_old_one_is_forgotten(desk):
+    desk.sits_down(ANNA)
+    desk.lease.command(ANNA)
+    desk.lease.request(BOB)
+    desk.lease.release(BOB)
+    assert desk.told[-1].action == "withdrawn"
+    desk.lease.request(CARL)
+    desk.after(121)
+    assert desk.lease.requests() == ()
+
+
+def test_of_two_of_one_name_the_key_says_which(desk):
+    desk.sits_down(ANNA)
+    first, second = Client.of("page", "one"), Client.of("page", "two")
+    desk.lease.command(ANNA)
+    desk.lease.request(first)
+    desk.lease.request(second)
+    with pytest.raises(Refused, match="2 clients named 'page'"):
+        desk.lease.grant(ANNA, "page")
+    with pytest.raises(Refused, match="'dora' does not ask"):
+        desk.lease.grant(ANNA, "dora")
+    desk.lease.grant(ANNA, second.key)
+    assert desk.lease.holder.key == second.key
+
+
+def test_the_holder_hears_what_others_did_by_the_actions_open_to_all(desk):
+    desk.lease.intervened(BOB, "Hold")
+    desk.lease.command(ANNA)
+    desk.lease.intervened(ANNA, "Hold")
+    desk.lease.intervened(BOB, "Land now")
+    assert desk.actions() == ["taken", "intervened"]
+    assert desk.told[-1].text == "bob commanded Land now of vehicle 7; anna still has control."
+    assert desk.lease.holder.key == ANNA.key
