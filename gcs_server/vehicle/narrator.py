@@ -8,7 +8,7 @@ from gcs_server.clock import Clock
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.modes import name_and_label
-from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, ArmingReport, VehicleEvent, decode_event
+from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, VehicleEvent
 from gcs_server.vehicle.reducers import Facts
 from gcs_server.vehicle.texts import TextJoiner
 
@@ -16,6 +16,8 @@ PAIR_WITHIN_S = 0.3
 """PX4 sends a text that ends in a tab and its event within a few milliseconds of each other."""
 SAME_TEXT_S = 1.0
 REMEMBERED_SEQUENCES = 64
+LATE_PAIR_S = 5.0
+"""An event that the link had lost comes so long after its text at most."""
 WARNING, NOTICE = 4, 5
 
 
@@ -34,7 +36,8 @@ class Narrator:
         self._lone_events: deque[float] = deque(maxlen=8)
         self._seen_events: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_SEQUENCES)
         self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
-        self.report = ArmingReport()
+        self._lone_texts: deque[float] = deque(maxlen=8)
+        """When texts that repeat an event were told without it."""
 
     def text(self, payload: bytes, source: object) -> None:
         """STATUSTEXT heard from `source` (an endpoint)."""
@@ -42,16 +45,17 @@ class Narrator:
         for severity, text in self._texts.feed(payload, now_s):
             self._one_text(severity, text, source, now_s)
 
-    def event(self, payload: bytes) -> None:
-        """EVENT."""
+    def event(self, event: VehicleEvent, late: bool = False) -> None:
+        """EVENT that belongs to no report; `late`: one that the link had lost, asked for again."""
         now_s = self._clock.monotonic_s()
-        event = decode_event(payload)
         key = (event.sequence, event.id)
         if key in self._seen_events:
             return
         self._seen_events.append(key)
-        if self.report.feed(event) or event.level >= LEVEL_PROTOCOL:
+        if event.level >= LEVEL_PROTOCOL:
             return
+        if late and self._lone_texts and now_s - self._lone_texts.popleft() < LATE_PAIR_S:
+            return  # its text was told already
         held = self._take_held(now_s)
         if held is None:
             self._lone_events.append(now_s)
@@ -79,6 +83,7 @@ class Narrator:
             self._one_text(severity, text, None, now_s)
         while self._held and now_s - self._held[0][0] > PAIR_WITHIN_S:
             held_s, severity, text = self._held.popleft()
+            self._lone_texts.append(now_s)
             self._line("status_text", severity, text, ago_s=now_s - held_s)
 
     def _one_text(self, severity: int, text: str, source: object, now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""PX4's EVENT messages without its metadata: our own words for the ones that matter to an operator.
+"""PX4's EVENT messages in words: the vehicle's own where its metadata is at hand, else ours.
 
 The ids are PX4 v1.16's (component 1 of the event's namespace included in the top byte). Arming checks
 carry the modes they concern as a bit mask and the health component as their first arguments.
@@ -9,38 +9,17 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from gcs_server.vehicle.check_words import CHECKS
+from gcs_server.vehicle.event_definitions import Definitions
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAV_STATE
 
 _event = struct.Struct("<IIHBBB40s")
-_summary = struct.Struct("<BIIII")
 
 ARMING_SUMMARY_ID = 27825120
 HEALTH_SUMMARY_ID = 18691879
 LEVEL_PROTOCOL = 8
 """Levels from here on are not for people."""
-LEVEL_ERROR = 3
-ALL_MODES = 0xFFFFFFFF
 
-CHECKS: dict[int, str] = {
-    17231145: "there is no transmitter or joystick",
-    17154777: "there is no mission to fly",
-    19865031: "no offboard setpoints are coming in",
-    18648929: "this mode cannot take off from the ground",
-    30612409: "there is no position estimate",
-    26788467: "there is no global position",
-    25316113: "the vehicle is tilted too far",
-    21826980: "the battery is low",
-    19404811: "the battery is nearly empty",
-    28274646: "the GPS altitude still drifts",
-    22720449: "too few compasses were found",
-    26938432: "the Open Drone ID system is missing",
-    22222072: "an accelerometer is not calibrated",
-    18103665: "a gyro is not calibrated",
-    33493753: "a compass is not calibrated",
-    31525953: "the external mode is not registered",
-    29532170: "the flight was terminated",
-    33420013: "the heading estimate is not stable yet",
-}
 TEXTS: dict[int, str] = {
     16910493: "Arming denied: the vehicle's checks fail",
     25868725: "Disarming denied: the vehicle has not landed",
@@ -87,68 +66,41 @@ class VehicleEvent:
     level: int
     """MAV_SEVERITY, or 8 and more for what is not for people."""
     text: str
-    is_check: bool
+    name: str
+    """PX4's name for it; `event_…` where nobody told."""
+    remedy: str | None
+    """What to do about it, where somebody told."""
+    boot_ms: int
+    """When it happened, on the vehicle's boot clock."""
     arguments: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class FailedCheck:
-    """One line of the arming report."""
+def decode_event(payload: bytes, definitions: Definitions | None = None) -> VehicleEvent:
+    """From a full EVENT payload.
 
-    modes: int
-    """Bit mask over `Mode.nav_state`."""
-    level: int
-    text: str
+    Args:
+        payload: as it came.
+        definitions: the vehicle's own words, where they are at hand.
+    """
+    event_id, boot_ms, sequence, _component, _system, levels, arguments = _event.unpack(payload)
+    text, name, remedy = describe(event_id, arguments, definitions)
+    return VehicleEvent(event_id, sequence, levels & 0x0F, text, name, remedy, boot_ms, arguments)
 
 
-def decode_event(payload: bytes) -> VehicleEvent:
-    """From a full EVENT payload."""
-    event_id, _time, sequence, _component, _system, levels, arguments = _event.unpack(payload)
+def describe(
+    event_id: int, arguments: bytes, definitions: Definitions | None = None
+) -> tuple[str, str, str | None]:
+    """(text, name, remedy) of an event: the vehicle's words before ours, the bare id where there are none."""
     check = CHECKS.get(event_id)
-    text = check or TEXTS.get(event_id) or f"event {event_id}"
+    defined = definitions.get(event_id) if definitions else None
+    if defined is not None:
+        remedy = defined.remedy(arguments) if defined.is_check else None
+        return defined.text(arguments), defined.name, remedy or (check.remedy if check else None)
+    if check is not None:
+        return check.cause, check.name, check.remedy
+    text = TEXTS.get(event_id) or f"event {event_id}"
     if event_id == SWITCH_REFUSED_ID:
         (custom_mode,) = struct.unpack_from("<I", arguments)
-        nav_state = arguments[4]
-        mode = BY_NAV_STATE.get(nav_state) or BY_CUSTOM_MODE.get(custom_mode)
+        mode = BY_NAV_STATE.get(arguments[4]) or BY_CUSTOM_MODE.get(custom_mode)
         text = f"The vehicle cannot switch to {mode.label} now" if mode else text
-    return VehicleEvent(event_id, sequence, levels & 0x0F, text, check is not None, arguments)
-
-
-class ArmingReport:
-    """The newest complete list of what keeps the vehicle from arming or flying.
-
-    A report is a summary, its checks, a second summary (PX4 sends it when something changed).
-    """
-
-    def __init__(self) -> None:
-        self.can_arm: int | None = None
-        """Bit mask of the modes in which it could arm; None before the first report."""
-        self.failed: tuple[FailedCheck, ...] = ()
-        self._collecting: list[FailedCheck] | None = None
-        self._collecting_can_arm = 0
-
-    def feed(self, event: VehicleEvent) -> bool:
-        """Takes an event; True where it belongs to a report."""
-        if event.id == ARMING_SUMMARY_ID:
-            _chunk, _error, _warning, can_arm, _can_run = _summary.unpack_from(event.arguments)
-            self._collecting, self._collecting_can_arm = [], can_arm
-            return True
-        if event.id == HEALTH_SUMMARY_ID:
-            if self._collecting is not None:
-                self.failed, self.can_arm = tuple(self._collecting), self._collecting_can_arm
-                self._collecting = None
-            return True
-        if self._collecting is None:
-            return False
-        modes = struct.unpack_from("<I", event.arguments)[0]
-        self._collecting.append(FailedCheck(modes, event.level, event.text))
-        return True
-
-    def against_arming(self, nav_state: int | None) -> tuple[str, ...]:
-        """Why it would not arm in a mode (None: in any), in our words; empty where it would."""
-        mask = ALL_MODES if nav_state is None else 1 << nav_state
-        if self.can_arm is not None and nav_state is not None and self.can_arm & mask:
-            return ()
-        concerned = [check for check in self.failed if check.modes & mask]
-        grave = [c.text for c in concerned if c.level <= LEVEL_ERROR or c.modes != ALL_MODES]
-        return tuple(grave or (c.text for c in concerned))
+    return text, f"event_{event_id}", None

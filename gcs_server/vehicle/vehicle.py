@@ -18,11 +18,12 @@ from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.narrator import Narrator
 from gcs_server.vehicle.outsiders import Outsiders
-from gcs_server.vehicle.px4_events import ArmingReport
 from gcs_server.vehicle.reducers import REDUCERS, Facts
 from gcs_server.vehicle.samples import Sample, Status
 from gcs_server.vehicle.services.command import CommandService
+from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbal import GimbalService
+from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import VehicleState
 
@@ -61,7 +62,9 @@ class Vehicle:
         self._limits_next_s = self._limits_since_s = float("-inf")
         self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
-            d.MAVLINK_MSG_ID_EVENT: lambda f, _: self._narrator.event(full_payload(f)),
+            d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
+            d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
+            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.gone(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._outsiders.ack(full_payload(f)),
             d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._outsiders.gimbal(full_payload(f)),
         }
@@ -70,6 +73,8 @@ class Vehicle:
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
         self.params = ParamService(self)
+        self.ftp = FtpService(self)
+        self.health = HealthService(self, self._narrator.event)
         self._outsiders = Outsiders(self, self.command)
 
     @property
@@ -86,11 +91,6 @@ class Vehicle:
     def facts(self) -> Facts:
         """As `status`, with the times at which the vehicle said it."""
         return self._state.facts
-
-    @property
-    def arming_report(self) -> ArmingReport:
-        """What keeps it from arming."""
-        return self._narrator.report
 
     @property
     def mode_cause(self) -> ModeCause | None:
@@ -177,6 +177,8 @@ class Vehicle:
     def attach(self, endpoint: Endpoint) -> None:
         """It is heard there, too."""
         endpoint.vehicle = self
+        if not self._endpoints:
+            self.health.heard()
         self._endpoints = (*self._endpoints, endpoint)
         if endpoint.version is not None:
             self.set_version(endpoint.version)
@@ -206,6 +208,7 @@ class Vehicle:
         """Four times a second: history, held texts, the link's age."""
         self._state.remember()
         self._narrator.tick()
+        self.health.tick()
         self._ask_gimbal_limits()
         if self._state.link_lost and not self._lost:
             self._lost = True
@@ -259,6 +262,7 @@ class Vehicle:
             self._lost = False
             # it may have been another flight controller's gimbal, or another firmware, that came back
             self._limits_asked, self._limits_since_s = 0, self.clock.monotonic_s()
+            self.health.heard()
             self.events.add("link", self.clock.unix_s(), "Link is back", severity=d.MAV_SEVERITY_NOTICE)
 
     def _choose_endpoint(self) -> Endpoint | None:

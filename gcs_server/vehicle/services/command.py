@@ -299,7 +299,7 @@ class CommandService:
 
     def _against_arming(self) -> tuple[str, ...]:
         mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
-        return self._vehicle.arming_report.against_arming(mode.nav_state if mode else None)
+        return self._vehicle.health.against_arming(mode.nav_state if mode else None)
 
     def _begin(self, what: str, mode: Mode | None = None, by: str | None = None) -> int:
         self._newest += 1

@@ -9,9 +9,14 @@ from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.identity import Identity
-from gcs_server.vehicle.px4_events import ArmingReport
 from gcs_server.vehicle.reducers import Facts
 from gcs_server.vehicle.samples import Sample, Status
+
+
+class Health(Protocol):
+    """What the vehicle's own checks say."""
+
+    def against_arming(self, nav_state: int | None) -> tuple[str, ...]: ...
 
 
 class VehiclePort(Protocol):
@@ -21,6 +26,10 @@ class VehiclePort(Protocol):
     clock: Clock
     mailbox: Mailbox
     events: EventFeed
+
+    @property
+    def health(self) -> Health: ...
+
     own_ids: tuple[int, int]
     """Our (system id, component id): whom acknowledgements must be meant for."""
 
@@ -30,8 +39,6 @@ class VehiclePort(Protocol):
     def status(self) -> Status: ...
     @property
     def facts(self) -> Facts: ...
-    @property
-    def arming_report(self) -> ArmingReport: ...
     def topic(self, name: str) -> Sample | None: ...
     def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None: ...
     def require_commandable(self) -> None: ...

@@ -3,7 +3,6 @@
 import json
 import lzma
 import math
-import struct
 
 import pytest
 
@@ -146,32 +145,6 @@ def test_the_event_ids_are_px4s(shared):
             known |= {int(component) << 24 | int(event) for event in group["events"]}
     ours = {*px4_events.CHECKS, *px4_events.TEXTS, px4_events.ARMING_SUMMARY_ID, px4_events.HEALTH_SUMMARY_ID}
     assert ours - known == set()
-
-
-def test_the_arming_report_counts_only_what_blocks_the_mode():
-    report = px4_events.ArmingReport()
-
-    def feed(event_id, level, arguments=b""):
-        payload = struct.pack("<IIHBBB40s", event_id, 0, 1, 0, 0, level, arguments)
-        assert report.feed(px4_events.decode_event(payload))
-
-    feed(27825120, 0x88, struct.pack("<BIIII", 0, 0, 0, 1 << 14, 0))
-    feed(17154777, 0x66, struct.pack("<IB", 8, 20))
-    feed(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
-    feed(33420013, 0x33, struct.pack("<IB", 0xFFFFFFFF, 17))
-    assert report.failed == ()  # not before it is complete
-    feed(18691879, 0x88)
-    assert report.against_arming(3) == (
-        "there is no mission to fly",
-        "the heading estimate is not stable yet",
-    )
-    assert report.against_arming(4) == ("the heading estimate is not stable yet",)
-    assert report.against_arming(14) == ()
-    feed(27825120, 0x88, struct.pack("<BIIII", 0, 0, 0, 1 << 4, 0))
-    feed(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
-    feed(18691879, 0x88)
-    assert report.against_arming(2) == ("there is no transmitter or joystick",)
-    assert report.against_arming(4) == ()
 
 
 def test_modes_have_one_number_each():

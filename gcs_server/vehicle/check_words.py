@@ -1,0 +1,187 @@
+"""Our own words for PX4's arming checks: what is wrong, and what to do about it.
+
+Ids and names are PX4 v1.16's (the namespace of component 1 is in the id's top byte). They are used where the
+vehicle's own metadata is not at hand, and for the remedy where that metadata gives none.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Check(NamedTuple):
+    """One check."""
+
+    name: str
+    """As PX4's metadata calls it, for programs."""
+    cause: str
+    """Why, as part of a sentence."""
+    remedy: str | None = None
+    """What to do, as a sentence."""
+
+
+STILL = "Keep the vehicle still and wait; if it stays, look at the sensor."
+SKY = "Wait where the vehicle sees the sky well."
+CALIBRATE_RC = "Calibrate the transmitter again."
+CALIBRATE = "Calibrate it."
+WIRING = "Check that it is connected, and restart the vehicle."
+CHARGE = "Put in a charged battery."
+BACK_INSIDE = "Bring the vehicle back inside of the fence, or change the fence."
+
+MANUAL_CONTROL_ID = 17231145
+MODE_NEEDS: dict[int, Check] = {
+    MANUAL_CONTROL_ID: Check(
+        "check_modes_manual_control", "there is no transmitter or joystick",
+        "Switch the transmitter on, or fly with a gamepad; or choose a mode that flies by itself.",
+    ),
+    17154777: Check("check_modes_mission", "there is no mission to fly", "Upload a mission."),
+    19865031: Check(
+        "check_modes_offboard_signal", "no offboard setpoints are coming in",
+        "Start an offboard stream here: it sends setpoints before it asks for the mode.",
+    ),
+    30612409: Check("check_modes_local_pos", "there is no position estimate", SKY),
+    26788467: Check("check_modes_global_pos", "there is no global position", SKY),
+    29467116: Check(
+        "check_modes_local_alt", "there is no height estimate", "Wait; look at the barometer."
+    ),
+    16856624: Check("check_modes_home_position", "there is no home position", SKY),
+    27227279: Check("check_modes_attitude", "there is no attitude estimate", STILL),
+    26420585: Check("check_modes_angular_velocity", "the gyros give no turning rates", WIRING),
+    31525953: Check(
+        "check_external_modes_unavailable", "the external mode is not registered", "Start its program."
+    ),
+    26592384: Check(
+        "check_external_modes_unresponsive", "the external mode's program is silent", "Restart its program."
+    ),
+}  # fmt: skip
+"""What modes need to run at all; the others only keep the vehicle from arming."""
+
+CHECKS: dict[int, Check] = MODE_NEEDS | {
+    18648929: Check(
+        "check_modes_cannot_takeoff", "this mode cannot take off from the ground",
+        "Arm in Hold or Take off, then switch.",
+    ),
+    25316113: Check(
+        "check_failure_detector_roll", "the vehicle is tilted too far", "Put it upright, then restart it."
+    ),
+    33522684: Check(
+        "check_failure_detector_pitch", "the vehicle is tilted too far", "Put it upright, then restart it."
+    ),
+    21326245: Check("check_failure_detector_alt", "it lost height without cause", "Find out why first."),
+    21039037: Check("check_failure_detector_ext", "an external system reports a failure"),
+    17443695: Check("check_failure_detector_motor", "a motor failed", "Repair it before the next flight."),
+    32570390: Check("check_failure_detector_arm_esc", "a motor controller did not arm", WIRING),
+    21654568: Check(
+        "check_failure_detector_imbalanced_prop", "a propeller is out of balance", "Change the propeller."
+    ),
+    21826980: Check("check_battery_low", "the battery is low", CHARGE),
+    19404811: Check("check_battery_critical", "the battery is nearly empty", CHARGE),
+    28121863: Check("check_battery_emergency", "the battery is empty", CHARGE),
+    19005802: Check("check_battery_rem_flight_time_low", "the battery lasts for too short a flight", CHARGE),
+    27095490: Check("check_battery_missing", "a battery is missing", "Connect all batteries."),
+    25576769: Check("check_battery_disconnected", "a battery is disconnected", "Connect all batteries."),
+    30121562: Check("check_battery_unhealthy", "a battery is not healthy", CHARGE),
+    32379714: Check("check_battery_fault", "a battery reports a fault", CHARGE),
+    28274646: Check("check_estimator_gps_vert_pos_drift_too_high", "the GPS altitude still drifts", SKY),
+    22494412: Check("check_estimator_gps_hor_pos_drift_too_high", "the GPS position still drifts", SKY),
+    17826492: Check("check_estimator_gps_hor_pos_err_too_high", "the GPS position is too uncertain", SKY),
+    17293278: Check("check_estimator_gps_vert_pos_err_too_high", "the GPS altitude is too uncertain", SKY),
+    21752443: Check("check_estimator_gps_hor_speed_drift_too_high", "the GPS speed still drifts", SKY),
+    23335473: Check("check_estimator_gps_vert_speed_drift_too_high", "the GPS climb rate still drifts", SKY),
+    27455887: Check("check_estimator_gps_speed_acc_too_low", "the GPS speed is too uncertain", SKY),
+    26976193: Check("check_estimator_gps_pdop_too_high", "the GPS satellites stand badly", SKY),
+    29871674: Check("check_estimator_gps_num_sats_too_low", "there are too few GPS satellites", SKY),
+    29146769: Check("check_estimator_gps_fix_too_low", "GPS has no 3D fix", SKY),
+    18865335: Check("check_estimator_gps_generic", "GPS is not good enough", SKY),
+    26385442: Check("check_estimator_gps_not_fusing", "the estimator does not use GPS", SKY),
+    25491158: Check("check_estimator_gps_spoofed", "the GPS signal is forged", "Do not fly by GPS here."),
+    29557505: Check("check_estimator_gps_jamming_critical", "the GPS is jammed", "Do not fly by GPS here."),
+    22831554: Check("check_estimator_missing_data", "the estimator has not started yet", STILL),
+    33420013: Check("check_estimator_heading_not_stable", "the heading estimate is not stable yet", STILL),
+    26412014: Check("check_estimator_hgt_not_stable", "the height estimate is not stable yet", STILL),
+    26475035: Check("check_estimator_hor_pos_not_stable", "the position estimate is not stable yet", STILL),
+    25679424: Check("check_estimator_hor_vel_not_stable", "the speed estimate is not stable yet", STILL),
+    25948424: Check("check_estimator_vert_vel_not_stable", "the climb rate is not stable yet", STILL),
+    27737349: Check("check_estimator_low_position_accuracy", "the position estimate is inaccurate", SKY),
+    20390844: Check("check_estimator_high_accel_bias", "an accelerometer is far off", "Calibrate it again."),
+    26084437: Check("check_estimator_high_gyro_bias", "a gyro is far off", "Calibrate it again."),
+    32490591: Check(
+        "check_estimator_mag_interference", "the magnetic field here is disturbed", "Move away from metal."
+    ),
+    20380425: Check("check_estimator_mag_fault", "the compass is not used any more", "Calibrate it again."),
+    26743035: Check("check_estimator_gnss_fault", "the heading by GPS is not reliable", SKY),
+    22720449: Check(
+        "check_mag_sys_has_mag_missing", "too few compasses were found", "Connect them, or lower SYS_HAS_MAG."
+    ),
+    22050956: Check("check_mag_consistency", "the compasses disagree", "Calibrate them again."),
+    23035260: Check("check_mag_fault", "a compass is faulty", "Calibrate it again, or exchange it."),
+    19838260: Check("check_imu_accel_inconsistent", "the accelerometers disagree", STILL),
+    19259057: Check("check_imu_gyro_inconsistent", "the gyros disagree", STILL),
+    22222072: Check("check_accel_not_calibrated", "an accelerometer is not calibrated", CALIBRATE),
+    18103665: Check("check_gyro_not_calibrated", "a gyro is not calibrated", CALIBRATE),
+    33493753: Check("check_mag_not_calibrated", "a compass is not calibrated", CALIBRATE),
+    25005055: Check("check_accel_missing", "an accelerometer is missing", WIRING),
+    33007247: Check("check_accel_no_data", "an accelerometer gives no data", WIRING),
+    20345936: Check("check_gyro_missing", "a gyro is missing", WIRING),
+    28255544: Check("check_gyro_no_data", "a gyro gives no data", WIRING),
+    32165976: Check("check_mag_missing", "a compass is missing", WIRING),
+    23187824: Check("check_mag_no_data", "a compass gives no data", WIRING),
+    21872809: Check("check_baro_missing", "a barometer is missing", WIRING),
+    19966445: Check("check_baro_no_data", "a barometer gives no data", WIRING),
+    30998685: Check("check_distance_sensor_missing", "a distance sensor is missing", WIRING),
+    25321862: Check("check_distance_sensor_invalid", "a distance sensor gives no data", WIRING),
+    25569984: Check("check_optical_sensor_missing", "the optical flow sensor is missing", WIRING),
+    27903148: Check("check_optical_flow_sensor_invalid", "the optical flow sensor gives no data", WIRING),
+    31343262: Check("check_escs_offline", "a motor controller does not answer", WIRING),
+    25968665: Check("check_escs_telem_missing", "motor controllers report nothing", WIRING),
+    23725705: Check("check_escs_fault", "a motor controller reports a fault", "Look at the motor."),
+    24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
+    18447583: Check("check_avionics_power_low", "the supply voltage is too low", CHARGE),
+    32067059: Check("check_avionics_power_high", "the supply voltage is too high", "Check the power module."),
+    16920235: Check("check_gf_violation_custom_gf", "the vehicle is outside of the fence", BACK_INSIDE),
+    30700832: Check("check_gf_violation_max_alt", "the vehicle is higher than the fence", BACK_INSIDE),
+    20842799: Check(
+        "check_gf_violation_max_hor_dist", "the vehicle is farther from home than the fence", BACK_INSIDE
+    ),
+    16901501: Check("check_gf_no_home", "a fence that returns needs a home position", SKY),
+    29582859: Check("check_mission_failure", "the mission cannot be flown", "Correct it; upload it again."),
+    26938432: Check(
+        "check_open_drone_id_missing", "the Open Drone ID system is missing", "Connect it (COM_ARM_ODID)."
+    ),
+    25218996: Check("check_open_drone_id_unhealthy", "the Open Drone ID system is not ready", WIRING),
+    32742900: Check("check_parachute_missing", "the parachute system is missing", WIRING),
+    30149368: Check("check_parachute_unhealthy", "the parachute system is not ready", WIRING),
+    23579003: Check(
+        "check_rc_dl_no_dllink", "the vehicle hears no ground station", "Check the link in both directions."
+    ),
+    29532170: Check("check_system_flight_term_active", "the flight was terminated", "Restart the vehicle."),
+    17054001: Check("check_system_safety_button", "the safety button is not pressed", "Press it."),
+    24439368: Check("check_system_usb_connected", "a USB cable is connected", "Pull it out."),
+    29053220: Check("check_system_no_global_pos", "there is no global position", SKY),
+    23268580: Check("check_system_no_home_pos", "there is no home position", SKY),
+    22481569: Check("check_system_arm_auth_failed", "the one who must permit arming said no"),
+    25855193: Check("check_man_control_kill_engaged", "the kill switch is on", "Switch it off."),
+    24661593: Check("check_man_control_rtl_engaged", "the return switch is on", "Switch it off."),
+    24736883: Check("check_armable_configuration", "it is configured to stay safe", "Set it up first."),
+    28190816: Check("check_wind_too_high", "the wind is above the limit", "Wait, or land."),
+    31421834: Check("check_flight_time_limit", "the longest flight time is over", "Land."),
+    27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Put one in."),
+    21225307: Check("check_hardfault_present", "a crash of the software is on the SD card", "Read it out."),
+    17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Switch off extras."),
+    31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),
+    23756917: Check("check_rc_min_too_small", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
+    24624528: Check("check_rc_max_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
+    25272693: Check("check_rc_trim_too_small", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
+    18694246: Check("check_rc_trim_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
+    23436396: Check("check_rc_dz_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
+}  # fmt: skip
+
+COMPONENTS: tuple[str, ...] = (
+    "nothing", "barometer", "airspeed sensor", "GPS", "optical flow", "vision", "distance sensor",
+    "transmitter", "motors",
+    "traffic management", "logging", "battery", "links", "rate control", "attitude control",
+    "position control", "attitude estimate", "position estimate", "mission", "obstacle avoidance", "system",
+    "camera", "gimbal", "payload", "global position", "storage", "parachute", "compass", "accelerometer",
+    "gyro", "Open Drone ID", "31",
+)  # fmt: skip
+"""By the index that a check carries (the bit of PX4's health components)."""

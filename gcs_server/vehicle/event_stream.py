@@ -1,0 +1,143 @@
+"""One vehicle's EVENT messages in order, none twice, and which of them to ask for again; pure.
+
+The MAVLink guide's events interface: numbers of 16 bits that wrap; a gap is asked for with REQUEST_EVENT;
+what the vehicle has no more it tells by RESPONSE_EVENT_ERROR; CURRENT_EVENT_SEQUENCE shows what came last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+LONGEST_GAP = 64
+"""A larger one is a restart of the vehicle's, or a link that was away: its middle is gone anyway."""
+ASK_EVERY_S = 0.25
+ASK_TIMES = 12
+RESET_FLAG = 1
+"""MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET."""
+
+
+@dataclass(slots=True)
+class EventStream(Generic[Item]):
+    """Put in as they come; taken out in order."""
+
+    expected: int | None = None
+    """The next number; None before the first."""
+    lost: int = 0
+    """How many could not be had."""
+    _held: dict[int, Item] = field(default_factory=dict[int, Item])
+    _newest: int = 0
+    """The last number that is known to have been used."""
+    _asked: int = 0
+    _next_ask_s: float = float("-inf")
+
+    def take(self, sequence: int, item: Item) -> list[Item]:
+        """What is in order now that this one has come; empty where it came before or something is missing."""
+        if self.expected is None:
+            self.expected, self._newest = sequence, (sequence - 1) & 0xFFFF
+        ahead = _ahead(sequence, self.expected)
+        if ahead > LONGEST_GAP:
+            self._jump(sequence)
+        elif ahead < 0:
+            if ahead < -LONGEST_GAP:
+                self._jump(sequence)  # it has restarted
+            else:
+                return []
+        self._held[sequence] = item
+        self._note(sequence)
+        return self._in_order()
+
+    def current(self, sequence: int, flags: int) -> None:
+        """CURRENT_EVENT_SEQUENCE: the number of the newest event there is."""
+        if self.expected is None or flags & RESET_FLAG:
+            self.reset()
+            self.expected, self._newest = (sequence + 1) & 0xFFFF, sequence
+            return
+        ahead = _ahead(sequence, self.expected)
+        if abs(ahead) > LONGEST_GAP:
+            self._jump((sequence + 1) & 0xFFFF)
+        elif ahead >= 0:
+            self._note(sequence)
+
+    def gone(self, sequence: int, oldest: int) -> list[Item]:
+        """RESPONSE_EVENT_ERROR: the vehicle has not got it any more, only from `oldest` on."""
+        if self.expected is None or _ahead(sequence, self.expected) != 0:
+            return []
+        return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= LONGEST_GAP else sequence + 1)
+
+    def awaits(self, sequence: int) -> bool:
+        """Whether this one is missing while later ones have come, or are known to exist."""
+        return (
+            self.expected is not None
+            and sequence not in self._held
+            and _ahead(sequence, self.expected) >= 0 >= _ahead(sequence, self._newest)
+        )
+
+    def wanted(self, now_s: float) -> tuple[int, int] | None:
+        """(first, last) to ask for now; None while nothing is missing or the last request is fresh."""
+        missing = self.missing
+        if missing is None or now_s < self._next_ask_s or self._asked >= ASK_TIMES:
+            return None
+        self._asked += 1
+        self._next_ask_s = now_s + ASK_EVERY_S
+        return missing
+
+    def give_up(self, now_s: float) -> list[Item]:
+        """What is in order once a gap that nobody fills is left behind."""
+        missing = self.missing
+        if missing is None or self._asked < ASK_TIMES or now_s < self._next_ask_s:
+            return []
+        return self._skip_to(missing[1] + 1)
+
+    def reset(self) -> None:
+        """The vehicle counts from anew, or it is another one."""
+        self.expected = None
+        self._held.clear()
+        self._asked = 0
+
+    @property
+    def missing(self) -> tuple[int, int] | None:
+        """(first, last) of the first gap."""
+        if self.expected is None or self.expected in self._held:
+            return None
+        if self._held:
+            first_held = min(self._held, key=lambda s: _ahead(s, self.expected or 0))
+            return self.expected, (first_held - 1) & 0xFFFF
+        return (self.expected, self._newest) if _ahead(self._newest, self.expected) >= 0 else None
+
+    def _note(self, sequence: int) -> None:
+        if _ahead(sequence, self._newest) > 0:
+            self._newest = sequence
+
+    def _jump(self, sequence: int) -> None:
+        if self.expected is not None:
+            self.lost += 1
+        self.reset()
+        self.expected = sequence
+        self._newest = (sequence - 1) & 0xFFFF
+
+    def _skip_to(self, sequence: int) -> list[Item]:
+        assert self.expected is not None
+        sequence &= 0xFFFF
+        self.lost += max(1, _ahead(sequence, self.expected))
+        for passed in [s for s in self._held if _ahead(s, sequence) < 0]:
+            del self._held[passed]
+        self.expected = sequence
+        self._note((sequence - 1) & 0xFFFF)
+        self._asked = 0
+        return self._in_order()
+
+    def _in_order(self) -> list[Item]:
+        ready: list[Item] = []
+        while self.expected is not None and self.expected in self._held:
+            ready.append(self._held.pop(self.expected))
+            self.expected = (self.expected + 1) & 0xFFFF
+            self._asked = 0
+        return ready
+
+
+def _ahead(sequence: int, of: int) -> int:
+    """By how many numbers one is after another, with the wrap; -32768 to 32767."""
+    return ((sequence - of + 0x8000) & 0xFFFF) - 0x8000

@@ -1,0 +1,257 @@
+"""A vehicle's events in order, and what they say of why it cannot arm or fly.
+
+What the link lost of them is asked for again (`event_stream.py`); the report is joined from them in order
+(`readiness.py`) and asked for once when the vehicle was first heard, since it is told only when it changes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+
+from gcs_server.errors import NoReply
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle import readiness
+from gcs_server.vehicle.check_words import CHECKS
+from gcs_server.vehicle.event_definitions import Definitions
+from gcs_server.vehicle.event_stream import EventStream
+from gcs_server.vehicle.modes import BY_CUSTOM_MODE
+from gcs_server.vehicle.px4_events import (
+    ARMING_SUMMARY_ID,
+    HEALTH_SUMMARY_ID,
+    TEXTS,
+    VehicleEvent,
+    decode_event,
+    describe,
+)
+from gcs_server.vehicle.readiness import Finding, Readiness, Report, ReportJoiner
+from gcs_server.vehicle.services.port import VehiclePort
+
+ASK_FIRST_AFTER_S = 2.0
+"""So long a vehicle may tell by itself."""
+ASK_AGAIN_S, ASK_TIMES = 2.0, 4
+RESTART_S = 10.0
+"""A boot clock that goes back by more was started anew."""
+CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
+
+_current = struct.Struct("<HB")
+_error = struct.Struct("<HH")
+
+
+class HealthService:
+    """One vehicle's.
+
+    Args:
+        vehicle: whose.
+        tell: takes each event that belongs to no report, as it comes, and whether it is an older one that the
+            link had lost.
+    """
+
+    def __init__(self, vehicle: VehiclePort, tell: Callable[[VehicleEvent, bool], None]) -> None:
+        self._vehicle = vehicle
+        self._tell = tell
+        self._stream: EventStream[VehicleEvent] = EventStream()
+        self._joiner = ReportJoiner()
+        self._report: Report | None = None
+        self._told: Readiness = readiness.NOTHING_KNOWN
+        self._definitions: Definitions | None = None
+        self._newest_boot_ms = 0
+        self._reports = 0
+        self._asked = 0
+        self._next_ask_s = float("inf")
+        self.revision = 0
+        """Counts the changes of `readiness`."""
+
+    @property
+    def report(self) -> Report | None:
+        """The newest complete one."""
+        return self._report
+
+    @property
+    def readiness(self) -> Readiness:
+        """The newest report in words."""
+        return self._told
+
+    @property
+    def missing(self) -> bool:
+        """Whether events are missing that may still come."""
+        return self._stream.missing is not None
+
+    def against_arming(self, nav_state: int | None) -> tuple[str, ...]:
+        """Why it would not arm in a mode (None: in any), in words; empty where it would, or unknown."""
+        report = self._report
+        if report is None:
+            return ()
+        found = report.findings if nav_state is None else report.causes(nav_state)
+        return tuple(f.cause for f in found)
+
+    def use(self, definitions: Definitions) -> None:
+        """The vehicle's own words have come: what stands is told in them."""
+        self._definitions = definitions
+        if self._report is not None:
+            findings = tuple(self._reworded(f) for f in self._report.findings)
+            self._set(replace(self._report, findings=findings))
+
+    async def check(self) -> Readiness:
+        """Has the vehicle run its checks now, and answers with what they say.
+
+        Raises:
+            NoReply: no report came.
+        """
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        before, deadline_s = self._reports, vehicle.clock.monotonic_s() + CHECK_DEADLINE_S
+        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_EVENT) as waiter:
+            while (left_s := deadline_s - vehicle.clock.monotonic_s()) > 0:
+                self._ask()
+                try:
+                    async with asyncio.timeout(min(CHECK_RESEND_S, left_s)):
+                        while self._reports == before:
+                            await waiter.next()
+                except TimeoutError:
+                    continue
+                return self._told
+        raise NoReply(
+            f"Vehicle {vehicle.id} did not report its checks within {CHECK_DEADLINE_S:g} s.",
+            deadline_s=CHECK_DEADLINE_S,
+            remedy="Check the link; only a PX4 tells its arming checks.",
+        )
+
+    # --- written by the vehicle only ------------------------------------------------------------------
+
+    def event(self, payload: bytes) -> None:
+        """EVENT."""
+        event = decode_event(payload, self._definitions)
+        if self._newest_boot_ms - event.boot_ms > RESTART_S * 1e3 and not self._stream.awaits(event.sequence):
+            self._restarted()
+        late = self._stream.awaits(event.sequence)
+        self._newest_boot_ms = max(self._newest_boot_ms, event.boot_ms)
+        lost = self._stream.lost
+        ready = self._stream.take(event.sequence, event)
+        if not self._is_of_report(event):
+            self._tell(event, late)
+        self._take_in_order(ready, lost)
+        self._ask_for_missing()
+
+    def current(self, payload: bytes) -> None:
+        """CURRENT_EVENT_SEQUENCE."""
+        lost = self._stream.lost
+        self._stream.current(*_current.unpack_from(payload))
+        self._take_in_order([], lost)
+        self._ask_for_missing()
+
+    def gone(self, payload: bytes) -> None:
+        """RESPONSE_EVENT_ERROR."""
+        sequence, oldest = _error.unpack_from(payload)
+        lost = self._stream.lost
+        self._take_in_order(self._stream.gone(sequence, oldest), lost)
+
+    def heard(self) -> None:
+        """First heard, or back: it is asked for its report, unless it tells by itself."""
+        self._asked, self._next_ask_s = 0, self._vehicle.clock.monotonic_s() + ASK_FIRST_AFTER_S
+
+    def tick(self) -> None:
+        """A few times a second."""
+        now_s = self._vehicle.clock.monotonic_s()
+        lost = self._stream.lost
+        self._take_in_order(self._stream.give_up(now_s), lost)
+        self._ask_for_missing()
+        identity = self._vehicle.identity
+        if now_s < self._next_ask_s:
+            return
+        self._next_ask_s = now_s + ASK_AGAIN_S
+        if self._asked >= ASK_TIMES or identity.replayed or not identity.commandable:
+            self._next_ask_s = float("inf")
+            return
+        if self._report is not None and self._asked == 0 and self._reports_are_recent():
+            self._next_ask_s = float("inf")
+            return
+        self._asked += 1
+        self._ask()
+
+    def _reports_are_recent(self) -> bool:
+        reported = self._told.reported_unix_s
+        return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * ASK_FIRST_AFTER_S
+
+    def _restarted(self) -> None:
+        self._stream.reset()
+        self._joiner.abandon()
+        self._newest_boot_ms = 0
+        self._report, self._told = None, readiness.NOTHING_KNOWN
+        self.revision += 1
+        self.heard()
+
+    def _ask_for_missing(self) -> None:
+        if self._vehicle.identity.replayed:
+            return
+        missing = self._stream.wanted(self._vehicle.clock.monotonic_s())
+        if missing is not None:
+            identity = self._vehicle.identity
+            self._vehicle.send(
+                d.MAVLink_request_event_message(identity.system_id, identity.component_id, *missing)
+            )
+
+    def _ask(self) -> None:
+        identity = self._vehicle.identity
+        self._vehicle.send(
+            d.MAVLink_command_long_message(
+                identity.system_id, identity.component_id, d.MAV_CMD_RUN_PREARM_CHECKS, 0, *(0.0,) * 7
+            )
+        )
+
+    def _is_of_report(self, event: VehicleEvent) -> bool:
+        if event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID):
+            return True
+        if self._definitions is not None and event.id in self._definitions:
+            return self._definitions[event.id].is_check
+        return event.id in CHECKS or (event.id not in TEXTS and self._joiner.collecting)
+
+    def _take_in_order(self, events: list[VehicleEvent], lost_before: int) -> None:
+        if self._stream.lost != lost_before:
+            self._joiner.abandon()
+            self._asked, self._next_ask_s = 0, min(self._next_ask_s, self._vehicle.clock.monotonic_s() + 0.5)
+        for event in events:
+            if event.id == ARMING_SUMMARY_ID:
+                self._joiner.begin(event.arguments)
+            elif event.id == HEALTH_SUMMARY_ID:
+                report = self._joiner.end(event.arguments)
+                if report is not None:
+                    self._reports += 1
+                    self._asked, self._next_ask_s = 0, float("inf")
+                    self._set(report)
+            elif self._is_of_report(event):
+                modes, component = readiness.head_of(event.arguments)
+                self._joiner.add(
+                    Finding(
+                        event.id, event.name, event.level, modes, component, event.text, event.remedy,
+                        event.arguments,
+                    )
+                )  # fmt: skip
+
+    def _reworded(self, finding: Finding) -> Finding:
+        text, name, remedy = describe(finding.id, finding.arguments, self._definitions)
+        return replace(finding, cause=text, name=name, remedy=remedy)
+
+    def _set(self, report: Report) -> None:
+        now_s = self._vehicle.clock.unix_s()
+        words = "vehicle" if self._definitions is not None else "own"
+        if readiness.unchanged(report, self._report) and words == self._told.words:
+            self._told = replace(self._told, reported_unix_s=now_s)
+            return
+        self._report, self._told = report, readiness.told(report, now_s, words)
+        self.revision += 1
+        mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
+        self._vehicle.events.add(
+            "readiness",
+            now_s,
+            "The vehicle's checks say something else",
+            severity=d.MAV_SEVERITY_DEBUG,
+            data={
+                "revision": self.revision,
+                "mode": mode.name if mode is not None else None,
+                "can_arm": None if mode is None else bool(report.can_arm >> mode.nav_state & 1),
+            },
+            kept=False,
+        )

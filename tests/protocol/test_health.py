@@ -1,0 +1,123 @@
+"""Events and arming reports over links that lose packets: complete, in order, told once, live."""
+
+import pytest
+
+from gcs_server.errors import NoReply
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_payload
+from tests.protocol.sim_world import SimPilot
+
+LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
+
+
+def story(kit, jump, work, *, loss=0.0, seed=0, **options):
+    async def run():
+        world = kit.World()
+        pilot = SimPilot(world.link(), seed=seed, **options)
+        try:
+            vehicle = await world.ready()
+            pilot.loss = loss
+            await work(world, vehicle, pilot)
+        finally:
+            pilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+async def until(world, true, what, patience_s=20.0):
+    end_s = world.loop.time() + patience_s
+    while not true():
+        assert world.loop.time() < end_s, what
+        await world.clock.sleep(0.05)
+
+
+def modes(vehicle):
+    return {m.mode: m for m in vehicle.health.readiness.modes}
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_why_it_cannot_arm_is_known_for_every_mode_and_changes_live(kit, jump, loss, seed):
+    async def work(world, vehicle, pilot):
+        told = []
+        vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
+        health = vehicle.health
+
+        def truth():
+            report = pilot.sim.autopilots[0].commander.checks.report
+            return health.report is not None and health.report.can_arm == report.can_arm
+
+        await until(world, truth, "the first report")
+        assert modes(vehicle)["hold"].can_arm
+        offboard = modes(vehicle)["offboard"]
+        assert not offboard.can_arm
+        assert [c.name for c in offboard.arming] == ["check_modes_offboard_signal"]
+        assert "stream" in offboard.arming[0].remedy
+
+        told.clear()
+        target = d.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, 0b110111111000, 0, 0, -5, 0, 0, 0, 0, 0, 0, 0, 0
+        )
+        for _ in range(200):
+            vehicle.send_payload(target.get_msgId(), encode_payload(target))
+            await world.clock.sleep(0.05)
+        assert modes(vehicle)["offboard"].can_arm
+        assert told
+        assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in told)
+        await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the signal's end")
+        assert truth()
+
+    story(kit, jump, work, loss=loss, seed=seed)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_events_that_were_lost_are_told_once_they_are_had_again(kit, jump, loss, seed):
+    async def work(world, vehicle, pilot):
+        announcer = pilot.sim.autopilots[0].announcer
+        for n in range(12):
+            announcer.event("commander_rtl" if n % 2 else "commander_takeoff_detected")
+            await world.clock.sleep(0.3)
+        await until(world, lambda: not vehicle.health.missing, "all events")
+        texts = [e.text for e in vehicle.events.since(0) if e.kind == "event"]
+        assert (texts.count("Returning to launch"), texts.count("Take-off detected")) == (6, 6)
+        if not loss:
+            assert pilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
+
+    story(kit, jump, work, loss=loss, seed=seed)
+
+
+def test_the_vehicle_is_asked_once_not_for_ever(kit, jump):
+    async def work(world, vehicle, pilot):
+        await world.clock.sleep(30)
+        asked = [m for m in pilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
+        assert 1 <= len(asked) <= 4
+        with pytest.raises(NoReply, match="did not report its checks"):
+            await vehicle.health.check()
+        assert vehicle.health.readiness.known is False
+
+    async def run():
+        world = kit.World()
+        pilot = world.pilot(world.link())  # it acknowledges nothing of this
+        try:
+            await work(world, await world.ready(), pilot)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_checks_run_on_request_and_a_restart_forgets_what_was_said(kit, jump):
+    async def work(world, vehicle, pilot):
+        await world.clock.sleep(15)
+        report = await vehicle.health.check()
+        assert report.known
+        assert report.words == "own"
+        seen = vehicle.health.revision
+        payload = encode_payload(
+            d.MAVLink_event_message(0, 0, 26266355, 5000, 1, 0x66, [4, *[0] * 39])  # boot clock: 5 s
+        )
+        vehicle.health.event(payload)
+        assert vehicle.health.revision == seen + 1
+        assert vehicle.health.readiness.known is False
+
+    story(kit, jump, work)

@@ -1,0 +1,87 @@
+"""Events in order, none twice, whatever the link does; and which of them are asked for again."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.vehicle.event_stream import ASK_EVERY_S, ASK_TIMES, LONGEST_GAP, EventStream
+
+
+def started(at):
+    stream = EventStream()
+    assert stream.take(at, at) == [at]
+    return stream
+
+
+@given(
+    st.integers(0, 65535),
+    st.lists(st.integers(0, 30), min_size=1, max_size=80).map(lambda steps: [1, *steps]),
+)
+def test_any_order_with_repeats_comes_out_once_and_in_order(first, offsets):
+    stream, out = started(first), []
+    for offset in offsets:
+        sequence = (first + offset) & 0xFFFF
+        out += stream.take(sequence, sequence)
+    present = set(offsets) | {0}
+    run = next(n for n in range(32) if n not in present)
+    assert out == [(first + n) & 0xFFFF for n in range(1, run)]
+    assert stream.lost == 0
+    missing = stream.wanted(0.0)
+    later = [n for n in present if n > run]
+    assert missing == (None if not later else ((first + run) & 0xFFFF, (first + min(later) - 1) & 0xFFFF))
+
+
+def test_a_gap_is_asked_for_again_and_in_the_end_left_behind():
+    stream = started(65534)
+    assert stream.take(1, 1) == []
+    now_s, asked = 0.0, 0
+    for _ in range(200):
+        assert stream.take(1, 1) == []  # what comes twice changes nothing
+        request = stream.wanted(now_s)
+        if request is not None:
+            assert request == (65535, 0)
+            asked += 1
+        if stream.give_up(now_s):
+            break
+        now_s += 0.05
+    assert asked == ASK_TIMES
+    assert now_s >= ASK_TIMES * ASK_EVERY_S
+    assert (stream.lost, stream.expected) == (2, 2)
+
+
+def test_a_recovered_event_sets_free_what_waited_for_it():
+    stream = started(5)
+    assert stream.take(7, 7) == []
+    assert stream.wanted(0.0) == (6, 6)
+    assert stream.awaits(6)
+    assert stream.take(6, 6) == [6, 7]
+    assert stream.wanted(10.0) is None
+
+
+def test_the_current_number_shows_a_gap_at_the_end():
+    stream = EventStream()
+    stream.current(14, 0)
+    assert stream.expected == 15  # what was before we came is history
+    assert stream.wanted(0.0) is None
+    stream.current(16, 0)
+    assert stream.wanted(0.0) == (15, 16)
+    assert stream.take(15, 15) == [15]
+    assert stream.wanted(1.0) == (16, 16)
+
+
+def test_what_the_vehicle_has_no_more_is_skipped():
+    stream = started(10)
+    assert stream.take(20, 20) == []
+    assert stream.gone(14, 15) == []  # not the one we wait for
+    assert stream.gone(11, 18) == []
+    assert (stream.expected, stream.lost) == (18, 7)
+    assert stream.gone(18, 65000) == []  # a nonsense oldest: only this one is skipped
+    assert stream.take(19, 19) == [19, 20]
+
+
+def test_a_large_jump_or_a_reset_begins_anew():
+    stream = started(1000)
+    assert stream.take(1000 + LONGEST_GAP + 2, "far") == ["far"]
+    assert stream.take(3, "restarted") == ["restarted"]
+    assert stream.lost == 2
+    stream.current(500, 1)
+    assert stream.take(501, "after") == ["after"]

@@ -1,0 +1,212 @@
+"""Why a vehicle cannot arm or fly a mode: from what a real PX4 said, in its words and in ours."""
+
+import json
+import lzma
+import struct
+
+import pytest
+
+from gcs_server.vehicle import event_definitions, readiness
+from gcs_server.vehicle.check_words import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
+from gcs_server.vehicle.readiness import Finding, ReportJoiner, head_of
+
+GPS = "there is no global position"
+POSITION = "there is no position estimate"
+STICKS = "there is no transmitter or joystick"
+MISSION = "there is no mission to fly"
+SIGNAL = "no offboard setpoints are coming in"
+GROUND = "this mode cannot take off from the ground"
+
+
+def join(payloads, definitions=None):
+    """The last report in a row of EVENT payloads."""
+    return [None, *joins(payloads, definitions)][-1]
+
+
+def joins(payloads, definitions=None):
+    """All reports in a row of EVENT payloads."""
+    joiner, reports = ReportJoiner(), []
+    for payload in payloads:
+        event = decode_event(payload, definitions)
+        if event.id == ARMING_SUMMARY_ID:
+            joiner.begin(event.arguments)
+        elif event.id == HEALTH_SUMMARY_ID:
+            reports.append(joiner.end(event.arguments))
+        elif joiner.collecting:
+            modes, component = head_of(event.arguments)
+            head = (event.id, event.name, event.level, modes, component, event.text, event.remedy)
+            joiner.add(Finding(*head, event.arguments))
+    return [r for r in reports if r is not None]
+
+
+def payload(event_id, level, arguments=b""):
+    return struct.pack("<IIHBBB40s", event_id, 0, 1, 0, 0, level, arguments)
+
+
+def recorded(shared, group):
+    """(dialogue's id, its EVENT payloads)."""
+    for line in (shared / "px4/dialogues" / f"{group}.jsonl").open():
+        dialogue = json.loads(line)
+        events = [r["fields"] for r in dialogue["received"] if r["msg"] == "EVENT" and "link" not in r]
+        if events:
+            yield (
+                dialogue["id"],
+                [
+                    struct.pack(
+                        "<IIHBBB40s",
+                        *(e[k] for k in ("id", "event_time_boot_ms", "sequence")),
+                        0,
+                        0,
+                        e["log_levels"],
+                        bytes(e["arguments"]),
+                    )
+                    for e in events
+                ],
+            )
+
+
+@pytest.fixture(scope="module")
+def px4_words(shared):
+    return event_definitions.parse(lzma.decompress((shared / "px4/events.json.xz").read_bytes()))
+
+
+ARMING = {
+    "nogps_prearm_checks": {
+        "hold": {POSITION, GPS}, "position": {POSITION, STICKS}, "mission": {POSITION, GPS, MISSION},
+        "rtl": {POSITION, GPS}, "offboard": {SIGNAL}, "stabilized": {STICKS}, "manual": {STICKS},
+        "altitude": {STICKS}, "land": {POSITION}, "takeoff": {POSITION},
+    },
+    "nogps_setmode_rtl": {"rtl": {POSITION, GPS, GROUND}, "land": {GROUND, POSITION}},
+    "lowbat_armed_wait": {"hold": {"the battery is nearly empty"}},
+    "arm_in_mode_land": {"land": {GROUND}, "hold": set(), "position": {STICKS}, "offboard": {SIGNAL}},
+    "param_arm_arm_mis_req": {"hold": {MISSION}, "position": {MISSION, STICKS}},
+    "param_arm_two_mags_required": {"hold": {"too few compasses were found"}},
+    "param_arm_odid_required": {"hold": {"the Open Drone ID system is missing"}},
+    "air_flight_termination": {"hold": {"the flight was terminated"}},
+    "offboard_disarmed_with_stream": {"offboard": set(), "hold": set(), "mission": {MISSION}},
+}  # fmt: skip
+RUNNING = {
+    "nogps_prearm_checks": {
+        "hold": {POSITION, GPS},
+        "offboard": {SIGNAL},
+        "land": {POSITION},
+        "stabilized": {STICKS},
+    },
+    "air_flight_termination": {"hold": set(), "mission": {MISSION}},
+    "setmode_disarmed_auto_external1": {"external_1": {"the external mode is not registered"}},
+}
+
+
+@pytest.mark.parametrize(("expected", "running"), [(ARMING, False), (RUNNING, True)])
+def test_the_recorded_refusals_have_the_right_cause_for_each_mode(shared, expected, running):
+    dialogues = {}
+    for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
+        for name, payloads in recorded(shared, file.stem):
+            dialogues.setdefault(name, payloads)
+    for name, by_mode in expected.items():
+        found = [
+            {m: {f.cause for f in report.causes(BY_NAME[m].nav_state, running=running)} for m in by_mode}
+            for report in joins(dialogues[name])
+        ]
+        assert by_mode in found, name
+
+
+def test_every_recorded_report_explains_every_mode_that_is_shut(shared, px4_words):
+    reports = 0
+    for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
+        for name, payloads in recorded(shared, file.stem):
+            for words in (None, px4_words):
+                report = join(payloads, words)
+                if report is None:
+                    continue
+                reports += 1
+                told = readiness.told(report, 0.0, "own")
+                assert len({m.mode for m in told.modes}) == len(told.modes) >= 14
+                for mode in told.modes:
+                    # the recorded vehicle had no external mode: they are shown only where they are named
+                    assert bool(mode.arming) != mode.can_arm, (name, mode.mode)
+                    assert bool(mode.running) != mode.can_run, (name, mode.mode)
+                for cause in told.findings:
+                    assert cause.cause[0].isupper()
+                    assert cause.cause.endswith((".", "!"))
+                    assert "{" not in cause.cause + (cause.remedy or "")
+                    assert "<" not in cause.cause + (cause.remedy or "")
+                    assert cause.component is not None
+                    assert not cause.name.startswith("event_"), cause
+    assert reports > 40
+
+
+def test_the_vehicles_own_words_come_first_and_fill_in_its_values(shared, px4_words):
+    name = "param_arm_two_mags_required"
+    by_name = {}
+    for dialogue, payloads in recorded(shared, "command"):
+        by_name[dialogue] = payloads
+    for file in ("arming_denied", "param", "arming"):
+        by_name |= dict(recorded(shared, file))
+    found = join(by_name[name], px4_words).findings
+    compass = next(f for f in found if f.name == "check_mag_sys_has_mag_missing")
+    assert compass.cause == "Found 1 compass (required: 2)"
+    assert "SYS_HAS_MAG" in compass.remedy
+    sticks = next(f for f in found if f.id == MANUAL_CONTROL_ID)
+    assert sticks.cause == "No manual control input"
+
+
+def test_our_names_are_px4s(px4_words):
+    assert {i: words.name for i, words in CHECKS.items()} == {i: px4_words[i].name for i in CHECKS}
+    named = {i for i, e in px4_words.items() if e.is_check and e.name.startswith("check_modes_")}
+    assert named - set(MODE_NEEDS) == {18648929}  # cannot take off: it may be flown
+
+
+def test_metadata_is_filled_in_as_its_format_says():
+    document = {
+        "version": 2,
+        "components": {
+            "0": {"namespace": "common", "enums": {"sides": {
+                "type": "uint8_t", "is_bitfield": True,
+                "entries": {"1": {"name": "l", "description": "Left"}, "4": {"name": "r"}},
+            }}},
+            "1": {"namespace": "px4", "enums": {"act": {
+                "type": "uint8_t", "entries": {"1": {"name": "land", "description": "Land now!"}},
+            }}, "event_groups": {"arming_check": {"events": {"7": {
+                "name": "check_it", "message": r"At {1:.1m_v} of {2m/s}, \{x\} {3}: {4} {9}",
+                "description": 'See <param>A_B</param>.\n\n<profile name="dev">Or <a>this</a>.</profile>',
+                "arguments": [{"name": "a", "type": "float"}, {"name": "b", "type": "int16_t"},
+                              {"name": "c", "type": "common::sides"}, {"name": "d", "type": "act"}],
+            }, "8": {"name": "odd", "message": "{1} {2}", "arguments": [{"name": "a", "type": "matrix"},
+                     {"name": "b", "type": "float"}]}}}}},
+        },
+    }  # fmt: skip
+    words = event_definitions.parse(json.dumps(document))
+    arguments = struct.pack("<fhBB", 12.345, -3, 5, 1).ljust(40, b"\0")
+    it = words[1 << 24 | 7]
+    assert it.text(arguments) == "At 12.3 m of -3 m/s, {x} Left, r: Land now! –"
+    assert it.remedy(arguments) == "See A_B. Or this."
+    assert words[1 << 24 | 8].text(arguments) == "– –"
+    for bad in ('{"version": 1}', "[]", "no json"):
+        with pytest.raises(ValueError, match=r"."):
+            event_definitions.parse(bad)
+
+
+def test_chunks_forbid_together_and_a_missing_one_spoils_the_report():
+    def chunk(number, can_arm, errors, *checks):
+        return [
+            payload(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", number, errors, 0, can_arm, can_arm)),
+            *checks,
+            payload(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", number, 1, 0, 0)),
+        ]
+
+    mission = payload(17154777, 0x66, struct.pack("<IB", 8, 20))
+    unknown = payload(1 << 24 | 5, 0x33, struct.pack("<IB", 0xFFFFFFFF, 29))
+    first, second = chunk(0, 0b11000, 1, mission), chunk(1, 0b10100, 2, unknown)
+    report = join(first + second)
+    assert (report.can_arm, report.errors, len(report.findings)) == (0b10000, 3, 2)
+    assert [f.cause for f in report.causes(3)] == ["event 16777221", MISSION]
+    assert readiness.told(report, 0, "own").findings[0].name == "event_16777221"
+    assert join(second) is None
+    assert join(first[1:]) is None
+    joiner = ReportJoiner()
+    joiner.begin(struct.pack("<BIIII", 0, 0, 0, 1, 1))
+    joiner.abandon()
+    assert joiner.end(struct.pack("<BIII", 0, 0, 0, 0)) is None
