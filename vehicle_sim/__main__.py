@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import signal
 import sys
 import time
@@ -100,6 +101,9 @@ def main(argv: list[str] | None = None) -> int:
     )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: server.stop())
+    # The vehicles live as long as the process: the garbage collector need not look through them again.
+    gc.collect()
+    gc.freeze()
     try:
         if not _announce(server, arguments.first_instance):
             print("no port could be opened; is another simulator running?", file=sys.stderr, flush=True)

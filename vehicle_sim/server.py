@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import select
+import selectors
 import socket
 import time
 from collections.abc import Callable
@@ -47,6 +47,9 @@ class SimServer:
         self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
     ) -> None:
         self.fleet = fleet
+        self._selector = selectors.DefaultSelector()
+        """Only sockets at which something has arrived are read: of a hundred vehicles few are spoken to."""
+        self._watched: dict[UdpTransport | TcpServer, socket.socket] = {}
         self.vehicles = [
             self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
         ]
@@ -64,6 +67,7 @@ class SimServer:
             except PortTaken as problem:
                 vehicle.problems.append(str(problem))
                 return
+            self._watch(row, name, vehicle.transports[name])
             if name != "tcp":
                 remote = ports.gcs_remote if name == "gcs" else ports.api_remote + n
                 self.fleet.add_link(row, name, name).ports = (vehicle.transports[name].port, remote)
@@ -80,14 +84,27 @@ class SimServer:
                 lambda: TcpServer(
                     bind,
                     ports.tcp + n,
-                    lambda: self._connected(row, ports.tcp + n),
-                    lambda: self.fleet.remove_link(row, "tcp"),
+                    lambda: self._connected(row, vehicle),
+                    lambda: self._disconnected(row, vehicle),
                 ),
             )
         return vehicle
 
-    def _connected(self, row: int, port: int) -> None:
-        self.fleet.add_link(row, "tcp", "gcs").ports = (port, None)
+    def _watch(self, row: int, name: str, transport: UdpTransport | TcpServer) -> None:
+        before = self._watched.get(transport)
+        if before is not None:
+            self._selector.unregister(before)
+        self._watched[transport] = transport.readable
+        self._selector.register(transport.readable, selectors.EVENT_READ, (row, name, transport))
+
+    def _connected(self, row: int, vehicle: VehiclePorts) -> None:
+        tcp = vehicle.transports["tcp"]
+        self.fleet.add_link(row, "tcp", "gcs").ports = (tcp.port, None)
+        self._watch(row, "tcp", tcp)
+
+    def _disconnected(self, row: int, vehicle: VehiclePorts) -> None:
+        self.fleet.remove_link(row, "tcp")
+        self._watch(row, "tcp", vehicle.transports["tcp"])
 
     def stop(self) -> None:
         """Let `run` return."""
@@ -105,8 +122,9 @@ class SimServer:
         """Time stands until a client asks for more; it is told when that time has come."""
         self._end_s = self.fleet.time_s + duration_s
         asker: Lockstep = Lockstep()
+        wait_s = 0.0
         while not self._over:
-            self._receive(asker)
+            self._receive(wait_s, asker)
             wanted = asker.take()
             if wanted is not None:
                 steps = math.ceil(
@@ -118,8 +136,7 @@ class SimServer:
                     self.fleet.step(self.fleet.simulation.dt_s)
                 self.fleet.tell_time(wanted.row, wanted.link)
             self._send()
-            if wanted is None:
-                self._wait(LOCKSTEP_WAIT_S)
+            wait_s = LOCKSTEP_WAIT_S if wanted is None else 0.0
 
     @property
     def _over(self) -> bool:
@@ -127,14 +144,16 @@ class SimServer:
 
     def _run_flat_out(self) -> None:
         while not self._over:
-            self._receive()
+            self._receive(0.0)
             self.fleet.step(FLAT_OUT_TURN_S)
             self._send()
 
     def _run_at(self, speed: float) -> None:
         started = time.monotonic()
         begun_s = self.fleet.time_s
+        wait_s = 0.0
         while not self._over:
+            self._receive(wait_s)
             wanted_s = begun_s + (time.monotonic() - started) * speed
             owed_s = wanted_s - self.fleet.time_s
             if owed_s > MAX_TURN_S * max(1.0, speed):
@@ -142,44 +161,30 @@ class SimServer:
                 self.behind_s += lost_s / speed
                 begun_s -= lost_s
                 owed_s -= lost_s
-            self._receive()
             steps = int(owed_s / self.fleet.simulation.dt_s)
             if steps > 0:
                 self.fleet.step(steps * self.fleet.simulation.dt_s)
             self._send()
             used_s = time.monotonic() - started
-            wait_s = (self.fleet.time_s + TURN_S * min(1.0, speed) - begun_s) / speed - used_s
-            self._wait(max(0.0, min(TURN_S, wait_s)))
+            due_s = (self.fleet.time_s + TURN_S * min(1.0, speed) - begun_s) / speed - used_s
+            wait_s = max(0.0, min(TURN_S, due_s))
 
     def close(self) -> None:
         """Give all ports back."""
         for vehicle in self.vehicles:
             for transport in vehicle.transports.values():
                 transport.close()
+        self._selector.close()
 
-    def _wait(self, seconds: float) -> None:
-        # Woken early only by what could be answered at once: bytes on UDP.
-        sockets: list[socket.socket] = [
-            transport.socket
-            for vehicle in self.vehicles
-            for transport in vehicle.transports.values()
-            if isinstance(transport, UdpTransport)
-        ]
-        if seconds <= 0.0:
-            return
-        if len(sockets) > 64:
-            time.sleep(seconds)
-            return
-        select.select(sockets, [], [], seconds)
-
-    def _receive(self, asker: Lockstep | None = None) -> None:
-        for row, vehicle in enumerate(self.vehicles):
-            for name, transport in vehicle.transports.items():
-                data = transport.receive()
-                if data and not (isinstance(transport, TcpServer) and not transport.connected):
-                    self.fleet.feed(row, name, data)
-                    if asker is not None:
-                        asker.hear(row, name, data)
+    def _receive(self, wait_s: float, asker: Lockstep | None = None) -> None:
+        """Hand on what has arrived; with nothing there, wait this long for it."""
+        for key, _ in self._selector.select(wait_s):
+            row, name, transport = key.data
+            data = transport.receive()
+            if data and (isinstance(transport, UdpTransport) or transport.connected):
+                self.fleet.feed(row, name, data)
+                if asker is not None:
+                    asker.hear(row, name, data)
 
     def _send(self) -> None:
         for row, vehicle in enumerate(self.vehicles):

@@ -105,12 +105,16 @@ class Body:
     def _read(self) -> Belief:
         rows, i = self.simulation.estimate_rows, self.row
         w, x, y, z = rows.q_ned_frd[i]
+        north, east, down = rows.position_ned_m[i]
+        vn, ve, vd = rows.velocity_ned_m_s[i]
+        an, ae, ad = rows.acceleration_ned_m_s2[i]
+        roll_rate, pitch_rate, yaw_rate = rows.rates_frd_rad_s[i]
         return Belief(
-            position_ned_m=tuple(rows.position_ned_m[i]),
-            velocity_ned_m_s=tuple(rows.velocity_ned_m_s[i]),
-            acceleration_ned_m_s2=tuple(rows.acceleration_ned_m_s2[i]),
+            position_ned_m=(north, east, down),
+            velocity_ned_m_s=(vn, ve, vd),
+            acceleration_ned_m_s2=(an, ae, ad),
             q_ned_frd=(w, x, y, z),
-            rates_frd_rad_s=tuple(rows.rates_frd_rad_s[i]),
+            rates_frd_rad_s=(roll_rate, pitch_rate, yaw_rate),
             roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
             pitch_rad=math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
             yaw_ned_rad=math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),

@@ -74,9 +74,7 @@ class Monitors:
             return
         least = self._body.parameter("FD_ACT_MOT_THR")
         timeout_s = self._body.parameter("FD_ACT_MOT_TOUT") / 1000.0
-        for motor, (signal, works) in enumerate(
-            zip(simulation.motors_us[i].tolist(), health, strict=True)
-        ):
+        for motor, (signal, works) in enumerate(zip(simulation.motors_us[i].tolist(), health, strict=True)):
             if works > 0.0 or (signal - 1000.0) / 1000.0 <= least:
                 self._idle_since_s.pop(motor, None)
                 continue

@@ -26,9 +26,11 @@ class Layout:
     """0 for scalars and strings."""
     is_text: tuple[bool, ...]
     packer: struct.Struct
-    crc_extra: int
     slots: tuple[tuple[str, int, bool], ...]
     """(field, array length, is text) in wire order."""
+    id_bytes: bytes
+    """The id as MAVLink 2 writes it."""
+    crc_extra_byte: bytes
 
 
 def _layout(cls: Any) -> Layout:
@@ -43,8 +45,9 @@ def _layout(cls: Any) -> Layout:
         lengths,
         text,
         struct.Struct(cls.unpacker.format),
-        cls.crc_extra,
         tuple(zip(names, lengths, text, strict=True)),
+        int(cls.id).to_bytes(3, "little"),
+        bytes((cls.crc_extra,)),
     )
 
 

@@ -13,19 +13,16 @@ STX_V2 = 0xFD
 STX_V1 = 0xFE
 
 _crc = crc16.mcrf4xx
-_HEADER = struct.Struct("<BBBBBBBHB")
+_HEADER = struct.Struct("BBBBBB")
+"""From the length to the component."""
 _CRC = struct.Struct("<H")
 
 
 def frame_v2(layout: Layout, payload: bytes, sequence: int, system_id: int, component_id: int) -> bytes:
     """One MAVLink 2 frame, trailing zeros of the payload cut (one byte stays)."""
     payload = payload.rstrip(b"\0") or b"\0"
-    msg_id = layout.id
-    head = _HEADER.pack(
-        STX_V2, len(payload), 0, 0, sequence, system_id, component_id, msg_id & 0xFFFF, msg_id >> 16
-    )
-    body = head + payload
-    return body + _CRC.pack(_crc(body[1:] + bytes((layout.crc_extra,))))
+    body = _HEADER.pack(len(payload), 0, 0, sequence, system_id, component_id) + layout.id_bytes + payload
+    return b"\xfd" + body + _CRC.pack(_crc(body + layout.crc_extra_byte))
 
 
 @dataclass(slots=True)
@@ -95,7 +92,7 @@ class FrameParser:
             self.counts.unknown += 1
             return _UNKNOWN
         body = frame[1 : head + size]
-        if _crc(body + bytes((layout.crc_extra,))) != _CRC.unpack_from(frame, head + size)[0]:
+        if _crc(body + layout.crc_extra_byte) != _CRC.unpack_from(frame, head + size)[0]:
             self.counts.bad_crc += 1
             return None
         self._count(system_id, component_id, sequence)

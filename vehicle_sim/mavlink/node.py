@@ -98,6 +98,7 @@ class Node:
         """Start talking on a link."""
         now_us = self.context.body.time_boot_us()
         self._rest_until_us = 0
+        self._rated.pop(link.name, None)
         for msg_id in list(link.streamed()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
         self._ranging.begin(link, now_us)

@@ -33,6 +33,11 @@ class UdpTransport:
         self._remote = remote
         self._first_sender: tuple[str, int] | None = None
 
+    @property
+    def readable(self) -> socket.socket:
+        """What to watch for something to arrive."""
+        return self.socket
+
     def receive(self) -> bytes:
         """What has arrived from the partner."""
         chunks: list[bytes] = []
@@ -102,6 +107,11 @@ class TcpServer:
     def connected(self) -> bool:
         """Whether there is a client."""
         return self._client is not None
+
+    @property
+    def readable(self) -> socket.socket:
+        """What to watch: the client, or where the next one knocks; a second one waits unheard."""
+        return self._client or self.socket
 
     def receive(self) -> bytes:
         """What the client has sent; takes a waiting client when there is none."""

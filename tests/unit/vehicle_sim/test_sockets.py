@@ -1,0 +1,83 @@
+"""The simulator's ports: one TCP client after the other, UDP answered to whoever spoke first."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Iterator
+
+import pytest
+
+from tests.station import free_port
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.server import Ports, SimServer
+
+FLAT_OUT = float("inf")
+
+
+@pytest.fixture
+def tcp_port() -> int:
+    return free_port(socket.SOCK_STREAM)
+
+
+@pytest.fixture
+def server(tcp_port: int) -> Iterator[SimServer]:
+    ports = Ports(gcs_local=0, gcs_remote=free_port(), api_remote=0, tcp=tcp_port)
+    server = SimServer(
+        VehicleSim(1, links=()), first_instance=0, ports=ports, bind="127.0.0.1", gcs_host="127.0.0.1"
+    )
+    yield server
+    server.close()
+
+
+def client(port: int) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", port), timeout=2.0)
+
+
+def heard(connection: socket.socket) -> set[str]:
+    """Names of the messages that wait at the connection."""
+    parser, names = FrameParser(), set[str]()
+    connection.setblocking(False)
+    try:
+        while data := connection.recv(65536):
+            names |= {message.name for message in parser.feed(data)}
+    except BlockingIOError:
+        pass
+    return names
+
+
+def test_the_next_tcp_client_is_served_once_the_one_before_has_gone(server: SimServer, tcp_port: int) -> None:
+    first = client(tcp_port)
+    server.run(FLAT_OUT, 1.2)
+    assert {"HEARTBEAT", "ATTITUDE"} <= heard(first)
+    second = client(tcp_port)
+    server.run(FLAT_OUT, 1.2)
+    assert heard(second) == set()
+    first.close()
+    server.run(FLAT_OUT, 1.2)
+    assert {"HEARTBEAT", "ATTITUDE"} <= heard(second)
+    second.close()
+
+
+def test_a_tcp_client_that_breaks_off_makes_room_for_the_next(server: SimServer, tcp_port: int) -> None:
+    gone = client(tcp_port)
+    server.run(FLAT_OUT, 0.2)
+    # A reset instead of an orderly end: found out while sending as often as while receiving.
+    gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    gone.close()
+    server.run(FLAT_OUT, 0.2)
+    again = client(tcp_port)
+    server.run(FLAT_OUT, 1.2)
+    assert "HEARTBEAT" in heard(again)
+    again.close()
+
+
+def test_udp_goes_to_whoever_spoke_first(server: SimServer) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", 0))
+        beat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
+        station.sendto(beat, ("127.0.0.1", server.vehicles[0].transports["gcs"].port))
+        server.run(FLAT_OUT, 1.2)
+        assert {"HEARTBEAT", "ATTITUDE"} <= heard(station)
