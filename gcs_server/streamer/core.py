@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from gcs_server.streamer.encoders import MSG_COMMAND_LONG, encode, mode_command, stamped
+from gcs_server.streamer.aimer import Aimer
+from gcs_server.streamer.encoders import MSG_COMMAND_LONG, mode_command
 from gcs_server.streamer.news import (
     INFO,
     LONGEST_EXTRAPOLATION_S,
@@ -27,16 +28,10 @@ from gcs_server.streamer.news import (
     Report,
     Snapshot,
 )
-from gcs_server.streamer.resolve import Aim, keeps_heading
 from gcs_server.streamer.setpoints import (
-    Attitude,
     Order,
-    Position,
-    Rates,
     Sendable,
-    Trajectory,
     Vector3,
-    Velocity,
 )
 
 MODE_ASK_PERIOD_S = 1.0
@@ -67,14 +62,9 @@ class StreamCore:
     ) -> None:
         self._target = (target_system, target_component)
         self._silent_limit_s = server_silent_limit_s
-        self._packed: tuple[int, bytes] = (0, b"")
-        self._aim: Aim | None = None
+        self._aimer = Aimer(self._target)
         self.phase = "idle"
         self.order: Order | None = None
-        self.sent: Sendable | None = None
-        """What goes out now: the order's setpoint, or the place held after it expired."""
-        self.limited: tuple[str, ...] = ()
-        """What the limits take away from the order now, in words."""
         self.rate_hz = 50.0
         self.reports: deque[Report] = deque(maxlen=50)
         self.last_end: Report | None = None
@@ -88,7 +78,6 @@ class StreamCore:
         self._mode_asks = 0
         self._next_ask_s = 0.0
         self._refrain_until_s = -math.inf
-        self._yaw_kept = False
         self._was_armed = False
         self._last_estimate: tuple[float, Vector3] | None = None
 
@@ -102,7 +91,7 @@ class StreamCore:
         self._engaged_s = math.inf
         self._was_armed, self._last_estimate = False, None
         self._enter("starting", now_s, LONGEST_START_S)
-        self.sent = None
+        self._aimer.forget()
         self._take(now_s, order, snapshot)
 
     def engage(self, now_s: float) -> bool:
@@ -110,8 +99,7 @@ class StreamCore:
         if self.phase != "starting" or self.order is None:
             return False
         self._engaged_s = self._since_s = now_s
-        if self._aim is not None:
-            self._aim.begin_anew(now_s)
+        self._aimer.begin_anew(now_s)
         self._enter("streaming", now_s, self.order.lasts_s)
         return True
 
@@ -191,14 +179,25 @@ class StreamCore:
             self._ask_for_mode(now_s, outgoing)
         if self.phase != "idle" and now_s >= self._next_send_s:
             self._take_aim(now_s, snapshot)
-            msg_id, payload = self._packed
-            outgoing.append(Outgoing(msg_id, stamped(payload, now_s)))
+            if not self.streaming:
+                return outgoing
+            outgoing.append(self._aimer.packet(now_s))
             self._sent_at.append(now_s)
             missed = math.floor((now_s - self._next_send_s) / self._period_s + 1e-6)
             self._next_send_s += (missed + 1) * self._period_s
         return outgoing
 
     # --- what can be read -------------------------------------------------------------------------
+
+    @property
+    def sent(self) -> Sendable | None:
+        """What goes out now: what was ordered within its limits, or the place held after it expired."""
+        return self._aimer.sent
+
+    @property
+    def limited(self) -> tuple[str, ...]:
+        """What the limits take away from the order now, in words."""
+        return self._aimer.limited
 
     @property
     def streaming(self) -> bool:
@@ -235,33 +234,21 @@ class StreamCore:
         self._phase_until_s = now_s + for_s
 
     def _take(self, now_s: float, order: Order, snapshot: Snapshot) -> None:
-        keeps = keeps_heading(order.setpoint)
-        before = getattr(self.sent, "yaw_ned_rad", None) if keeps and self._yaw_kept else None
-        yaw_kept_rad = snapshot.yaw_ned_rad if before is None else before
-        aim = Aim(order.setpoint, now_s, snapshot, yaw_kept_rad)
-        first = aim.at(now_s, snapshot, waiting=True)
-        if first is None:
-            raise ValueError(f"vehicle {aim.follows} is not heard")
-        self._aim, self._yaw_kept = aim, keeps
+        self._aimer.take(now_s, order.setpoint, snapshot)
         self.order, self._since_s = order, now_s
-        self._send_from_now(now_s, first)
-
-    def _send_from_now(self, now_s: float, setpoint: Sendable) -> None:
-        self._load(setpoint)
         self._next_send_s = now_s
 
-    def _load(self, setpoint: Sendable) -> None:
-        if setpoint != self.sent or not self._packed[1]:
-            self._packed = encode(setpoint, self._target)
-        self.sent = setpoint
-
     def _take_aim(self, now_s: float, snapshot: Snapshot) -> None:
-        """What goes out at this very moment."""
-        if self._aim is None or self.phase not in ("starting", "streaming"):
+        """Looks after what goes out at this very moment."""
+        follows_order = self.phase in ("starting", "streaming")
+        stop = self._aimer.refresh(now_s, snapshot, waiting=self.phase == "starting")
+        self.reports.extend(self._aimer.take_reports())
+        if stop is None or not follows_order:
             return
-        wanted = self._aim.at(now_s, snapshot, waiting=self.phase == "starting")
-        if wanted is not None:
-            self._load(wanted)
+        if self.phase == "starting":
+            self.end("fence", f"{stop}; the setpoint stream has ended.", WARNING)
+        else:
+            self._fall_back(now_s, snapshot, "fence", stop)
 
     def _has_left(self, snapshot: Snapshot) -> bool:
         """Ends where the vehicle flies another mode than Offboard, by whoever's will: never fights for it."""
@@ -299,28 +286,15 @@ class StreamCore:
             self._engaged_s = now_s
         elif snapshot.lost and self.phase in ("streaming", "holding"):
             self._give_up(now_s, snapshot, "lost", "The vehicle is not heard any more")
-        elif self.phase == "streaming" and self._leader_is_gone(now_s, snapshot):
-            assert self._aim is not None
-            self._fall_back(
-                now_s, snapshot, "leader_lost", f"Vehicle {self._aim.follows}, which it follows, is not heard"
-            )
-        elif jumped_m is not None and self._is_a_local_place():
+        elif self.phase == "streaming" and self._aimer.leader_is_gone(now_s, snapshot):
+            why = f"Vehicle {self._aimer.follows}, which it follows, is not heard"
+            self._fall_back(now_s, snapshot, "leader_lost", why)
+        elif jumped_m is not None and self._aimer.means_a_local_place():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
             if self.phase == "streaming":
                 self._give_up(now_s, snapshot, "jumped", f"{why}: the setpoint means another place now")
             elif self.phase in ("holding", "to_hold", "landing", "undoing"):
                 self._stand_still(now_s, snapshot)
-
-    def _leader_is_gone(self, now_s: float, snapshot: Snapshot) -> bool:
-        aim = self._aim
-        return aim is not None and aim.follows is not None and aim.at(now_s, snapshot) is None
-
-    def _is_a_local_place(self) -> bool:
-        """Whether what is sent means a place by the vehicle's local origin (a leader's is found anew)."""
-        if self._aim is not None and self._aim.follows is not None and self.phase == "streaming":
-            return False
-        sent = self.sent
-        return isinstance(sent, Position | Trajectory) and any(n is not None for n in sent.position_ned_m)
 
     def _jumped_m(self, snapshot: Snapshot) -> float | None:
         """How far the local position moved without flying there; None where it did not."""
@@ -381,27 +355,9 @@ class StreamCore:
             self._ask("hold", now_s)
 
     def _stand_still(self, now_s: float, snapshot: Snapshot) -> None:
-        """What is sent until the mode has changed.
-
-        The place reached; without an estimate no speed; in a flight by attitude or rates, where there may not
-        be an estimate of speed either, level with the thrust that was.
-        """
-        position = snapshot.position_at(now_s)
-        yaw, sent = snapshot.yaw_ned_rad, self.sent
-        if position is not None:
-            still: Sendable = Position(position, yaw)
-        elif isinstance(sent, Attitude | Rates) and snapshot.velocity_ned_m_s is None:
-            still = level(yaw, self._level_thrust(sent.thrust, snapshot))
-        else:
-            still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-        self._aim = None
-        self._send_from_now(now_s, still)
-        self._yaw_kept = False
-
-    @staticmethod
-    def _level_thrust(thrust: float, snapshot: Snapshot) -> float:
-        """The vehicle's own word for hovering, else what it flew with."""
-        return thrust if snapshot.hover_thrust is None else snapshot.hover_thrust
+        """What is sent until the mode has changed."""
+        self._aimer.stand_still(now_s, snapshot)
+        self._next_send_s = now_s
 
     def _ask(self, mode: str, now_s: float) -> None:
         self._asked_mode, self._mode_asks, self._next_ask_s = mode, 0, now_s
@@ -426,9 +382,3 @@ class StreamCore:
 
     def _report(self, code: str, text: str) -> None:
         self.reports.append(Report(code, WARNING, text))
-
-
-def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
-    """No tilt."""
-    half = (yaw_ned_rad or 0.0) / 2.0
-    return Attitude((math.cos(half), 0.0, 0.0, math.sin(half)), thrust)

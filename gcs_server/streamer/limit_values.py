@@ -15,6 +15,8 @@ VEHICLE_PARAMETERS = (
     "MPC_ACC_UP_MAX",
     "MPC_ACC_DOWN_MAX",
     "MPC_THR_HOVER",
+    "MPC_XY_P",
+    "MPC_Z_P",
     "MC_ROLLRATE_MAX",
     "MC_PITCHRATE_MAX",
     "MC_YAWRATE_MAX",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs_server.streamer.setpoints import Vector3
+from gcs_server.streamer.bounds import UNBOUNDED, Bounds
+from gcs_server.streamer.setpoints import Quaternion, Vector3
 
 WARNING, NOTICE, INFO = 4, 5, 6
 LONGEST_EXTRAPOLATION_S = 1.0
@@ -42,6 +43,9 @@ class Snapshot:
     home_alt_amsl_m: float | None = None
     hover_thrust: float | None = None
     """MPC_THR_HOVER, where the vehicle told it."""
+    q_ned_frd: Quaternion | None = None
+    bounds: Bounds = UNBOUNDED
+    """The limits, in its local frame."""
     leader: Leader | None = None
     """Where this vehicle follows another."""
 
@@ -73,7 +77,7 @@ class Report:
     """Something a person should be told."""
 
     code: str
-    """expired, lost, jumped, held, landing, commanded, left_offboard, disarmed, server_silent, not_confirmed,
-    fault."""
+    """expired, lost, jumped, leader_lost, fence, limited, held, landing, commanded, left_offboard, disarmed,
+    server_silent, not_confirmed, fault."""
     severity: int
     text: str

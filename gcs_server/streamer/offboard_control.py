@@ -10,6 +10,8 @@ from dataclasses import asdict
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.streamer.available import Availability
+from gcs_server.streamer.bounds import UNBOUNDED, Bounds, bounds_of
+from gcs_server.streamer.door import check_place
 from gcs_server.streamer.failsafe import ACTION_MODES, Failsafe
 from gcs_server.streamer.health import health_of
 from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS, OperatorLimits, vehicle_limits
@@ -50,6 +52,8 @@ class OffboardControl:
         self._parameters: dict[str, float] = {}
         self._failsafe: Failsafe | None = None
         self._limits = OperatorLimits()
+        self._bounds = UNBOUNDED
+        self._bounds_of: tuple[object, ...] = ()
         self._asked = 0
         """The number of the stream for which Offboard has been asked for."""
         vehicle.command.on_mode_command = lambda: thread.refrain(vehicle.id)
@@ -269,7 +273,10 @@ class OffboardControl:
     def snapshot(self, order: Order | None = None) -> Snapshot:
         """The vehicle as the stream's thread is to know it (for an order that is about to be taken)."""
         order = order or self._thread.state(self._vehicle.id).order
+        attitude = self._observer.attitude()
         return self._observer.snapshot(
+            q_ned_frd=None if attitude is None else attitude.q_ned_frd,
+            bounds=self._current_bounds(),
             hover_thrust=self._parameters.get("MPC_THR_HOVER"),
             leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
         )
@@ -279,6 +286,16 @@ class OffboardControl:
     def _protocol(self) -> str:
         endpoints = self._vehicle.endpoints
         return endpoints[0].connection.protocol if endpoints else "MAVLink"
+
+    def _current_bounds(self) -> Bounds:
+        """Made anew only where their sources have changed: whether they are the same tells the thread."""
+        made_of = (self._parameters, self._limits, self._observer.home(), self._observer.origin())
+        if made_of != self._bounds_of:
+            parameters, operator, home, origin = made_of
+            gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))
+            self._bounds = bounds_of(vehicle_limits(parameters), operator, home, origin, gains)
+            self._bounds_of = made_of
+        return self._bounds
 
     def _leader(self, follow: Follow) -> Leader | None:
         try:
@@ -296,6 +313,12 @@ class OffboardControl:
         self._availability.require(setpoint)
         if isinstance(setpoint, Follow):
             self._check_leader(setpoint)
+        check_place(
+            setpoint,
+            self._clock.monotonic_s(),
+            self.snapshot(order),
+            limited_place=self._limits.bounds_a_place,
+        )
 
     def _check_leader(self, follow: Follow) -> None:
         if follow.vehicle == self._vehicle.id:

@@ -8,6 +8,7 @@ import pytest
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.streamer import offboard
 from gcs_server.streamer import offboard_control as module
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.streamer.setpoints import Order, Position
@@ -162,7 +163,7 @@ def test_a_mode_that_we_commanded_ends_the_stream_as_news_not_as_a_warning():
 def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_more_than_the_deadline(
     monkeypatch,
 ):
-    monkeypatch.setattr(module, "STOP_ALL_S", 0.4)
+    monkeypatch.setattr(offboard, "STOP_ALL_S", 0.4)
 
     async def run():
         clock = SystemClock()

@@ -1,0 +1,20 @@
+"""From which speed the vehicle still stops in time: on the careful side of what PX4 was seen to do."""
+
+from __future__ import annotations
+
+import math
+
+BRAKE_M_S2, BRAKE_DELAY_S = 1.5, 0.6
+"""How PX4 slows down when a velocity setpoint falls: gentler than it can (5 m/s²), since it lags."""
+BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S = 1.0, 0.6
+GUARD_M_S2, GUARD_DELAY_S = 2.0, 0.8
+"""The same from any attitude, by position setpoints, while the controllers change over."""
+MARGIN_M = 1.0
+"""Speeds are cut to stop this far inside."""
+MARGIN_HEIGHT_M = 0.5
+
+
+def braking_speed(distance_m: float, decel_m_s2: float, delay_s: float) -> float:
+    """The speed from which it stops within a distance."""
+    lag = decel_m_s2 * delay_s
+    return max(0.0, -lag + math.sqrt(lag**2 + 2.0 * decel_m_s2 * max(0.0, distance_m)))

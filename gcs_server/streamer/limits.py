@@ -1,0 +1,411 @@
+"""What reaches the vehicle is finite, inside its and the operator's limits, and inside the fence.
+
+Pure: `obey` takes what is wanted now and gives what may be sent now, with what was taken away in words. A
+speed that could not be stopped before the edge of the allowed space is cut to one that can. Kinds that
+steer no place (acceleration, attitude, rates) cannot be cut back so: there `stop` says that the flight
+must be taken over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
+
+from gcs_server.streamer.bounds import Bounds
+from gcs_server.streamer.braking import (
+    BRAKE_DELAY_S,
+    BRAKE_HEIGHT_DELAY_S,
+    BRAKE_HEIGHT_M_S2,
+    BRAKE_M_S2,
+    GUARD_DELAY_S,
+    GUARD_M_S2,
+    MARGIN_HEIGHT_M,
+    MARGIN_M,
+    braking_speed,
+)
+from gcs_server.streamer.region import Ground
+from gcs_server.streamer.resolve import turned
+from gcs_server.streamer.rotation import limited_step, limited_tilt
+from gcs_server.streamer.setpoints import (
+    Acceleration,
+    Attitude,
+    Partial3,
+    Position,
+    PositionGlobal,
+    Quaternion,
+    Rates,
+    Sendable,
+    Trajectory,
+    Vector3,
+    Velocity,
+    VelocityBody,
+)
+
+S = TypeVar(
+    "S", bound=Position | PositionGlobal | Velocity | VelocityBody | Acceleration | Trajectory | Attitude
+)
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Here:
+    """The vehicle at this moment."""
+
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+    yaw_ned_rad: float | None = None
+    q_ned_frd: Quaternion | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Obeyed:
+    """What may be sent."""
+
+    setpoint: Sendable | None
+    """None where nothing that was wanted may be."""
+    notes: tuple[str, ...] = ()
+    """What was taken away."""
+    stop: str | None = None
+    """Why the order must not be followed any further."""
+
+
+def obey(
+    wanted: Sendable, bounds: Bounds, here: Here | None, before: Sendable | None = None, dt_s: float = 0.0
+) -> Obeyed:
+    """What of `wanted` may be sent.
+
+    Args:
+        wanted: as ordered, at this moment.
+        bounds: in the vehicle's local frame.
+        here: the vehicle; None where it is not known.
+        before: what was sent last, for slewing; None where that is no matter.
+        dt_s: how long ago.
+    """
+    if not is_finite(wanted):
+        return Obeyed(None, stop="The setpoint is not a number")
+    limiter = _Limiter(bounds, here, before, dt_s)
+    setpoint = limiter.limited(wanted)
+    stop = limiter.stop if limiter.stop or is_finite(setpoint) else "The setpoint is not a number"
+    return Obeyed(setpoint, tuple(dict.fromkeys(limiter.notes)), stop)
+
+
+def is_finite(setpoint: Sendable) -> bool:
+    """Whether all its numbers are."""
+    for field in fields(setpoint):
+        value = getattr(setpoint, field.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                return False
+    return True
+
+
+class _Limiter:
+    def __init__(self, bounds: Bounds, here: Here | None, before: Sendable | None, dt_s: float) -> None:
+        self._bounds = bounds
+        self._here = here
+        self._before = before
+        self._dt_s = dt_s
+        self.notes: list[str] = []
+        self.stop: str | None = None
+
+    def limited(self, s: Sendable) -> Sendable:
+        if isinstance(s, Rates):
+            return self._rates(s)
+        if isinstance(s, Attitude):
+            return self._attitude(s)
+        if isinstance(s, PositionGlobal):
+            return self._global(s)
+        if isinstance(s, VelocityBody):
+            return self._velocity_body(s)
+        s = self._yaw_rate(s)
+        if isinstance(s, Position):
+            position, _, _ = self._kinematic(s.position_ned_m, _NONE, _NONE)
+            return s if position == s.position_ned_m else replace(s, position_ned_m=position)
+        if isinstance(s, Velocity):
+            velocity = self._slewed(s.velocity_ned_m_s)
+            _, velocity, _ = self._kinematic(_NONE, velocity, _NONE)
+            return s if velocity == s.velocity_ned_m_s else replace(s, velocity_ned_m_s=velocity)
+        if isinstance(s, Acceleration):
+            _, _, acceleration = self._kinematic(_NONE, _NONE, s.acceleration_ned_m_s2)
+            return replace(s, acceleration_ned_m_s2=acceleration)
+        position, velocity, acceleration = self._kinematic(
+            s.position_ned_m, s.velocity_ned_m_s, s.acceleration_ned_m_s2
+        )
+        return replace(
+            s, position_ned_m=position, velocity_ned_m_s=velocity, acceleration_ned_m_s2=acceleration
+        )
+
+    # --- the kinds ----------------------------------------------------------------------------------
+
+    def _global(self, s: PositionGlobal) -> Sendable:
+        """Goes out as it is unless a limit changes it: then as the local place."""
+        s = self._yaw_rate(s)
+        origin = self._bounds.origin
+        if origin is None or s.alt_amsl_m is None:
+            return s
+        place = origin.to_ned(s.lat_deg, s.lon_deg, s.alt_amsl_m)
+        position, _, _ = self._kinematic(place, _NONE, _NONE)
+        return s if position == place else Position(position, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
+
+    def _velocity_body(self, s: VelocityBody) -> VelocityBody:
+        s = self._yaw_rate(s)
+        yaw = None if self._here is None else self._here.yaw_ned_rad
+        if yaw is None:  # speed alone can be held to
+            n, e, d = self._held_speed(s.velocity_frd_m_s)
+            if self._bounds.region.bounds_ground or self._bounds.region.bounds_height:
+                self.notes.append(
+                    "stands still: its place and heading are not known, and the space is limited"
+                )
+                n = e = d = 0.0
+            return replace(s, velocity_frd_m_s=(n, e, d))
+        ned: Partial3 = turned(s.velocity_frd_m_s, yaw)
+        slewed = self._slewed(ned)
+        _, velocity, _ = self._kinematic(_NONE, slewed, _NONE)
+        if velocity == ned:
+            return s
+        n, e, d = velocity
+        return replace(s, velocity_frd_m_s=turned((n or 0.0, e or 0.0, d or 0.0), -yaw))
+
+    def _attitude(self, s: Attitude) -> Attitude:
+        self._guard()
+        q, tilted = limited_tilt(s.q_ned_frd, self._bounds.tilt_rad)
+        if tilted:
+            self.notes.append(f"tilt held to {math.degrees(self._bounds.tilt_rad):.0f}°")
+        last = self._before.q_ned_frd if isinstance(self._before, Attitude) else None
+        if last is None and self._here is not None:
+            last = self._here.q_ned_frd
+        if last is not None and math.isfinite(self._bounds.slew_attitude_rad_s):
+            q, slewed = limited_step(last, q, self._bounds.slew_attitude_rad_s * self._dt_s)
+            if slewed:
+                q, _ = limited_tilt(q, self._bounds.tilt_rad)
+                self.notes.append("attitude slewed")
+        return replace(self._yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
+
+    def _rates(self, s: Rates) -> Rates:
+        self._guard()
+        pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
+        p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
+        if (p, q, r) != s.rates_frd_rad_s:
+            self.notes.append("rates held to the vehicle's limits")
+        return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
+
+    def _yaw_rate(self, s: S) -> S:
+        rate, most = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]
+        if rate is None or abs(rate) <= most:
+            return s
+        self.notes.append("yaw rate held to the vehicle's limit")
+        return replace(s, yaw_rate_ned_rad_s=math.copysign(most, rate))
+
+    # --- position, velocity, acceleration -----------------------------------------------------------
+
+    def _kinematic(
+        self, position: Partial3, velocity: Partial3, acceleration: Partial3
+    ) -> tuple[Partial3, Partial3, Partial3]:
+        place, speed = _ground(position), _ground(velocity)
+        if place is not None:
+            place, speed = self._approach(self._placed(place), speed)
+        if speed is not None:
+            speed = self._held_ground(speed)
+        down, fall = position[2], velocity[2]
+        if down is not None:
+            down, fall = self._approach_height(self._at_height(down), fall)
+        if fall is not None:
+            fall = self._held_height(fall)
+        if (place is None and speed is None) or (down is None and fall is None):
+            self._guard(ground=place is None and speed is None, height=down is None and fall is None)
+        push = self._held_push(_ground(acceleration))
+        lift = acceleration[2]
+        if lift is not None:
+            most_up, most_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
+            lift = min(most_down, max(-most_up, lift))
+        return _joined(place, down), _joined(speed, fall), _joined(push, lift)
+
+    def _placed(self, target: Ground) -> Ground:
+        region = self._bounds.region
+        if not region.bounds_ground:
+            return target
+        if self._here is None:
+            inside = region.nearest(target)
+        else:
+            here = self._here.position_ned_m
+            inside = region.towards((here[0], here[1]), target)
+        if inside is None:
+            self.stop = "There is no way back into the allowed space"
+            return target
+        if inside != target:
+            breach = region.ground_breach(target) or "the edge of the allowed space on the way"
+            self.notes.append(f"place held inside {breach}")
+        return inside
+
+    def _at_height(self, down_m: float) -> float:
+        inside = self._bounds.region.height(down_m)
+        if inside != down_m:
+            self.notes.append("height held inside its limits")
+        return inside
+
+    def _approach(self, place: Ground, speed: Ground | None) -> tuple[Ground, Ground | None]:
+        """A place so near that the vehicle's controller asks for no more than the operator's speed."""
+        most = self._bounds.approach_m_s
+        if self._here is None or not math.isfinite(most):
+            return place, speed
+        here, gain = self._here.position_ned_m, self._bounds.position_gain
+        off = (place[0] - here[0], place[1] - here[1])
+        feed = speed or (0.0, 0.0)
+        asked = math.hypot(gain * off[0] + feed[0], gain * off[1] + feed[1])
+        if asked <= most:
+            return place, speed
+        scale = most / asked
+        self.notes.append(f"speed held to {most:g} m/s")
+        near = (here[0] + off[0] * scale, here[1] + off[1] * scale)
+        return near, None if speed is None else (feed[0] * scale, feed[1] * scale)
+
+    def _approach_height(self, down_m: float, fall: float | None) -> tuple[float, float | None]:
+        if self._here is None:
+            return down_m, fall
+        off = down_m - self._here.position_ned_m[2]
+        asked = self._bounds.height_gain * off + (fall or 0.0)
+        most = self._bounds.approach_sink_m_s if asked > 0 else self._bounds.approach_climb_m_s
+        if abs(asked) <= most:
+            return down_m, fall
+        scale = most / abs(asked)
+        self.notes.append(f"climbing and sinking held to {most:g} m/s")
+        return self._here.position_ned_m[2] + off * scale, None if fall is None else fall * scale
+
+    def _held_speed(self, velocity: Vector3) -> Vector3:
+        n, e = self._scaled((velocity[0], velocity[1]), self._bounds.speed_m_s, "speed")
+        return (n, e, self._within_climb(velocity[2]))
+
+    def _within_climb(self, fall: float) -> float:
+        held = min(self._bounds.sink_m_s, max(-self._bounds.climb_m_s, fall))
+        if held != fall:
+            self.notes.append(f"climbing and sinking held to {abs(held):g} m/s")
+        return held
+
+    def _scaled(self, vector: Ground, most: float, what: str) -> Ground:
+        size = math.hypot(*vector)
+        if size <= most:
+            return vector
+        self.notes.append(f"{what} held to {most:g} m/s")
+        return (vector[0] * most / size, vector[1] * most / size)
+
+    def _held_ground(self, velocity: Ground) -> Ground:
+        """Slow enough to stop inside."""
+        n, e = self._scaled(velocity, self._bounds.speed_m_s, "speed")
+        region, speed = self._bounds.region, math.hypot(n, e)
+        if not region.bounds_ground or speed == 0.0:
+            return (n, e)
+        if self._here is None:
+            self.notes.append("stands still: where it is is not known, and the space is limited")
+            return (0.0, 0.0)
+        here = (self._here.position_ned_m[0], self._here.position_ned_m[1])
+        breach = region.ground_breach(here)
+        if breach is not None:
+            back = region.nearest(here)
+            if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
+                return (n, e)
+            self.notes.append(f"outside {breach}: only the way back is flown")
+            return (0.0, 0.0)
+        way_m = region.way_out_m(here, (n / speed, e / speed)) - MARGIN_M
+        most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
+        if self._runs_out(here):
+            most = 0.0
+        if speed <= most:
+            return (n, e)
+        self.notes.append("speed cut to stop before the edge of the allowed space")
+        return (n * most / speed, e * most / speed)
+
+    def _runs_out(self, here: Ground) -> bool:
+        """Whether the vehicle as it moves now could only just be stopped inside."""
+        assert self._here is not None
+        n, e, _ = self._here.velocity_ned_m_s
+        speed = math.hypot(n, e)
+        if speed < 0.5:
+            return False
+        way_m = self._bounds.region.way_out_m(here, (n / speed, e / speed))
+        return speed > braking_speed(way_m, GUARD_M_S2, GUARD_DELAY_S)
+
+    def _held_height(self, fall: float) -> float:
+        held = self._within_climb(fall)
+        region = self._bounds.region
+        if not region.bounds_height or held == 0.0:
+            return held
+        if self._here is None:
+            self.notes.append("keeps its height: it is not known, and limited")
+            return 0.0
+        down_m = self._here.position_ned_m[2]
+        left_m = (region.down_max_m - down_m) if held > 0 else (down_m - region.down_min_m)
+        most = braking_speed(left_m - MARGIN_HEIGHT_M, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
+        if abs(held) <= most:
+            return held
+        self.notes.append("climbing or sinking cut to stop inside the limits of height")
+        return math.copysign(most, held)
+
+    def _held_push(self, push: Ground | None) -> Ground | None:
+        if push is None:
+            return None
+        most = self._bounds.acceleration_m_s2
+        if self._bounds.tilt_rad < math.pi / 2 - 0.01:
+            most = min(most, GRAVITY_M_S2 * math.tan(self._bounds.tilt_rad))
+        size = math.hypot(*push)
+        if size > most:
+            self.notes.append(f"acceleration held to {most:.1f} m/s²")
+            push = (push[0] * most / size, push[1] * most / size)
+        return push
+
+    def _slewed(self, velocity: Partial3) -> Partial3:
+        most = self._bounds.slew_velocity_m_s2 * self._dt_s
+        if not math.isfinite(most) or any(axis is None for axis in velocity):
+            return velocity
+        last = self._last_velocity()
+        if last is None:
+            return velocity
+        step = [(axis or 0.0) - at for axis, at in zip(velocity, last, strict=True)]
+        size = math.hypot(*step)
+        if size <= most:
+            return velocity
+        self.notes.append(f"velocity slewed at {self._bounds.slew_velocity_m_s2:g} m/s²")
+        n, e, d = (at + each * most / size for at, each in zip(last, step, strict=True))
+        return (n, e, d)
+
+    def _last_velocity(self) -> Vector3 | None:
+        before = self._before
+        if isinstance(before, Velocity):
+            n, e, d = before.velocity_ned_m_s
+            return (n or 0.0, e or 0.0, d or 0.0)
+        if isinstance(before, VelocityBody) and self._here is not None and self._here.yaw_ned_rad is not None:
+            return turned(before.velocity_frd_m_s, self._here.yaw_ned_rad)
+        return None if self._here is None else self._here.velocity_ned_m_s
+
+    # --- kinds that steer no place --------------------------------------------------------------------
+
+    def _guard(self, *, ground: bool = True, height: bool = True) -> None:
+        """Takes over where the vehicle, as it moves, could only just be stopped inside."""
+        region = self._bounds.region
+        if not (ground and region.bounds_ground) and not (height and region.bounds_height):
+            return
+        if self._here is None:
+            self.stop = "Where the vehicle is is not known, and the space is limited"
+            return
+        n, e, d = self._here.position_ned_m
+        if ground and region.bounds_ground:
+            breach = region.ground_breach((n, e))
+            if breach is not None or self._runs_out((n, e)):
+                self.stop = f"The vehicle would leave {breach or 'the allowed space'}"
+        fall = self._here.velocity_ned_m_s[2]
+        left_m = (region.down_max_m - d) if fall > 0 else (d - region.down_min_m)
+        if height and (
+            left_m < 0 or (abs(fall) > 0.3 and abs(fall) > braking_speed(left_m, GUARD_M_S2, GUARD_DELAY_S))
+        ):
+            self.stop = "The vehicle would leave its limits of height"
+
+
+_NONE: Partial3 = (None, None, None)
+
+
+def _ground(vector: Partial3) -> Ground | None:
+    return None if vector[0] is None or vector[1] is None else (vector[0], vector[1])
+
+
+def _joined(ground: Ground | None, down: float | None) -> Partial3:
+    return (None, None, down) if ground is None else (*ground, down)
