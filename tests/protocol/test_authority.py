@@ -1,0 +1,345 @@
+"""Who may command a vehicle, through the API's own functions: refusals send nothing; some is open to all."""
+
+import contextlib
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
+from gcs_server.api.offboard_models import StartRequest
+from gcs_server.control.client import Client
+from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
+from tests.protocol.conftest import HOLD, LAND, OFFBOARD, RTL, sim
+from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, order, seconds, silent
+from tests.protocol.test_dangerous_calls import lines, station_of
+
+ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
+MISSION = 4 << 16 | 4 << 24
+START = StartRequest.model_validate(
+    {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
+)
+YES = control_models.TakeControl(force=True)
+
+
+def desk(jump, story, *, flying=True):
+    """A flying vehicle, the station's routes, and who sits there."""
+
+    async def run():
+        world = OffboardWorld()
+        pilot = world.offboard_pilot(world.link())
+        if flying:
+            pilot.fly()
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            station = station_of(world)
+            station.authority.start()
+            await story(SimpleNamespace(world=world, station=station, vehicle=vehicle, pilot=pilot))
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def told(vehicle):
+    return [(e.data["action"], e.text) for e in vehicle.events.since() if e.kind == "control"]
+
+
+def view(response):
+    return json.loads(response.body)
+
+
+def test_a_command_by_another_is_refused_sends_nothing_and_names_the_holder(jump):
+    async def story(at):
+        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
+        heard = len(at.pilot.commands(176))
+        for work in (
+            lambda: vehicle_routes.rtl("1", at.station, BOB),
+            lambda: vehicle_routes.disarm("1", at.station, BOB),
+            lambda: vehicle_routes.land("1", at.station, BOB),
+            lambda: offboard_routes.start("1", START, at.station, BOB),
+            lambda: offboard_routes.stop("1", at.station, BOB),
+        ):
+            with pytest.raises(
+                NotInControl, match="anna has control of vehicle 1, not you: nothing was sent"
+            ):
+                await work()
+        await seconds(2)
+        assert len(at.pilot.commands(176)) == heard
+        assert not at.pilot.commands(400)
+        assert lines(at.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("what", ["hold", "land_now", "kill"])
+def test_hold_land_now_and_kill_are_open_to_all_and_the_holder_is_told(jump, what):
+    async def story(at):
+        await offboard_routes.start("1", START, at.station, ANNA)
+        if what == "hold":
+            await vehicle_routes.hold("1", at.station, BOB)
+        elif what == "land_now":
+            said = control_models.LandNowRequest(confirm="vehicle 1 lands now")
+            await vehicle_routes.land_now("1", said, at.station, BOB)
+        else:
+            said = models.KillRequest(confirm="motors stop, vehicle 1 falls")
+            await vehicle_routes.kill("1", said, at.station, BOB)
+        await silent(at.pilot, None, settle_s=0.2)
+        assert at.pilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[what]
+        assert at.pilot.armed == (what != "kill")
+        name = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}[what]
+        assert told(at.vehicle)[-1] == (
+            "intervened",
+            f"bob commanded {name} of vehicle 1; anna still has control.",
+        )
+        assert lines(at.station)[-1] == ("bob", what, "1", "ok")
+        assert view(await control_routes.show("1", at.station, ANNA))["yours"]
+
+    desk(jump, story)
+
+
+def test_land_now_without_its_words_sends_nothing(jump):
+    async def story(at):
+        for said in ("yes", "vehicle 2 lands now", ""):
+            with pytest.raises(InvalidRequest, match="does not name this vehicle"):
+                await vehicle_routes.land_now(
+                    "1", control_models.LandNowRequest(confirm=said), at.station, BOB
+                )
+        assert not asks(at.pilot, LAND)
+        assert told(at.vehicle) == []
+
+    desk(jump, story)
+
+
+def test_asked_granted_and_the_vehicle_flies_on(jump):
+    async def story(at):
+        with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
+            await offboard_routes.start("1", START, at.station, ANNA)
+            why = control_models.RequestControl(reason="I see it")
+            asked = view(await control_routes.request("1", at.station, BOB, why))
+            assert (asked["holder"], asked["yours"]) == ("anna", False)
+            assert [(r["client"], r["reason"]) for r in asked["requests"]] == [("bob", "I see it")]
+            to = control_models.AnswerControl(client=BOB.key)
+            given = view(await control_routes.grant("1", to, at.station, ANNA))
+            assert (given["holder"], given["holder_key"], given["yours"]) == ("bob", BOB.key, False)
+            await seconds(0.5)
+            assert at.pilot.mode == OFFBOARD
+            assert at.vehicle.offboard.status().client == "anna"
+            with pytest.raises(NotInControl):
+                await offboard_routes.stop("1", at.station, ANNA)
+            await offboard_routes.stop("1", at.station, BOB)
+            await silent(at.pilot, None, settle_s=0.1)
+            assert at.pilot.mode == HOLD
+        assert [action for action, _ in told(at.vehicle)] == ["taken", "requested", "granted"]
+
+    desk(jump, story)
+
+
+def test_a_take_over_by_force_is_journaled_and_told_to_the_old_holder(jump):
+    async def story(at):
+        with at.station.authority.connected(ANNA):
+            await control_routes.take("1", at.station, ANNA)
+            with pytest.raises(Refused, match="was not asked"):
+                await control_routes.take("1", at.station, BOB, YES)
+            await control_routes.request("1", at.station, BOB)
+            await seconds(15.1)
+            assert view(await control_routes.take("1", at.station, BOB, YES))["yours"]
+        action, text = told(at.vehicle)[-1]
+        assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
+        [event] = [e for e in at.vehicle.events.since() if e.data.get("action") == "forced"]
+        assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
+        assert lines(at.station)[-1] == ("bob", "control/take", "1", "ok")
+
+    desk(jump, story)
+
+
+def test_requests_of_any_kind_renew_and_leaving_releases_all(jump):
+    async def story(at):
+        await control_routes.take("1", at.station, ANNA)
+        for _ in range(5):
+            await seconds(20)
+            at.station.authority.heard(ANNA)
+        assert view(await control_routes.me(at.station, ANNA))["controls"] == ["1"]
+        assert view(await control_routes.leave(at.station, ANNA))["controls"] == []
+        assert told(at.vehicle)[-1][0] == "released"
+        assert lines(at.station)[-1] == ("anna", "control/release", "1", "ok")
+
+    desk(jump, story)
+
+
+def test_an_unknown_vehicle_has_no_control_to_take(jump):
+    async def story(at):
+        with pytest.raises(UnknownVehicle):
+            await control_routes.take("77", at.station, ANNA)
+
+    desk(jump, story)
+
+
+# --- the holder is not heard any more -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("agreed", "mode", "ends"),
+    [
+        ("nothing", MISSION, MISSION),
+        ("hold", MISSION, HOLD),
+        ("land", MISSION, LAND),
+        ("rtl", HOLD, RTL),
+        ("hold", POSITION, POSITION),
+        ("rtl", POSITION, POSITION),
+        ("hold", OFFBOARD, OFFBOARD),
+    ],
+)
+def test_what_was_agreed_for_an_expiry_is_done_but_never_against_somebody_who_steers(
+    jump, agreed, mode, ends
+):
+    async def story(at):
+        at.pilot.has_stream = lambda: True  # in Offboard by somebody else's setpoints
+        at.pilot.mode = mode
+        await seconds(2.5)
+        take = control_models.TakeControl(on_expiry=agreed)
+        await control_routes.take("1", at.station, ANNA, take)
+        await seconds(29)
+        assert not at.pilot.commands(176)
+        await seconds(5)
+        assert at.pilot.mode == ends
+        assert told(at.vehicle)[-1][0] == "expired"
+        ours = [line for line in lines(at.station) if line[0] == "server"]
+        assert ours[0] == ("server", "control/expired", "1", "ok")
+        assert ours[1:] == ([] if ends == mode else [("server", agreed, "1", "ok")])
+
+    desk(jump, story)
+
+
+def test_on_the_ground_an_expiry_commands_nothing(jump):
+    async def story(at):
+        at.pilot.mode = MISSION
+        await seconds(2.5)
+        await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
+        await seconds(40)
+        assert not at.pilot.commands(176)
+
+    desk(jump, story, flying=False)
+
+
+# --- others, who ask nobody -----------------------------------------------------------------------
+
+
+def mode_lines(vehicle):
+    return [(e.text, e.severity, e.data["cause"]) for e in vehicle.events.since() if e.kind == "mode_changed"]
+
+
+def transmitter(pilot):
+    """The vehicle hears one."""
+    rc = 1 << 16
+    pilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
+
+
+def test_a_pilot_who_flips_to_position_is_told_to_all_respected_and_never_fought(jump):
+    async def story(at):
+        transmitter(at.pilot)
+        await offboard_routes.start("1", START, at.station, ANNA)
+        assert mode_lines(at.vehicle)[-1] == ("Mode Offboard", 5, "command")
+        at.pilot.mode = at.pilot.asked_mode = POSITION
+        at.pilot.current_mode()
+        await silent(at.pilot, None, seconds_=40.0, settle_s=0.1)
+        assert at.pilot.mode == POSITION
+        assert mode_lines(at.vehicle)[-1] == ("Mode Position: its transmitter", 4, "pilot")
+        cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
+        assert (cause["source"], cause["text"]) == ("pilot", "its transmitter")
+
+    desk(jump, story)
+
+
+def test_another_stations_command_is_known_by_the_answer_that_it_gets(jump):
+    async def story(at):
+        await offboard_routes.start("1", START, at.station, ANNA)
+        at.pilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
+        at.pilot.mode = at.pilot.asked_mode = RTL
+        at.pilot.current_mode()
+        await silent(at.pilot, None, settle_s=0.1)
+        assert mode_lines(at.vehicle)[-1] == (
+            "Mode Return: another ground station commanded it (station 245/190)",
+            4,
+            "station",
+        )
+        assert at.pilot.mode == RTL
+
+    desk(jump, story)
+
+
+def test_our_own_command_and_the_vehicles_own_course_are_no_take_over(jump):
+    async def story(at):
+        await vehicle_routes.rtl("1", at.station, ANNA)
+        await seconds(1)
+        assert mode_lines(at.vehicle)[-1] == ("Mode Return", 5, "command")
+        await seconds(15)
+        at.pilot.mode = HOLD
+        at.pilot.current_mode()
+        await seconds(0.1)
+        assert mode_lines(at.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
+
+    desk(jump, story)
+
+
+def test_a_failsafe_is_called_one(jump):
+    async def story(at):
+        await seconds(10)
+        at.pilot.mode = RTL
+        at.pilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
+        await seconds(0.1)
+        assert mode_lines(at.vehicle)[-1] == ("Mode Return: its own failsafe", 4, "failsafe")
+
+    desk(jump, story)
+
+
+def test_a_gimbal_that_another_station_takes_is_told_and_not_taken_back(jump):
+    async def story(at):
+        await at.vehicle.gimbal.take_control()
+        await seconds(2.5)
+        taken = len(at.pilot.commands(1001))
+        at.pilot.control = (245, 190)
+        await seconds(5)
+        assert told(at.vehicle)[-1] == (
+            "gimbal_taken",
+            "Station 245/190 has taken the gimbal from this server.",
+        )
+        assert len(at.pilot.commands(1001)) == taken
+        with pytest.raises(Refused, match="controlled by system 245"):
+            await at.vehicle.gimbal.set_angles(-10, 0)
+
+    desk(jump, story)
+
+
+def test_a_recording_is_nobodys(jump):
+    async def run():
+        world = OffboardWorld()
+        link = world.link("tape", replay=True)
+        world.offboard_pilot(link)
+        try:
+            await seconds(8)
+            [vehicle] = world.fleet.all()
+            station = station_of(world)
+            with pytest.raises(Refused, match="recording"):
+                await control_routes.take(vehicle.id, station, ANNA)
+            with contextlib.suppress(Refused):
+                await vehicle_routes.arm(vehicle.id, station, ANNA)
+            assert vehicle.control.status().holder is None
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_a_setpoint_stream_outlives_its_clients_control_by_its_own_validity_only(jump):
+    async def story(at):
+        await offboard_routes.start("1", START, at.station, ANNA)
+        await seconds(31)
+        assert told(at.vehicle)[-1][0] == "expired"
+        assert at.pilot.mode == OFFBOARD
+        await seconds(40)
+        assert at.pilot.mode == HOLD
+        assert order().valid_for_s == START.valid_for_s
+
+    desk(jump, story)
