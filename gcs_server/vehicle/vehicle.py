@@ -24,6 +24,7 @@ from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.services.health import HealthService
+from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import VehicleState
 
@@ -64,6 +65,7 @@ class Vehicle:
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
             d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
+            d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.heard(full_payload(f)),
             d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.gone(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._outsiders.ack(full_payload(f)),
             d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._outsiders.gimbal(full_payload(f)),
@@ -72,8 +74,9 @@ class Vehicle:
         """Messages that do more than become the newest of their kind."""
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
-        self.params = ParamService(self)
         self.ftp = FtpService(self)
+        self.metadata = MetadataService(self, self.ftp)
+        self.params = ParamService(self, self.metadata)
         self.health = HealthService(self, self._narrator.event)
         self._outsiders = Outsiders(self, self.command)
 
@@ -263,6 +266,7 @@ class Vehicle:
             # it may have been another flight controller's gimbal, or another firmware, that came back
             self._limits_asked, self._limits_since_s = 0, self.clock.monotonic_s()
             self.health.heard()
+            self.params.link_was_away()
             self.events.add("link", self.clock.unix_s(), "Link is back", severity=d.MAV_SEVERITY_NOTICE)
 
     def _choose_endpoint(self) -> Endpoint | None:

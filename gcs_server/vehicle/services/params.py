@@ -1,4 +1,7 @@
-"""One parameter at a time, verified.
+"""A vehicle's parameters: one read or set and verified, or all of them, kept by the vehicle's own checksum.
+
+All are read only when somebody asks; PX4's checksum (`_HASH_CHECK`) then tells whether those of the last time
+still hold. It leaves out what PX4 changes by itself (`volatile`), so such a value may be older.
 
 PX4 carries integers as their bits in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
 knows INT32 and FLOAT only, answers nothing for unknown names, and takes any value without a range.
@@ -11,11 +14,16 @@ import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
-from gcs_server.errors import InvalidRequest, NoReply, Rejected
+from gcs_server.errors import GcsError, InvalidRequest, NoReply, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.mavlink.mailbox import Reply
+from gcs_server.vehicle.param_facts import Facts, ParamFacts
+from gcs_server.vehicle.param_table import HASH_NAME, Param, ParamTable, read_report
+from gcs_server.vehicle.services.metadata import MetadataService
+from gcs_server.vehicle.services.param_list import ParamReader
 from gcs_server.vehicle.services.port import VehiclePort
 
 RESEND_S = 0.5
@@ -27,21 +35,179 @@ REAL32 = d.MAV_PARAM_TYPE_REAL32
 _int32 = struct.Struct("<i")
 
 
-@dataclass(frozen=True, slots=True)
-class Param:
-    """A parameter as the vehicle reports it."""
+ListState = Literal["unknown", "reading", "ready", "outdated", "failed"]
 
-    name: str
-    value: int | float
-    is_integer: bool
+
+@dataclass(frozen=True, slots=True)
+class ParamList:
+    """How far the vehicle's parameters are known."""
+
+    state: ListState
+    """unknown (never asked for), reading, ready, outdated (the link was away since), failed."""
+    received: int
+    """How many have come."""
+    count: int | None
+    """How many there are; null before the vehicle said."""
+    source: Literal["vehicle", "cache"] | None
+    """Where they are from; `cache`: the vehicle's checksum says that they still hold."""
+    hash: str | None
+    """The vehicle's checksum when they were read, hexadecimal."""
+    read_unix_s: float | None
+    """When they were known to hold [s since 1970 UTC]."""
+    problem: str | None
+    """Why they could not be read."""
+    facts: bool
+    """Whether the vehicle's own description (unit, range, default) is at hand."""
+    facts_problem: str | None
+    """Why it is not."""
 
 
 class ParamService:
-    """PX4's bytewise parameters."""
+    """PX4's bytewise parameters.
 
-    def __init__(self, vehicle: VehiclePort) -> None:
+    Args:
+        vehicle: whose.
+        metadata: what the vehicle says of them; None: nothing.
+    """
+
+    def __init__(self, vehicle: VehiclePort, metadata: MetadataService | None = None) -> None:
         self._vehicle = vehicle
+        self._metadata = metadata
         self._is_integer: dict[str, bool] = {}
+        self._table = ParamTable()
+        self._facts: Facts | None = None
+        self._reading = asyncio.Lock()
+        self._state: ListState = "unknown"
+        self._source: Literal["vehicle", "cache"] | None = None
+        self._read_unix_s: float | None = None
+        self._problem: str | None = None
+        self._facts_problem: str | None = None
+
+    @property
+    def list(self) -> ParamList:
+        """How far they are known."""
+        table = self._table
+        return ParamList(
+            self._state,
+            table.filled,
+            table.count,
+            self._source,
+            None if table.hash is None else f"{table.hash:08x}",
+            self._read_unix_s,
+            self._problem,
+            self._facts is not None,
+            self._facts_problem,
+        )
+
+    def all(self) -> list[Param]:
+        """Those that are known, by name."""
+        return self._table.all()
+
+    def facts(self, name: str) -> ParamFacts | None:
+        """What the vehicle's metadata says of one; None where they are not at hand or say nothing."""
+        return None if self._facts is None else self._facts.get(name)
+
+    async def refresh(self, *, ignore_cache: bool = False) -> ParamList:
+        """Reads all, unless those known still hold; who asks meanwhile waits for the same reading.
+
+        Raises:
+            NoReply: the vehicle did not send them all; what came is kept.
+        """
+        self._vehicle.require_commandable()
+        if self._reading.locked():
+            async with self._reading:
+                return self.list
+        async with self._reading:
+            self._state, self._problem = "reading", None
+            try:
+                await self._read_all(ignore_cache)
+            except GcsError as error:
+                self._state, self._problem = "failed", str(error)
+                raise
+            except BaseException:
+                self._state, self._problem = "failed", "The reading was interrupted."
+                raise
+            self._state, self._read_unix_s = "ready", self._vehicle.clock.unix_s()
+            await self._learn()
+        return self.list
+
+    async def describe(self) -> None:
+        """Fetches what the vehicle says of its parameters, if it was not yet; never raises for want of it."""
+        if self._facts is None:
+            await self._learn()
+
+    async def _learn(self) -> None:
+        if self._metadata is None:
+            return
+        try:
+            self._facts, self._facts_problem = await self._metadata.parameters(), None
+        except GcsError as error:
+            self._facts_problem = str(error)
+
+    async def _read_all(self, ignore_cache: bool) -> None:
+        reader = ParamReader(self._vehicle, lambda: None)
+        before = await reader.hash()
+        if before is not None and not ignore_cache:
+            if self._table.complete and (self._table.hash, self._table.count) == before:
+                return
+            kept = await self._kept(*before)
+            if kept is not None:
+                self._table, self._source = kept, "cache"
+                return
+
+        def fresh() -> ParamTable:
+            self._table = ParamTable()
+            return self._table
+
+        await reader.read(fresh)
+        self._source = "vehicle"
+        after = await reader.hash() if before is not None else None
+        if after is not None and self._table.complete:
+            self._table.hash = after[0]
+            if before == after:  # else something changed meanwhile: the next reading is of the vehicle
+                await self._keep()
+
+    async def _kept(self, wanted_hash: int, count: int) -> ParamTable | None:
+        metadata = self._metadata
+        if metadata is None or metadata.cache is None:
+            return None
+        cache, name = metadata.cache, self._cache_name()
+
+        def load() -> ParamTable | None:
+            content = cache.read(name)
+            return None if content is None else ParamTable.load(content, wanted_hash, count)
+
+        return await metadata.aside(load)
+
+    async def _keep(self) -> None:
+        metadata = self._metadata
+        if metadata is None or metadata.cache is None:
+            return
+        cache, name, content = metadata.cache, self._cache_name(), self._table.dump()
+        await metadata.aside(lambda: cache.write(name, content))
+
+    def _cache_name(self) -> str:
+        """Of this vehicle: another of equal checksum may differ in what the checksum leaves out."""
+        identity = self._vehicle.identity
+        uid = "".join(c for c in identity.uid or "none" if c.isalnum())[:40]
+        return f"params-{uid}-{identity.system_id}.json"
+
+    # --- written by the vehicle only ------------------------------------------------------------------
+
+    def heard(self, payload: bytes) -> None:
+        """PARAM_VALUE, asked for by whomever."""
+        report = read_report(payload)
+        if report is None or report.param.name == HASH_NAME or self._state in ("unknown", "reading"):
+            return  # while it is read, the reader takes them
+        if not self._table.put(report) and self._state == "ready":
+            self._state = "outdated"  # the list has another length: places have moved
+
+    def link_was_away(self) -> None:
+        """What changed meanwhile was not heard."""
+        if self._state == "ready":
+            self._state = "outdated"
+
+    # --- one at a time --------------------------------------------------------------------------------
 
     async def get(self, name: str) -> Param:
         """Reads one.
@@ -55,10 +221,16 @@ class ParamService:
         request = d.MAVLink_param_request_read_message(identity.system_id, identity.component_id, raw, -1)
         return await self._exchange(name, request.id, encode_payload(request), lambda _: True)
 
-    async def set(self, name: str, value: float) -> Param:
+    async def set(self, name: str, value: float, *, force: bool = False) -> Param:
         """Writes one and returns what the vehicle then reports.
 
+        Args:
+            name: the parameter.
+            value: what to write.
+            force: although it is out of the range, or none of the choices, that the vehicle's metadata names.
+
         Raises:
+            InvalidRequest: the value does not fit.
             Rejected: the vehicle reports another value than was set.
         """
         raw = _name(name)
@@ -72,6 +244,9 @@ class ParamService:
             raise InvalidRequest("value", f"{name} is a whole number of 32 bits; {value!r} is not.")
         if not is_integer and abs(value) > 3.4e38:
             raise InvalidRequest("value", f"{value!r} does not fit {name} (32-bit float).")
+        facts = self.facts(name)
+        if facts is not None and not force:
+            facts.check(value)
         wanted = int(value) if is_integer else _as_float32(value)
         identity = self._vehicle.identity
         request = d.MAVLink_param_set_message(
@@ -112,6 +287,8 @@ class ParamService:
                     async with asyncio.timeout(min(RESEND_S, left_s)):
                         while True:
                             param = read_param(await waiter.next())
+                            if param is None:
+                                continue
                             self._is_integer[name] = param.is_integer
                             if good(param):
                                 return param
@@ -133,11 +310,10 @@ class ParamService:
         return matches
 
 
-def read_param(message: Reply) -> Param:
-    """From a PARAM_VALUE."""
-    is_integer = message.param_type != REAL32
-    bits = bytes(message.get_payload() or b"")[: _int32.size].ljust(_int32.size, b"\0")
-    return Param(message.param_id, _int32.unpack(bits)[0] if is_integer else message.param_value, is_integer)
+def read_param(message: Reply) -> Param | None:
+    """From a PARAM_VALUE; None for a type that we do not know."""
+    report = read_report(bytes(message.get_payload() or b"").ljust(25, b"\0"))
+    return None if report is None else report.param
 
 
 def _name(name: str) -> bytes:

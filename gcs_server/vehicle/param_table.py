@@ -1,0 +1,132 @@
+"""All parameters of a vehicle as far as they are known; pure."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass
+
+from gcs_server.mavlink import dialect as d
+
+HASH_NAME = "_HASH_CHECK"
+NO_INDEX = 65535
+CACHE_VERSION = 1
+_value = struct.Struct("<4sHH16sB")
+_float = struct.Struct("<f")
+_integers = {
+    d.MAV_PARAM_TYPE_UINT8: "<B", d.MAV_PARAM_TYPE_INT8: "<b", d.MAV_PARAM_TYPE_UINT16: "<H",
+    d.MAV_PARAM_TYPE_INT16: "<h", d.MAV_PARAM_TYPE_UINT32: "<I", d.MAV_PARAM_TYPE_INT32: "<i",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Param:
+    """A parameter as the vehicle reports it."""
+
+    name: str
+    value: int | float
+    is_integer: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ParamReport:
+    """One PARAM_VALUE."""
+
+    param: Param
+    index: int
+    """In the vehicle's list; 65535 where it has none."""
+    count: int
+    """Of the list."""
+
+
+def read_report(payload: bytes) -> ParamReport | None:
+    """From a full PARAM_VALUE payload, bytewise as PX4 packs it; None for a type of more than 32 bits."""
+    bits, count, index, raw_name, kind = _value.unpack_from(payload)
+    name = raw_name.split(b"\0", 1)[0].decode("ascii", "replace")
+    if kind == d.MAV_PARAM_TYPE_REAL32:
+        return ParamReport(Param(name, _float.unpack(bits)[0], False), index, count)
+    form = _integers.get(kind)
+    if form is None:
+        return None
+    return ParamReport(Param(name, struct.unpack_from(form, bits)[0], True), index, count)
+
+
+class ParamTable:
+    """Values by name, and which places of the vehicle's list they fill."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, Param] = {}
+        self._filled: set[int] = set()
+        self.count: int | None = None
+        """Of the vehicle's list; None before it said."""
+        self.hash: int | None = None
+        """The vehicle's own checksum over names and values."""
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def get(self, name: str) -> Param | None:
+        """None where it has not come."""
+        return self._values.get(name)
+
+    def all(self) -> list[Param]:
+        """By name."""
+        return [self._values[name] for name in sorted(self._values)]
+
+    @property
+    def filled(self) -> int:
+        """Places of the list that are known."""
+        return len(self._filled)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the whole list is there."""
+        return self.count is not None and len(self._filled) >= self.count
+
+    def missing(self, most: int) -> list[int]:
+        """The first places that are not known."""
+        found: list[int] = []
+        for index in range(self.count or 0):
+            if index not in self._filled:
+                found.append(index)
+                if len(found) == most:
+                    break
+        return found
+
+    def put(self, report: ParamReport) -> bool:
+        """Takes a value; False where the list has another length now, so that its places have moved."""
+        if report.param.name == HASH_NAME:
+            self.hash = int(report.param.value) & 0xFFFFFFFF
+            return True
+        moved = self.count is not None and report.count != self.count and report.index != NO_INDEX
+        if report.index != NO_INDEX:
+            self.count = report.count
+            if report.index < report.count:
+                self._filled.add(report.index)
+        self._values[report.param.name] = report.param
+        return not moved
+
+    def dump(self) -> bytes:
+        """For the cache."""
+        values = [(p.name, p.value, p.is_integer) for p in self._values.values()]
+        content = {"version": CACHE_VERSION, "hash": self.hash, "count": self.count, "values": values}
+        return json.dumps(content).encode()
+
+    @classmethod
+    def load(cls, content: bytes, wanted_hash: int, count: int) -> ParamTable | None:
+        """From the cache; None where it is of another state of the vehicle, or damaged."""
+        try:
+            kept = json.loads(content)
+            if (kept["version"], kept["hash"], kept["count"]) != (CACHE_VERSION, wanted_hash, count):
+                return None
+            table = cls()
+            for name, value, is_integer in kept["values"]:
+                exact = int(value) if is_integer else float(value)
+                table._values[str(name)] = Param(str(name), exact, bool(is_integer))
+        except (ValueError, KeyError, TypeError):
+            return None
+        if len(table) != count:
+            return None
+        table.count, table.hash = count, wanted_hash
+        table._filled = set(range(count))
+        return table

@@ -1,0 +1,157 @@
+"""All parameters of a vehicle, over a link that loses packets.
+
+The list is asked for once and arrives by itself; what is missing when it falls silent is asked for by its
+place, a few at a time. Nothing of it changes anything on the vehicle.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from gcs_server.errors import NoReply
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_payload
+from gcs_server.mavlink.mailbox import Reply, Waiter
+from gcs_server.vehicle.param_table import HASH_NAME, ParamReport, ParamTable, read_report
+from gcs_server.vehicle.services.port import VehiclePort
+
+LIST_TIMES = 4
+FIRST_SILENCE_S, SILENCE_S = 2.0, 1.0
+"""PX4 sends the list at a part of the link's rate: on a slow one values are tenths of a second apart."""
+AT_ONCE = 10
+"""Places asked for together."""
+GAP_PATIENCE_S = 0.5
+ROUNDS_WITHOUT_NEWS = 12
+HASH_TIMES, HASH_EVERY_S = 4, 0.5
+RESTARTS = 3
+
+Progress = Callable[[], None]
+
+
+class ParamReader:
+    """One reading."""
+
+    def __init__(self, vehicle: VehiclePort, progress: Progress) -> None:
+        self._vehicle = vehicle
+        self._progress = progress
+
+    async def hash(self) -> tuple[int, int] | None:
+        """(checksum, number of parameters); None where the vehicle has no such thing."""
+        with self._values() as waiter:
+            for _ in range(HASH_TIMES):
+                self._request(HASH_NAME.encode(), -1)
+                report = await self._next(waiter, HASH_EVERY_S, HASH_NAME)
+                if report is not None:
+                    return int(report.param.value) & 0xFFFFFFFF, report.count
+        return None
+
+    async def read(self, table: Callable[[], ParamTable]) -> None:
+        """Fills a new table; starts again with another where the list changed its length meanwhile.
+
+        Args:
+            table: makes the table that is to be filled.
+
+        Raises:
+            NoReply: the vehicle fell silent.
+        """
+        for _ in range(RESTARTS):
+            if await self._fill(table()):
+                return
+        raise NoReply(
+            f"The parameters of vehicle {self._vehicle.id} change their number while they are read.",
+            deadline_s=0.0,
+            remedy="Wait until its setup is finished, and read them again.",
+        )
+
+    async def _fill(self, table: ParamTable) -> bool:
+        with self._values() as waiter:
+            for _ in range(LIST_TIMES):
+                identity = self._vehicle.identity
+                message = d.MAVLink_param_request_list_message(identity.system_id, identity.component_id)
+                self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
+                if not await self._take(waiter, table, FIRST_SILENCE_S, SILENCE_S):
+                    return False
+                if table.count is not None:
+                    break
+            else:
+                raise NoReply(
+                    f"Vehicle {self._vehicle.id} did not send its parameters.",
+                    deadline_s=LIST_TIMES * FIRST_SILENCE_S,
+                    remedy="Check the link, then ask again.",
+                )
+            return await self._fill_gaps(waiter, table)
+
+    async def _fill_gaps(self, waiter: Waiter, table: ParamTable) -> bool:
+        idle = 0
+        while not table.complete:
+            if idle >= ROUNDS_WITHOUT_NEWS:
+                raise NoReply(
+                    f"Vehicle {self._vehicle.id} sent {table.filled} of {table.count} parameters, "
+                    "then fell silent.",
+                    deadline_s=ROUNDS_WITHOUT_NEWS * GAP_PATIENCE_S,
+                    remedy="Check the link, then ask again.",
+                )
+            before = table.filled
+            wanted = table.missing(AT_ONCE)
+            for index in wanted:
+                self._request(b"", index)
+            if not await self._take(waiter, table, GAP_PATIENCE_S, GAP_PATIENCE_S, frozenset(wanted)):
+                return False
+            idle = 0 if table.filled > before else idle + 1
+        return True
+
+    async def _take(
+        self,
+        waiter: Waiter,
+        table: ParamTable,
+        first_s: float,
+        silence_s: float,
+        wanted: frozenset[int] | None = None,
+    ) -> bool:
+        """Takes values until silence, or until all that are wanted are there; False: the list changed."""
+        patience_s = first_s
+        left = set(wanted) if wanted is not None else None
+        while not table.complete and (left is None or left):
+            report = await self._next(waiter, patience_s)
+            if report is None:
+                return True
+            if not table.put(report):
+                return False
+            if left is not None:
+                left.discard(report.index)
+            patience_s = silence_s
+            self._progress()
+        return True
+
+    async def _next(self, waiter: Waiter, patience_s: float, name: str | None = None) -> ParamReport | None:
+        try:
+            async with asyncio.timeout(patience_s):
+                while True:
+                    report = _report(await waiter.next())
+                    if report is not None and (name is None or report.param.name == name):
+                        return report
+        except TimeoutError:
+            return None
+
+    def _values(self):  # noqa: ANN202 the mailbox's context manager
+        vehicle = self._vehicle
+
+        def matches(message: Reply) -> bool:
+            identity = vehicle.identity
+            return (message.get_srcSystem(), message.get_srcComponent()) == (
+                identity.system_id,
+                identity.component_id,
+            )
+
+        return vehicle.mailbox.expect(d.MAVLINK_MSG_ID_PARAM_VALUE, matches=matches)
+
+    def _request(self, name: bytes, index: int) -> None:
+        identity = self._vehicle.identity
+        message = d.MAVLink_param_request_read_message(identity.system_id, identity.component_id, name, index)
+        self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
+
+
+def _report(message: Reply) -> ParamReport | None:
+    payload = bytes(message.get_payload() or b"")
+    return read_report(payload.ljust(25, b"\0"))

@@ -1,0 +1,168 @@
+"""All parameters of the simulated vehicle over links that lose packets, and what its metadata say of them."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import Disconnected, InvalidRequest, NoReply
+from gcs_server.mavlink import dialect as d
+from gcs_server.storage.cache import Cache
+from tests.protocol.sim_world import SimPilot
+
+LIST, READ, SET, FTP = (
+    d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+    d.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+    d.MAVLINK_MSG_ID_PARAM_SET,
+    d.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
+)
+
+
+async def inline(work):
+    return work()
+
+
+def story(kit, jump, work, *, loss=0.0, seed=0, cache=None):
+    async def run():
+        world = kit.World()
+        pilot = SimPilot(world.link(), seed=seed)
+        try:
+            vehicle = await world.ready()
+            vehicle.metadata.cache, vehicle.metadata.aside = cache, inline
+            pilot.loss = loss
+            await work(world, vehicle, pilot)
+        finally:
+            pilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+def truth(pilot):
+    return dict(pilot.sim.simulation.parameters[0].items())
+
+
+@pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
+def test_all_come_with_exact_values_and_what_they_mean(kit, jump, loss, seed):
+    async def work(world, vehicle, pilot):
+        assert vehicle.params.list.state == "unknown"
+        assert pilot.count(LIST) == pilot.count(FTP) == 0  # nothing unasked
+        known = await vehicle.params.refresh()
+        assert (known.state, known.received, known.count, known.source) == ("ready", 929, 929, "vehicle")
+        assert known.facts, known.facts_problem
+        values = truth(pilot)
+        assert {p.name: p.value for p in vehicle.params.all()} == values
+        assert all(isinstance(p.value, int) == p.is_integer for p in vehicle.params.all())
+        assert all(vehicle.params.facts(name) is not None for name in values)
+        assert vehicle.params.facts("MPC_XY_VEL_MAX").unit == "m/s"
+        if not loss:
+            assert (pilot.count(LIST), pilot.count(READ)) == (1, 2)  # the list, and the checksum twice
+
+    story(kit, jump, work, loss=loss, seed=seed)
+
+
+def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
+    cache = Cache(tmp_path)
+
+    async def first(world, vehicle, pilot):
+        await vehicle.params.refresh()
+
+    async def second(world, vehicle, pilot):
+        known = await vehicle.params.refresh()
+        assert (known.state, known.source, known.received) == ("ready", "cache", 929)
+        assert (pilot.count(LIST), pilot.count(READ), pilot.count(FTP)) == (0, 1, 0)
+        assert known.facts
+        assert {p.name: p.value for p in vehicle.params.all()} == truth(pilot)
+        await vehicle.params.refresh()
+        assert pilot.count(LIST) == 0
+
+        pilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # somebody else sets one
+        await world.clock.sleep(0.5)
+        changed = {p.name: p.value for p in vehicle.params.all()}
+        assert changed["MPC_XY_CRUISE"] == 3.0  # told, not asked for
+        assert (await vehicle.params.refresh()).source == "vehicle"
+        assert pilot.count(LIST) == 1
+        await vehicle.params.refresh(ignore_cache=True)
+        assert pilot.count(LIST) == 2
+
+    story(kit, jump, first, cache=cache)
+    story(kit, jump, second, cache=cache)
+
+
+def test_a_value_is_checked_against_what_the_vehicle_says_of_it(kit, jump):
+    async def work(world, vehicle, pilot):
+        params = vehicle.params
+        await params.set("MPC_XY_CRUISE", 19.5)  # before anything is known of it: PX4 takes it
+        await params.refresh()
+        for name, value in (("MPC_XY_CRUISE", 30), ("COM_OBL_RC_ACT", 99), ("COM_OBL_RC_ACT", 1.5)):
+            with pytest.raises(InvalidRequest) as caught:
+                await params.set(name, value)
+            assert caught.value.field == "value"
+            assert name in str(caught.value)
+        sets = pilot.count(SET)
+        assert sets == 1
+        assert (await params.set("COM_OBL_RC_ACT", 99, force=True)).value == 99
+        assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
+        assert (await params.set("COM_RC_OVERRIDE", 3)).value == 3
+
+    story(kit, jump, work)
+
+
+def test_a_vehicle_that_falls_silent_or_goes_says_so_and_can_be_asked_again(kit, jump):
+    async def work(world, vehicle, pilot):
+        reading = asyncio.ensure_future(vehicle.params.refresh())
+        await world.clock.sleep(0.4)
+        assert vehicle.params.list.state == "reading"
+        assert 0 < vehicle.params.list.received < 929
+        pilot.loss = 1.0
+        with pytest.raises((Disconnected, NoReply)):
+            await reading
+        known = vehicle.params.list
+        assert known.state == "failed"
+        assert known.problem
+        pilot.loss = 0.0
+        await world.clock.sleep(2)
+        both = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
+        assert {k.state for k in both} == {"ready"}
+        assert pilot.count(LIST) == 2  # two who ask at once share a reading
+        pilot.loss = 1.0
+        await world.clock.sleep(5)
+        pilot.loss = 0.0
+        await world.clock.sleep(2)
+        assert vehicle.params.list.state == "outdated"
+
+    story(kit, jump, work)
+
+
+def test_a_vehicle_without_any_of_it_is_told_as_such(kit, jump):
+    async def run():
+        world = kit.World()
+        pilot = world.pilot(world.link())
+        try:
+            vehicle = await world.ready()
+            vehicle.metadata.aside = inline
+            with pytest.raises(NoReply, match="did not send its parameters"):
+                await vehicle.params.refresh()
+            await vehicle.params.describe()
+            assert "does not describe itself" in vehicle.params.list.facts_problem
+            assert (await vehicle.params.set("MPC_XY_VEL_MAX", 500)).value == 500
+            assert pilot.params["MPC_XY_VEL_MAX"][1] == 500
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_the_words_of_a_vehicle_come_with_its_events_metadata(kit, jump, tmp_path):
+    async def work(world, vehicle, pilot):
+        before = (await vehicle.health.check()).findings
+        vehicle.health.use(await vehicle.metadata.events())
+        after = vehicle.health.readiness
+        assert (after.words, len(after.findings)) == ("vehicle", len(before))
+        words = {f.name: f.cause for f in after.findings}
+        assert words["check_modes_offboard_signal"] == "No offboard setpoints arrive."
+        fetched = pilot.count(FTP)
+        await vehicle.metadata.events()
+        assert pilot.count(FTP) == fetched  # kept by its checksum
+        assert len(list(tmp_path.iterdir())) == 2
+
+    story(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)

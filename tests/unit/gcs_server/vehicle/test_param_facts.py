@@ -1,0 +1,154 @@
+"""Parameters as plain values: what PX4's metadata says of each; exact types on the wire and in the cache."""
+
+import json
+import lzma
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.errors import InvalidRequest
+from gcs_server.storage.cache import MOST_FILES, Cache
+from gcs_server.vehicle import param_facts
+from gcs_server.vehicle.param_table import Param, ParamReport, ParamTable, read_report
+
+INT32, REAL32 = 6, 9
+
+
+def packed(name, bits, index=0, count=2, kind=REAL32):
+    return struct.pack("<4sHH16sB", bits, count, index, name.encode(), kind)
+
+
+@pytest.fixture(scope="module")
+def facts(shared):
+    return param_facts.parse(lzma.decompress((shared / "px4/parameters.json.xz").read_bytes()))
+
+
+@pytest.fixture(scope="module")
+def live(shared):
+    content = json.loads((shared / "px4/parameters-live.json").read_text())
+    return content.get("parameters", content)
+
+
+def test_every_parameter_of_the_recorded_vehicle_is_understood(facts, live):
+    assert len(live) == 929
+    table = ParamTable()
+    for name, one in live.items():
+        is_integer = one["type"] == "int32"
+        bits = struct.pack("<i", one["value"]) if is_integer else struct.pack("<f", one["value"])
+        report = read_report(packed(name, bits, one["index"], len(live), INT32 if is_integer else REAL32))
+        assert report is not None
+        assert table.put(report)
+        assert report.param == Param(
+            name, one["value"] if is_integer else struct.unpack("<f", bits)[0], is_integer
+        )
+        of = facts[name]
+        assert of.is_integer == is_integer, name
+        assert of.group, name
+        assert of.title, name
+        default = param_facts.is_default(of, of.default)
+        assert default is True, name
+    assert table.complete
+    assert table.missing(5) == []
+    kept = ParamTable.load(table_with_hash(table, 77).dump(), 77, 929)
+    assert kept.all() == table.all()
+
+
+def table_with_hash(table, value):
+    table.put(ParamReport(Param("_HASH_CHECK", value, True), 65535, table.count))
+    return table
+
+
+def test_values_that_px4_shipped_keep_to_their_own_ranges(facts, live):
+    """What it does not keep to itself shows what the check would forbid: very little."""
+    odd = set()
+    for name, one in live.items():
+        try:
+            facts[name].check(one["value"])
+        except InvalidRequest as error:
+            odd.add((name, name in str(error), "force" in (error.remedy or "")))
+    assert len(odd) < 10, sorted(odd)
+    assert all(named and forced for _, named, forced in odd)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("MPC_XY_VEL_MAX", 500.0, "from 0 to 20 m/s"),
+        ("COM_OBL_RC_ACT", 77, "one of"),
+        ("COM_RC_OVERRIDE", 64, "a sum of"),
+        ("COM_OF_LOSS_T", -1.0, "from 0 to 60 s"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_with_the_range(facts, name, value, words):
+    with pytest.raises(InvalidRequest, match=words) as caught:
+        facts[name].check(value)
+    assert caught.value.field == "value"
+    facts["MPC_XY_VEL_MAX"].check(20)
+    facts["COM_OF_LOSS_T"].check(struct.unpack("<f", struct.pack("<f", 0.1))[0])
+
+
+def test_a_range_with_one_end_says_so():
+    one = param_facts.ParamFacts("A", False, "G", "Standard", min=1.5)
+    with pytest.raises(InvalidRequest, match=r"at least 1\.5"):
+        one.check(1)
+    other = param_facts.ParamFacts("A", False, "G", "Standard", max=2, unit="s")
+    with pytest.raises(InvalidRequest, match="at most 2 s"):
+        other.check(3)
+    for bad in (b"[]", b'{"version": 2, "parameters": []}', b"x"):
+        with pytest.raises(ValueError, match=r"."):
+            param_facts.parse(bad)
+
+
+@given(st.binary(min_size=4, max_size=4), st.sampled_from([1, 2, 3, 4, 5, 6, 9, 10]))
+def test_bits_are_never_changed_on_their_way(bits, kind):
+    report = read_report(packed("ABCDEFGHIJKLMNOP", bits, kind=kind))
+    if kind == 10:
+        assert report is None  # a double does not fit 32 bits
+        return
+    assert report.param.name == "ABCDEFGHIJKLMNOP"
+    assert report.param.is_integer == (kind != REAL32)
+    if kind == INT32:
+        assert struct.pack("<i", report.param.value) == bits
+    table = ParamTable()
+    table.put(report)
+    table.put(ParamReport(Param("Z", math.inf, False), 1, 2))
+    kept = ParamTable.load(table_with_hash(table, 5).dump(), 5, 2).get("ABCDEFGHIJKLMNOP")
+    assert kept.is_integer == report.param.is_integer
+    assert kept.value == report.param.value or (math.isnan(kept.value) and math.isnan(report.param.value))
+
+
+def test_a_cache_of_another_state_or_damaged_is_not_used():
+    table = ParamTable()
+    table.put(ParamReport(Param("A", 1, True), 0, 1))
+    content = table_with_hash(table, 9).dump()
+    assert ParamTable.load(content, 9, 1).get("A").value == 1
+    assert ParamTable.load(content, 8, 1) is None
+    assert ParamTable.load(content, 9, 2) is None
+    assert ParamTable.load(content[:-5], 9, 1) is None
+    assert ParamTable.load(b"[]", 9, 1) is None
+
+
+def test_a_list_of_another_length_has_moved():
+    table = ParamTable()
+    assert table.put(ParamReport(Param("A", 1, True), 0, 3))
+    assert table.put(ParamReport(Param("B", 1, True), 65535, 4))  # asked for by name: no place
+    assert table.missing(9) == [1, 2]
+    assert not table.put(ParamReport(Param("C", 1, True), 1, 4))
+
+
+def test_the_cache_keeps_the_newest_and_never_fails(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    assert cache.read("a.json") is None
+    for n in range(MOST_FILES + 5):
+        cache.write(f"f{n}", b"x")
+    assert cache.read(f"f{MOST_FILES + 4}") == b"x"
+    assert len(list((tmp_path / "cache").iterdir())) == MOST_FILES
+    cache.write("big", bytes(9_000_000))
+    assert cache.read("big") is None
+    with pytest.raises(ValueError, match="no name"):
+        cache.read("../token")
+    (tmp_path / "file").write_text("in the way")
+    Cache(tmp_path / "file").write("a", b"x")
