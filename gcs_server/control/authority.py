@@ -209,6 +209,7 @@ class Authority:
                 "client_key": change.client.key,
                 "previous": None if change.previous is None else str(change.previous),
                 "previous_key": None if change.previous is None else change.previous.key,
+                "to_key": None if change.to is None else change.to.key,
                 "reason": change.reason,
                 "control": asdict(vehicle.control.status()),
             },

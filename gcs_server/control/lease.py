@@ -45,6 +45,8 @@ class Change:
     """The holder before, where it changed."""
     reason: str | None = None
     on_expiry: OnControlLost = "nothing"
+    to: Client | None = None
+    """Whom it answers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +214,7 @@ class Lease:
         text = (
             f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} asked for it{why}."
         )
-        self.tell(Change("denied", client, text, holding.client, reason=reason))
+        self.tell(Change("denied", client, text, holding.client, reason=reason, to=asking.client))
 
     def release(self, client: Client) -> None:
         """Gives control up (the first who asks gets it), or takes a request back; else nothing happens."""

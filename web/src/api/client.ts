@@ -12,7 +12,7 @@ const TIMEOUT_MS = 45_000;
 export class ApiClient {
   /** @param who how this page calls itself in the journal, and the id that tells it from pages of the same name. */
   constructor(
-    private readonly who: string | { readonly name: string; readonly id: string },
+    private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
     private readonly base = '/api/v1',
   ) {}
@@ -20,6 +20,11 @@ export class ApiClient {
   /** As it is now: a person may rename a page. */
   get name(): string {
     return typeof this.who === 'string' ? this.who : this.who.name;
+  }
+
+  /** What the server tells this page from others by; null until it has said so. */
+  get key(): string | null {
+    return typeof this.who === 'string' ? null : this.who.key;
   }
 
   get<T>(path: string): Promise<Outcome<T>> {

@@ -5,6 +5,7 @@ import type { ActionFacts } from '../features/actions/actions';
 import { groundDistance_m } from '../features/stage/geo';
 import type { Attitude, Battery, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
 import type { Reading, VehicleState } from '../live/vehicle-state';
+import { readControl, type Control } from '../features/control/control';
 import { vehicleName } from './names';
 
 export interface VehicleFacts {
@@ -27,6 +28,8 @@ export interface VehicleFacts {
   health: Reading<Health> | null;
   gimbal: Reading<Gimbal> | null;
   offboard: (OffboardStatus & { age_s: number }) | null;
+  /** Who may command it; null for a recording, and before the server has told. */
+  control: Control | null;
   fromHome_m: number | null;
 }
 
@@ -54,6 +57,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number): Vehicle
     health: vehicle.read('health', now_unix_s),
     gimbal: vehicle.read('gimbal', now_unix_s),
     offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
+    control: readControl(vehicle.raw('control')?.value),
     fromHome_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
   };
 }

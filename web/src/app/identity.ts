@@ -15,6 +15,8 @@ const LONGEST_NAME = 40;
 export interface Identity {
   name: string;
   readonly id: string;
+  /** What the server tells clients apart by, made of the id; null until it has said so. */
+  key: string | null;
 }
 
 type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
@@ -37,7 +39,7 @@ export function identity(tab: Memory, browser: Memory, random: () => number = Ma
   tab.removeItem(LEFT);
   const id = known ?? Array.from({ length: 4 }, () => Math.floor(random() * 0x100000000).toString(16).padStart(8, '0')).join('');
   tab.setItem(ID, id);
-  return { id, name: browser.getItem(NAME) ?? pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0) };
+  return { id, key: null, name: browser.getItem(NAME) ?? pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0) };
 }
 
 /** To be called when the page goes: the next one in this tab is the same client. */

@@ -5,7 +5,7 @@ import { choice } from '../features/instruments/choice.svelte';
 import { panel } from '../features/messages/panel.svelte';
 import { stage } from '../features/stage/stage.svelte';
 import { page } from './page.svelte';
-import { actions, spotMenu } from './session.svelte';
+import { actions, control, spotMenu } from './session.svelte';
 import { theme } from './theme.svelte';
 
 export interface KeyLine {
@@ -20,6 +20,9 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'T', what: 'Take off', inScene: true },
   { keys: 'L', what: 'Land', inScene: true },
   { keys: 'R', what: 'Return', inScene: true },
+  { keys: 'Shift L', what: 'Land now, whoever has control', inScene: false },
+  { keys: 'C', what: 'Who has control: take it, ask for it, release it', inScene: true },
+  { keys: 'G', what: 'Give control to who asks for it; Shift G keeps it', inScene: false },
   { keys: 'Shift A', what: 'Arm or disarm', inScene: false },
   { keys: 'Shift K', what: 'Stop motors: the vehicle falls', inScene: false },
   { keys: 'Space held', what: 'Confirm what is asked', inScene: true },
@@ -51,6 +54,8 @@ function plain(key: string): boolean {
     case 'l': actions.request('land', facts); return true;
     case 'r': actions.request('rtl', facts); return true;
     case 'o': actions.request('offboard_start', facts, 'offboard'); return true;
+    case 'c': return control.toggle();
+    case 'g': return control.answer(facts, true);
     case 'm': stage.swap(); return true;
     case 'f': stage.map?.follow(); return true;
     case 'z': stage.map?.near(); return true;
@@ -65,6 +70,8 @@ function shifted(key: string): boolean {
   const facts = page.facts;
   switch (key) {
     case 'A': actions.request(facts?.status?.value.armed === true ? 'disarm' : 'arm', facts); return true;
+    case 'L': actions.request('land_now', facts); return true;
+    case 'G': return control.answer(facts, false);
     case 'K': actions.request('kill', facts); return true;
     case 'D': theme.toggle(); return true;
     default: return false;
@@ -74,6 +81,7 @@ function shifted(key: string): boolean {
 function escape(): boolean {
   if (actions.asked !== null) actions.cancel();
   else if (sheet.open) sheet.open = false;
+  else if (control.open) control.open = false;
   else if (choice.editing) choice.editing = false;
   else if (spotMenu.spot !== null) spotMenu.close();
   else actions.dismiss('bar');

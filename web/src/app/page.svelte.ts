@@ -12,7 +12,7 @@ import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../features/offboard/view';
 import { vehicleFacts, type VehicleFacts } from './facts';
 import { loadFleet, loadPast } from './backfill';
-import { identity, leave, memory } from './identity';
+import { identity, leave, memory, rename } from './identity';
 
 /** Ages and expiries are repainted this often even when nothing arrives [ms]. */
 const QUIET_REPAINT_MS = 200;
@@ -45,12 +45,24 @@ class Page {
       (frame) => {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
+        if (frame.type === 'hello') void this.learnKey();
         if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill(frame.event.vehicle);
         if (frame.type === 'event') for (const callback of this.onEvent) callback(frame.event);
         for (const callback of this.onTelemetry) callback();
       },
       (state) => (this.connection = state),
     );
+  }
+
+  /** A person's own name for this browser's pages. */
+  rename(name: string): void {
+    rename(this.who, name, memory(() => localStorage));
+  }
+
+  /** Which of the clients that the server speaks of is this page. */
+  private async learnKey(): Promise<void> {
+    const me = await this.api.get<{ key: string }>('/me');
+    if (me.ok) this.who.key = me.value.key;
   }
 
   start(): void {

@@ -1,6 +1,7 @@
 /** Wires the page's parts together: actions, the offboard stream it keeps alive, the gimbal it steers. */
 
 import { ActionController } from '../features/actions/controller.svelte';
+import { ControlDesk } from '../features/control/control.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
 import { OffboardControl } from '../features/offboard/control.svelte';
 import { ReplayControl } from '../features/replay/replay.svelte';
@@ -14,6 +15,8 @@ const nowS = (): number => performance.now() / 1000;
 export const offboard = new OffboardControl(page.api, nowS);
 
 export const actions = new ActionController(page.api, nowS, (facts) => offboard.start(facts), (id) => page.factsOf(id));
+
+export const control = new ControlDesk(page.api, actions);
 
 export const gimbal = new GimbalControl(page.api, actions);
 
@@ -33,6 +36,7 @@ export function start(): void {
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
   page.onTelemetry.push(() => replay.follow());
   page.onEvent.push((event) => actions.heard(event));
+  page.onEvent.push((event) => control.heard(event));
   page.onPaint.push(() => actions.paint(page.selectedId));
   page.onEvent.push((event) => spotMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
   links.poll(page.api);

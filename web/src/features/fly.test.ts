@@ -15,7 +15,7 @@ import { lossPercent } from './topbar/links';
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
 
 function source(topics: Record<string, Record<string, unknown>>, stale = false): Source {
-  const none = { status: null, attitude: null, local: null, global: null, hud: null, gps: null, battery: null, home: null, health: null, gimbal: null, offboard: null };
+  const none = { status: null, attitude: null, local: null, global: null, hud: null, gps: null, battery: null, home: null, health: null, gimbal: null, offboard: null, control: null };
   const facts: VehicleFacts = { id: '1', name: '1 Quad', now_unix_s: 100, lost: false, simulated: true, replayed: false, inAir: true, fromHome_m: null, ...none };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
 }

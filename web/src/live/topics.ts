@@ -39,11 +39,11 @@ export type TopicName = keyof Topics;
 /** What this page subscribes to; `offboard` and `identity` are read by their own modules. */
 export const PAGE_TOPICS: readonly string[] = [
   'status', 'attitude', 'local_position', 'global_position', 'gps', 'battery', 'home', 'gimbal',
-  'target_local', 'hud', 'health', 'offboard', 'identity',
+  'target_local', 'hud', 'health', 'offboard', 'control', 'identity',
 ];
 
 /** Periods PX4 sends at [s], used until a topic's own period has been measured. */
 export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   status: 1, attitude: 0.05, local_position: 0.1, global_position: 0.2, gps: 1, battery: 2, home: 2,
-  gimbal: 0.2, target_local: 0.2, hud: 0.2, health: 1, offboard: 0.5,
+  gimbal: 0.2, target_local: 0.2, hud: 0.2, health: 1, offboard: 0.5, control: 0.5,
 };

@@ -2,7 +2,7 @@
 
 import { fixed, metres, UNKNOWN } from '../../ui/format';
 
-export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'kill' | 'offboard_start' | 'goto';
+export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
 
 /** What the sentences need to know; null is unknown. */
 export interface ActionFacts {
@@ -16,6 +16,8 @@ export interface ActionFacts {
   streaming: boolean;
   takeoffAlt_home_m: number;
   battery_percent: number | null;
+  /** Another client that has control; null: nobody is in this page's way. */
+  holder?: string | null;
   /** RTL_RETURN_ALT; null until the vehicle has told it. */
   returnAlt_home_m?: number | null;
 }
@@ -88,6 +90,10 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       };
     case 'offboard_start':
       return { title: `Offboard ${name}`, effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.', verb: 'Start', danger: false };
+    case 'land_now':
+      return { title: `Land ${name} now`, effect: `Sinks at once from ${heightNow(facts)} where it is, whoever has control.${end}`, verb: 'Land now', danger: false };
+    case 'force_control':
+      return { title: `Take control of ${name} by force`, effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle flies on as it does.`, verb: 'Take', danger: true };
     case 'kill':
       return {
         title: `Stop motors of ${name}`,
@@ -108,6 +114,8 @@ export interface Call {
 export function call(action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Call {
   const base = `/vehicles/${encodeURIComponent(facts.vehicleId)}`;
   if (action === 'takeoff') return { path: `${base}/takeoff`, body: { alt_home_m: facts.takeoffAlt_home_m } };
+  if (action === 'land_now') return { path: `${base}/land_now`, body: { confirm: `vehicle ${facts.vehicleId} lands now` } };
+  if (action === 'force_control') return { path: `${base}/control/take`, body: { force: true } };
   if (action === 'kill') return { path: `${base}/kill`, body: { confirm: `motors stop, vehicle ${facts.vehicleId} falls` } };
   if (goal !== null) return { path: `${base}/goto`, body: { lat_deg: goal.lat_deg, lon_deg: goal.lon_deg, alt_home_m: goal.alt_home_m } };
   return { path: `${base}/${action}` };
@@ -116,15 +124,15 @@ export function call(action: Exclude<ActionName, 'offboard_start'>, facts: Actio
 /** Why an action makes no sense now, as a tooltip; null where it does. Hold and Stop motors always do with a vehicle. */
 export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A recording takes no commands.';
-  if (action === 'hold' || action === 'kill') return null;
+  if (action === 'hold' || action === 'kill' || action === 'force_control') return null;
   if (facts.lost) return 'The vehicle is not heard.';
   if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
   if (action === 'goto' && !facts.inAir) return 'It is on the ground: take off first.';
-  if ((action === 'land' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';
+  if ((action === 'land' || action === 'land_now' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';
   return null;
 }
 
 /** Progress in words while the vehicle has not shown it yet. */
 export const ASKED: Readonly<Record<ActionName, string>> = {
-  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', kill: 'Stopping the motors', offboard_start: 'Offboard', goto: 'Go here',
+  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', land_now: 'Landing now', force_control: 'Taking control', kill: 'Stopping the motors', offboard_start: 'Offboard', goto: 'Go here',
 };

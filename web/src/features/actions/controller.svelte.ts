@@ -4,11 +4,12 @@ import { actionFacts, type VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
+import { notYours, otherHolder } from '../control/control';
 import { ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import { Confirmation } from './confirmation';
 
 /** Where a button stands, so that what comes back appears there. */
-export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage';
+export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control';
 
 export interface Asked {
   action: ActionName;
@@ -82,6 +83,13 @@ export class ActionController {
     if (reason !== null) {
       this.asked = null;
       this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem: notNow(reason) } };
+      return;
+    }
+    const others = notYours(action, this.facts(facts).holder ?? null);
+    if (others !== null) {
+      this.asked = null;
+      const problem: Problem = { ...notNow(others.detail), title: 'Not in control', code: 'not_in_control', remedy: others.remedy };
+      this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem } };
       return;
     }
     const asks = question(action, this.facts(facts), goal);
@@ -169,7 +177,8 @@ export class ActionController {
   }
 
   private facts(facts: VehicleFacts): ActionFacts {
-    return { ...actionFacts(facts, this.takeoffAlt_home_m), returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
+    const holder = otherHolder(facts.control, this.api.key);
+    return { ...actionFacts(facts, this.takeoffAlt_home_m), holder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
   }
 
   /** The words wait for nothing: they say the height once the vehicle has told it. */

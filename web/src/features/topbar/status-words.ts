@@ -17,6 +17,8 @@ export interface StatusFacts {
   lost: boolean;
   replayed: boolean;
   ready: boolean | null;
+  /** Who from outside put it into its mode; null where nobody did. */
+  outside?: string | null;
   /** The stream this server sends, where one is active. */
   stream: { type: string; rate_hz: number | null; client: string | null } | null;
 }
@@ -83,5 +85,6 @@ export function statusWords(facts: StatusFacts): StatusWords {
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors turn · ${status.mode_label}`, tone: 'caution' };
   }
+  if ((facts.outside ?? null) !== null) return { title: now.title, who: `${facts.outside} · ${now.who}`, tone: 'caution' };
   return { ...now, tone: status.mode === 'offboard' ? 'target' : 'ok' };
 }
