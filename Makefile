@@ -77,10 +77,13 @@ lint: $(VENV)/.tested
 	@$(BIN)/lint-imports
 	@$(BIN)/pyright
 
+# What waits most comes first, so that what computes fills the waiting.
+SUITE = tests/e2e tests/contract tests/unit tests/protocol tests/api
+
 test: $(VENV)/.tested $(VENV)/.browser web lint
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
-	@$(BIN)/python -m pytest -n 3 --dist loadscope tests/e2e tests/contract tests/unit tests/protocol tests/api
+	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(SUITE)
 
 test-clients: $(VENV)/.clients web
 	@$(BIN)/python -m pytest tests/clients

@@ -20,8 +20,10 @@ ARGUMENTS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",
     "--disable-background-networking",
 ]
+"""WebGL is drawn in software, and only WebGL: to lay the page out through it too costs a core."""
 PATIENCE_MS = 20_000
 """Chromium draws in software here, and the machine may do other things besides."""
 
