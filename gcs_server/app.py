@@ -30,6 +30,7 @@ from gcs_server.replay.service import Replays
 from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
 from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
+from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.supervise import Supervisor
@@ -70,6 +71,8 @@ class Server:
         self.fleet = Fleet(clock, self.supervisor, self.router)
         self.streamer = Streamer(clock, server_silent_limit_s=settings.server_silent_limit_s)
         self.fleet.on_vehicle_added(self.streamer.attach)
+        cache = Cache(folder.cache)
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))
         self.scene = (
             Scene(self.fleet, clock, self._offboard_target, self._scene_clicked, self._scene_dragged)
             if settings.scene

@@ -120,14 +120,6 @@ class GimbalRoi(_Body):
     )
 
 
-class ParamRequest(_Body):
-    """A parameter's new value."""
-
-    model_config = _example(value=5)
-
-    value: Finite = Field(description="In the parameter's own unit.")
-
-
 class LinkRequest(_Body):
     """A link to open."""
 

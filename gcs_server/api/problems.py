@@ -26,6 +26,8 @@ from gcs_server.errors import (
 )
 from gcs_server.streamer.setpoints import TYPES
 from gcs_server.telemetry.wire import encode
+from gcs_server.vehicle.services.ftp_codec import FtpFailed
+from gcs_server.vehicle.services.metadata import MetadataMissing
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +43,8 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (Rejected, 409, "The vehicle refused"),
     (NotInControl, 409, "Not in control"),
     (Refused, 409, "Not sent"),
+    (FtpFailed, 409, "The vehicle's file could not be read"),
+    (MetadataMissing, 409, "The vehicle does not describe itself"),
     (NoReply, 504, "No answer"),
     (Disconnected, 503, "Link lost"),
     (LinkError, 409, "Link unusable"),

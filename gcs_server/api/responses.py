@@ -24,7 +24,6 @@ from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.samples import TOPICS, Sample
 from gcs_server.vehicle.services.gimbal import Roi
-from gcs_server.vehicle.services.params import Param
 from gcs_server.vehicle.vehicle import Vehicle
 
 
@@ -39,7 +38,6 @@ RoiModel = model_of(Roi)
 GimbalModel = TOPIC_MODELS["gimbal"]
 LinkModel = model_of(LinkInfo, "Link", recording=model_of(Recording) | None)
 NoticeModel = model_of(Notice)
-ParamModel = model_of(Param, "Parameter")
 JournalEntryModel = model_of(Entry, "JournalEntry")
 
 

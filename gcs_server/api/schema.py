@@ -13,7 +13,9 @@ from gcs_server.api import (
     gimbal_routes,
     map_routes,
     offboard_routes,
+    param_routes,
     problems,
+    readiness_routes,
     recording_routes,
     reference_page,
     station_routes,
@@ -34,6 +36,8 @@ def api_router() -> APIRouter:
         control_routes,
         offboard_routes,
         gimbal_routes,
+        param_routes,
+        readiness_routes,
         map_routes,
         recording_routes,
     ):

@@ -221,19 +221,3 @@ def _confirmed(said: str, wanted: str) -> None:
             "The confirmation does not name this vehicle; nothing was sent.",
             remedy=f"Send exactly {wanted!r}.",
         )
-
-
-@router.get("/{v}/params/{name}", response_model=responses.ParamModel, tags=["parameters"])
-async def get_param(vehicle: VehicleDep, name: str) -> Response:
-    """Reads one parameter; the vehicle is silent about unknown names (504)."""
-    return answer(await vehicle.params.get(name))
-
-
-@router.put("/{v}/params/{name}", response_model=responses.ParamModel, tags=["parameters"])
-async def set_param(
-    v: str, name: str, body: models.ParamRequest, station: StationDep, client: ClientDep
-) -> Response:
-    """Writes one parameter; answers what the vehicle then reports."""
-    arguments: dict[str, object] = {"name": name, "value": body.value}
-    with journaled(station, client, "param", v, arguments):
-        return answer(await station.fleet.get(v).params.set(name, body.value))

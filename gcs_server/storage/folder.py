@@ -49,6 +49,11 @@ class DataFolder:
         return self.path / "maps"
 
     @property
+    def cache(self) -> Path:
+        """What vehicles told of themselves and would tell again; may be deleted at any time."""
+        return self.path / "cache"
+
+    @property
     def simulator_log(self) -> Path:
         """What the simulator says; that of the one before it ends in `.1`."""
         return self.path / "simulator.log"

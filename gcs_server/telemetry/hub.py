@@ -35,7 +35,7 @@ IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
 PERIODS_S = {"offboard": OFFBOARD_PERIOD_S, "identity": IDENTITY_PERIOD_S, "control": CONTROL_PERIOD_S}
 """Topics that are made anew so often, not sent by the vehicle."""
-ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S)
+ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S) | {"readiness"}
 CLOSE_TOO_SLOW = 1013
 
 
@@ -75,7 +75,13 @@ class Encoded:
         """(a mark that grows with each new sample, JSON); None before the first."""
         key = (vehicle.id, topic)
         held = self._bytes.get(key)
-        if topic in PERIODS_S:
+        if topic == "readiness":
+            health = vehicle.health
+            if health.changed_s is None or (held is not None and held[0] == health.changed_s):
+                return held
+            wire = WireSample(vehicle.id, topic, None, self._clock.unix_s(), health.readiness)
+            fresh = (health.changed_s, encode(wire))
+        elif topic in PERIODS_S:
             now_s = self._clock.monotonic_s()
             if held is not None and now_s - held[0] < PERIODS_S[topic]:
                 return held

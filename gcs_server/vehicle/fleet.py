@@ -202,7 +202,7 @@ class Fleet(FrameSink):
             capabilities=None,
         )
         link = endpoint.connection.link
-        vehicle = Vehicle(vehicle_id, identity, link.clock or self._clock, self._own_ids)
+        vehicle = Vehicle(vehicle_id, identity, link.clock or self._clock, self._own_ids, self._supervisor)
         vehicle.events.subscribe(lambda event: None if link.quiet else self._publish(event))
         vehicle.attach(endpoint)
         self._vehicles[vehicle_id] = vehicle

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any
 
 from gcs_server.clock import Clock
-from gcs_server.errors import Disconnected, NotVerified, Refused
+from gcs_server.errors import Disconnected, GcsError, NotVerified, Refused
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
+from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.identity import Identity, Version, with_version
@@ -41,10 +43,19 @@ class Vehicle:
     Args:
         vehicle_id: "1", or "1~2" for a second one that claims system 1.
         own_ids: our (system id, component id).
+        supervisor: owns what is done for it in the background.
     """
 
-    def __init__(self, vehicle_id: str, identity: Identity, clock: Clock, own_ids: tuple[int, int]) -> None:
+    def __init__(
+        self,
+        vehicle_id: str,
+        identity: Identity,
+        clock: Clock,
+        own_ids: tuple[int, int],
+        supervisor: Supervisor,
+    ) -> None:
         self.id = vehicle_id
+        self._supervisor = supervisor
         self.clock = clock
         self.own_ids = own_ids
         self.mailbox = Mailbox(decode)
@@ -159,6 +170,15 @@ class Vehicle:
             return True
         others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.heard_s)
         return any(e.connection.sender.send(msg_id, payload, e.peer) for e in others)
+
+    def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
+        """Does what nobody waits for; what goes wrong with the vehicle is told by the service at work."""
+
+        async def quietly() -> None:
+            with contextlib.suppress(GcsError):
+                await work
+
+        self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
 
     # --- written by the fleet only --------------------------------------------------------------
 

@@ -27,6 +27,7 @@ from gcs_server.vehicle.px4_events import (
     describe,
 )
 from gcs_server.vehicle.readiness import Finding, Readiness, Report, ReportJoiner
+from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
 ASK_FIRST_AFTER_S = 2.0
@@ -63,6 +64,8 @@ class HealthService:
         self._next_ask_s = float("inf")
         self.revision = 0
         """Counts the changes of `readiness`."""
+        self.changed_s: float | None = None
+        """When it last changed [s, monotonic]; None before there was any."""
 
     @property
     def report(self) -> Report | None:
@@ -93,6 +96,11 @@ class HealthService:
         if self._report is not None:
             findings = tuple(self._reworded(f) for f in self._report.findings)
             self._set(replace(self._report, findings=findings))
+
+    async def learn(self, metadata: MetadataService) -> None:
+        """Has its events told in the vehicle's own words; raises as `metadata.events`."""
+        if self._definitions is None:
+            self.use(await metadata.events())
 
     async def check(self) -> Readiness:
         """Has the vehicle run its checks now, and answers with what they say.
@@ -175,12 +183,16 @@ class HealthService:
         reported = self._told.reported_unix_s
         return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * ASK_FIRST_AFTER_S
 
+    def _changed(self) -> None:
+        self.revision += 1
+        self.changed_s = self._vehicle.clock.monotonic_s()
+
     def _restarted(self) -> None:
         self._stream.reset()
         self._joiner.abandon()
         self._newest_boot_ms = 0
         self._report, self._told = None, readiness.NOTHING_KNOWN
-        self.revision += 1
+        self._changed()
         self.heard()
 
     def _ask_for_missing(self) -> None:
@@ -241,7 +253,7 @@ class HealthService:
             self._told = replace(self._told, reported_unix_s=now_s)
             return
         self._report, self._told = report, readiness.told(report, now_s, words)
-        self.revision += 1
+        self._changed()
         mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
         self._vehicle.events.add(
             "readiness",

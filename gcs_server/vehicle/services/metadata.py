@@ -72,6 +72,10 @@ class MetadataService:
         self._parsed: dict[int, tuple[int, Any]] = {}
         """By kind: (checksum, what it says)."""
 
+    def keep_in(self, cache: Cache) -> None:
+        """From now on."""
+        self.cache = cache
+
     async def parameters(self) -> Facts:
         """Of all parameters the firmware has; by name.
 

@@ -113,13 +113,13 @@ class ParamService:
         Raises:
             NoReply: the vehicle did not send them all; what came is kept.
         """
-        self._vehicle.require_commandable()
         if self._reading.locked():
             async with self._reading:
                 return self.list
         async with self._reading:
             self._state, self._problem = "reading", None
             try:
+                self._vehicle.require_commandable()
                 await self._read_all(ignore_cache)
             except GcsError as error:
                 self._state, self._problem = "failed", str(error)
@@ -130,6 +130,10 @@ class ParamService:
             self._state, self._read_unix_s = "ready", self._vehicle.clock.unix_s()
             await self._learn()
         return self.list
+
+    def announce(self) -> None:
+        """A reading begins: who looks sees that."""
+        self._state, self._problem = "reading", None
 
     async def describe(self) -> None:
         """Fetches what the vehicle says of its parameters, if it was not yet; never raises for want of it."""

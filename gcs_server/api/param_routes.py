@@ -1,0 +1,132 @@
+"""A vehicle's parameters: all of them with what they mean, and one at a time, verified."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.reflect import model_of
+from gcs_server.api.responses import answer
+from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
+from gcs_server.vehicle.param_facts import Choice, ParamFacts, is_default
+from gcs_server.vehicle.param_table import Param
+from gcs_server.vehicle.services.params import ParamList
+from gcs_server.vehicle.vehicle import Vehicle
+
+router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
+
+FactsModel = model_of(
+    ParamFacts,
+    "ParameterFacts",
+    choices=tuple[model_of(Choice, "ParameterChoice"), ...],
+    bits=tuple[model_of(Choice, "ParameterBit"), ...],
+)
+ListModel = model_of(ParamList, "ParameterList")
+
+
+class _Out(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ParameterView(_Out):
+    """A parameter as the vehicle reports it, and what it means."""
+
+    name: str = Field(description="Up to 16 of A–Z, 0–9, _.")
+    value: float | int | None = Field(description="In its own unit; null: not a number.")
+    is_integer: bool = Field(description="Whole number of 32 bits, else a 32-bit float.")
+    is_default: bool | None = Field(description="Whether it is the firmware's; null: not told.")
+    facts: FactsModel | None = Field(  # type: ignore[valid-type]
+        description="From the vehicle's own metadata; null where they are not at hand."
+    )
+
+
+class ParametersView(_Out):
+    """All parameters that are known."""
+
+    vehicle: str = Field(description="The vehicle's id.")
+    list: ListModel = Field(description="How far they are known.")  # type: ignore[valid-type]
+    params: tuple[ParameterView, ...] = Field(description="By name.")
+
+
+class RefreshRequest(BaseModel):
+    """How to read them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    ignore_cache: bool = Field(default=False, description="Read them though the vehicle's checksum is equal.")
+    wait: bool = Field(default=False, description="Answer once they are there.")
+
+
+class ParamRequest(BaseModel):
+    """A parameter's new value."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"example": {"value": 5}})
+
+    value: float = Field(allow_inf_nan=False, description="In the parameter's own unit.")
+    force: bool = Field(
+        default=False, description="Although the vehicle's metadata says that it is out of range."
+    )
+
+
+def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
+    facts = vehicle.params.facts(param.name)
+    return {
+        "name": param.name,
+        "value": param.value,
+        "is_integer": param.is_integer,
+        "is_default": None if facts is None else is_default(facts, param.value),
+        "facts": facts,
+    }
+
+
+@router.get("/{v}/params", response_model=ParametersView)
+async def all_params(vehicle: VehicleDep) -> Response:
+    """All that are known, without asking the vehicle; `POST …/params/refresh` reads them."""
+    params = tuple(_view(vehicle, param) for param in vehicle.params.all())
+    return answer({"vehicle": vehicle.id, "list": vehicle.params.list, "params": params})
+
+
+@router.post("/{v}/params/refresh", response_model=ListModel)
+async def refresh_params(
+    vehicle: VehicleDep, body: Annotated[RefreshRequest | None, Body()] = None
+) -> Response:
+    """Reads all (929 of a PX4) unless the vehicle's checksum says that those known still hold.
+
+    Answers at once how far it is, unless asked to wait. What they mean is fetched from the vehicle's own
+    files, the first time with this firmware.
+    """
+    request = body or RefreshRequest()
+    vehicle.require_commandable()
+    params = vehicle.params
+    if request.wait:
+        return answer(await params.refresh(ignore_cache=request.ignore_cache))
+    if params.list.state != "reading":
+        params.announce()
+        vehicle.in_background("parameters", params.refresh(ignore_cache=request.ignore_cache))
+    return answer(params.list, 202)
+
+
+@router.get("/{v}/params/{name}", response_model=ParameterView)
+async def get_param(vehicle: VehicleDep, name: str) -> Response:
+    """Reads one parameter from the vehicle; it is silent about unknown names (504)."""
+    return answer(_view(vehicle, await vehicle.params.get(name)))
+
+
+@router.put("/{v}/params/{name}", response_model=ParameterView)
+async def set_param(
+    v: str, name: str, body: ParamRequest, station: StationDep, client: ClientDep
+) -> Response:
+    """Writes one parameter; answers what the vehicle then reports.
+
+    Once the parameters were read, a value out of the range (or none of the choices) that the vehicle's own
+    metadata names is refused (422), unless forced.
+    """
+    arguments: dict[str, object] = {"name": name, "value": body.value}
+    if body.force:
+        arguments["force"] = True
+    with journaled(station, client, "param", v, arguments):
+        vehicle = station.fleet.get(v)
+        return answer(_view(vehicle, await vehicle.params.set(name, body.value, force=body.force)))

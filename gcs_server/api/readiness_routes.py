@@ -1,0 +1,49 @@
+"""Why a vehicle cannot arm or fly each of its modes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from fastapi import APIRouter, Response
+from pydantic import Field, create_model
+
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.reflect import model_of
+from gcs_server.api.responses import answer
+from gcs_server.api.station import VehicleDep
+from gcs_server.vehicle.readiness import Cause, ModeReadiness, Readiness
+from gcs_server.vehicle.vehicle import Vehicle
+
+router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
+
+CauseModel = model_of(Cause, "ReadinessCause")
+ModeModel = model_of(ModeReadiness, arming=tuple[CauseModel, ...], running=tuple[CauseModel, ...])
+ReadinessModel = model_of(Readiness, modes=tuple[ModeModel, ...], findings=tuple[CauseModel, ...])
+ReadinessView = create_model(
+    "VehicleReadiness",
+    __base__=ReadinessModel,
+    __doc__="Why the vehicle cannot arm or fly each of its modes, as it last said.",
+    vehicle=(str, Field(description="The vehicle's id.")),
+)
+
+
+def _view(vehicle: Vehicle) -> dict[str, object]:
+    return {"vehicle": vehicle.id, **asdict(vehicle.health.readiness)}
+
+
+@router.get("/{v}/readiness", response_model=ReadinessView)
+async def readiness(vehicle: VehicleDep) -> Response:
+    """As the vehicle last said, for all modes at once; the telemetry topic `readiness` tells every change."""
+    return answer(_view(vehicle))
+
+
+@router.post("/{v}/readiness/check", response_model=ReadinessView)
+async def check(vehicle: VehicleDep) -> Response:
+    """Has the vehicle run its checks now, and answers with what they say.
+
+    Its own words for them are fetched from its files, the first time with this firmware; they come a little
+    later.
+    """
+    await vehicle.health.check()
+    vehicle.in_background("words for its events", vehicle.health.learn(vehicle.metadata))
+    return answer(_view(vehicle))

@@ -1,0 +1,62 @@
+"""Readiness and parameters of a real process over real sockets, as a script meets them."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import httpx
+from websockets.sync.client import connect
+
+from tests.e2e.conftest import Station
+from tests.station import wait_until
+
+
+def test_why_it_cannot_go_offboard_and_what_its_parameters_mean(station: Station) -> None:
+    base = f"{station.url}/api/v1/vehicles/101"
+    with httpx.Client(base_url=base, timeout=30, headers={"X-Client-Id": "e2e"}) as http:
+        wait_until(lambda: http.get("/readiness").json()["known"], "the first report, unasked")
+        shown = http.post("/readiness/check").json()
+        offboard = next(m for m in shown["modes"] if m["mode"] == "offboard")
+        assert (offboard["can_arm"], offboard["can_run"]) == (False, False)
+        (cause,) = offboard["arming"]
+        assert cause["name"] == "check_modes_offboard_signal"
+        assert cause["remedy"]
+        assert next(m for m in shown["modes"] if m["mode"] == "hold")["can_arm"]
+        wait_until(lambda: http.get("/readiness").json()["words"] == "vehicle", "the vehicle's own words")
+
+        with connect(f"{station.url.replace('http', 'ws')}/api/v1/telemetry") as socket:
+            wanted = {"type": "subscribe", "vehicles": ["101"], "topics": ["readiness"], "rate_hz": 20}
+            socket.send(json.dumps(wanted))
+            assert _newest(socket)["modes"] == http.get("/readiness").json()["modes"]
+
+        assert http.get("/params").json()["list"]["state"] == "unknown"
+        assert http.post("/params/refresh").status_code == 202
+        wait_until(lambda: http.get("/params").json()["list"]["facts"], "parameters and what they mean")
+        content = http.get("/params").json()
+        assert (content["list"]["state"], len(content["params"])) == ("ready", 929)
+        by_name = {p["name"]: p for p in content["params"]}
+        speed = by_name["MPC_XY_VEL_MAX"]
+        assert (speed["facts"]["unit"], speed["is_default"]) == ("m/s", True)
+
+        refused = http.put("/params/MPC_XY_VEL_MAX", json={"value": 500})
+        assert refused.status_code == 422
+        assert refused.json()["field"] == "value"
+        assert "from 0 to 20 m/s" in refused.json()["detail"]
+        changed = http.put("/params/MPC_XY_CRUISE", json={"value": 4}).json()
+        assert (changed["value"], changed["is_default"]) == (4.0, False)
+        assert http.put("/params/COM_OBL_RC_ACT", json={"value": "x"}).json()["field"] == "value"
+        again = http.post("/params/refresh", json={"wait": True}).json()
+        assert (again["source"], again["received"]) == ("vehicle", 929)
+        assert http.post("/params/refresh", json={"wait": True}).json()["received"] == 929
+
+
+def _newest(socket: Any) -> dict[str, Any]:
+    end_s = time.monotonic() + 10
+    while time.monotonic() < end_s:
+        frame = json.loads(socket.recv(timeout=10))
+        for sample in frame.get("samples", []):
+            if sample["topic"] == "readiness":
+                return sample["value"]
+    raise AssertionError("no readiness came")
