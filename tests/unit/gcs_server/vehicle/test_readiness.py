@@ -1,13 +1,16 @@
 """Why a vehicle cannot arm or fly a mode: from what a real PX4 said, in its words and in ours."""
 
+import gzip
 import json
 import lzma
 import struct
 
 import pytest
 
+from gcs_server.mavlink.codec import FrameParser, full_payload
 from gcs_server.vehicle import event_definitions, readiness
 from gcs_server.vehicle.check_words import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.event_stream import EventStream
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
 from gcs_server.vehicle.readiness import Finding, ReportJoiner, head_of
@@ -210,3 +213,36 @@ def test_chunks_forbid_together_and_a_missing_one_spoils_the_report():
     joiner.begin(struct.pack("<BIIII", 0, 0, 0, 1, 1))
     joiner.abandon()
     assert joiner.end(struct.pack("<BIII", 0, 0, 0, 0)) is None
+
+
+def test_recorded_flights_are_told_in_words_from_start_to_end(shared, px4_words):
+    """Every event of every telemetry log has the vehicle's words, and every report explains what is shut."""
+    events = reports = 0
+    for path in sorted((shared / "px4/tlogs").glob("*.tlog*")):
+        content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        stream, in_order, parser = EventStream(), [], FrameParser()
+        for record in records(content):
+            for frame in parser.feed(record, 0.0):
+                if frame.msg_id == 410:
+                    event = full_payload(frame)
+                    in_order += stream.take(int.from_bytes(event[8:10], "little"), event)
+        assert stream.lost == 0, path.name
+        for event in in_order:
+            events += 1
+            assert not decode_event(event, px4_words).name.startswith("event_"), path.name
+        for report in joins(in_order, px4_words):
+            reports += 1
+            for mode in readiness.told(report, 0.0, "own").modes:
+                assert bool(mode.arming) != mode.can_arm, (path.name, mode.mode)
+                assert bool(mode.running) != mode.can_run, (path.name, mode.mode)
+    assert events > 100
+    assert reports > 20
+
+
+def records(content):
+    """Frames of a telemetry log: eight bytes of time before each."""
+    at = 0
+    while at + 8 + 12 <= len(content):
+        size = content[at + 9] + 12
+        yield content[at + 8 : at + 8 + size]
+        at += 8 + size
