@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,7 +31,7 @@ PATIENCE_MS = 20_000
 MOST_TABS = 80
 
 SAME_CLIENT = """
-sessionStorage.setItem('gcs.client-id', '%s');
+sessionStorage.setItem('gcs.client-id', %s);
 sessionStorage.setItem('gcs.left', '1');
 """
 """A page is the client of that id: a tab's own is kept there while it reloads."""
@@ -130,7 +131,7 @@ def opened(
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
-    page.add_init_script(f"if (window === window.top) {{ {SAME_CLIENT % client_id} }}")
+    page.add_init_script(f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}")
     watched = Watched(page, url)
     if not scene:
         page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))

@@ -1,0 +1,89 @@
+"""Two people at one vehicle: who has control, asked for and granted, refused in words, taken by force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from gcs_server.client import NotInControl, SyncGcs
+from tests.e2e.browser import chromium, hold_space, in_both_themes, opened
+from tests.station import free_port, server, vehicle, wait_until
+
+
+@pytest.fixture
+def url() -> Iterator[str]:
+    """A server and a vehicle, which need not be ready to fly."""
+    port = free_port()
+    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), vehicle(port):
+        yield url
+
+
+def call_oneself(page: Page, name: str) -> None:
+    page.get_by_title("Who may command this vehicle (C)").click()
+    field = page.get_by_label("Your name, as others see it")
+    field.fill(name)
+    field.press("Enter")
+    page.keyboard.press("Escape")
+    expect(field).to_be_hidden()
+
+
+def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: str) -> None:
+    with chromium() as browser, opened(browser, url, scene=False, client_id="anna's tab") as anna:
+        with opened(browser, url, scene=False, client_id="bob's tab") as bob:
+            for page, name in ((anna, "Anna"), (bob, "Bob")):
+                expect(page.get_by_text("Control is free")).to_be_visible()
+                call_oneself(page, name)
+            anna.keyboard.press("c")
+            anna.get_by_role("button", name="Take control").click()
+            expect(anna.get_by_role("button", name="You have control")).to_be_visible()
+            expect(bob.get_by_role("button", name="Anna has control")).to_be_visible()
+
+            # who watches is told why and what to do; what is open to all needs no control
+            bob.get_by_role("button", name="Arm", exact=True).click()
+            said = bob.get_by_role("alert").filter(has_text="Not in control")
+            expect(said).to_contain_text("Anna has control of this vehicle. Ask for control")
+            bob.keyboard.press("h")
+            told = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
+            expect(told).to_be_visible()
+
+            # asked by keyboard, with a reason; nobody is forced who is there
+            bob.keyboard.press("c")
+            expect(bob.get_by_text("Ask first: Anna is there.")).to_be_visible()
+            expect(bob.get_by_role("button", name="Take it by force …")).to_be_hidden()
+            assert in_both_themes(bob) == []
+            bob.get_by_label("Why (shown to Anna)").fill("I see it better")
+            bob.get_by_role("button", name="Ask for control").click()
+            prompt = anna.get_by_role("region", name="Control is asked for")
+            expect(prompt).to_contain_text("Bob asks for control")
+            expect(prompt).to_contain_text("I see it better")
+            anna.keyboard.press("Escape")
+            assert in_both_themes(anna) == []
+            anna.keyboard.press("g")
+            expect(bob.get_by_role("dialog")).to_contain_text("You have control")
+            expect(anna.get_by_role("button", name="Bob has control")).to_be_visible()
+            expect(prompt).to_be_hidden()
+
+            # a program is a client of its own
+            with SyncGcs(url, client="script", client_id="a script") as gcs:
+                with pytest.raises(NotInControl, match="Bob has control"):
+                    gcs.vehicle("101").set_mode("position")
+                gcs.vehicle("101").hold()
+
+        # Bob's page is closed: he cannot be asked any more
+        with SyncGcs(url, client="look") as gcs:
+            wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving", 10)
+        anna.keyboard.press("c")
+        anna.get_by_role("button", name="Take it by force …").click()
+        expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is told")
+        hold_space(anna)
+        expect(anna.get_by_role("button", name="You have control")).to_be_visible()
+        with SyncGcs(url, client="look") as gcs:
+            lines = gcs.request("GET", "/journal")["entries"]
+        taken = next(line for line in lines if line["command"] == "control/take")
+        assert (taken["client"], taken["arguments"]["force"], taken["result"]) == ("Anna", True, "ok")
+
+        # the same tab, loaded anew, is the same client
+        anna.reload()
+        expect(anna.get_by_role("button", name="You have control")).to_be_visible()
