@@ -35,6 +35,10 @@ export class ApiClient {
     return this.call<T>('POST', path, body);
   }
 
+  put<T>(path: string, body: object): Promise<Outcome<T>> {
+    return this.call<T>('PUT', path, body);
+  }
+
   delete(path: string): Promise<Outcome<null>> {
     return this.call<null>('DELETE', path);
   }

@@ -3,6 +3,7 @@
 import { sheet } from '../features/help/sheet.svelte';
 import { choice } from '../features/instruments/choice.svelte';
 import { panel } from '../features/messages/panel.svelte';
+import { room } from '../features/setpoints/room.svelte';
 import { stage } from '../features/stage/stage.svelte';
 import { page } from './page.svelte';
 import { actions, control, spotMenu } from './session.svelte';
@@ -28,6 +29,7 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'Space held', what: 'Confirm what is asked', inScene: true },
   { keys: 'Esc', what: 'Cancel, close', inScene: true },
   { keys: 'O', what: 'Start offboard where it is', inScene: true },
+  { keys: 'P', what: 'Offboard room: setpoints, plots, gamepad', inScene: true },
   { keys: 'N', what: 'All messages, or the newest few', inScene: true },
   { keys: 'V', what: 'Choose the values shown', inScene: true },
   { keys: 'M', what: 'Swap map and 3D', inScene: true },
@@ -54,6 +56,7 @@ function plain(key: string): boolean {
     case 'l': actions.request('land', facts); return true;
     case 'r': actions.request('rtl', facts); return true;
     case 'o': actions.request('offboard_start', facts, 'offboard'); return true;
+    case 'p': room.toggle(); return true;
     case 'c': return control.toggle();
     case 'g': return control.answer(facts, true);
     case 'm': stage.swap(); return true;

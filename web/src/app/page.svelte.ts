@@ -54,6 +54,12 @@ class Page {
     );
   }
 
+  /** Address of a socket of the API, with who this page is. */
+  socketUrl(path: string): string {
+    const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
+    return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.who.name, client_id: this.who.id }).toString()}`;
+  }
+
   /** A person's own name for this browser's pages. */
   rename(name: string): void {
     rename(this.who, name, memory(() => localStorage));

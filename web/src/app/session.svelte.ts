@@ -5,6 +5,7 @@ import { ControlDesk } from '../features/control/control.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
 import { OffboardControl } from '../features/offboard/control.svelte';
 import { ReplayControl } from '../features/replay/replay.svelte';
+import { room } from '../features/setpoints/room.svelte';
 import { SpotMenu } from '../features/stage/spot.svelte';
 import { stage } from '../features/stage/stage.svelte';
 import { links } from '../features/topbar/links.svelte';
@@ -14,7 +15,7 @@ const nowS = (): number => performance.now() / 1000;
 
 export const offboard = new OffboardControl(page.api, nowS);
 
-export const actions = new ActionController(page.api, nowS, (facts) => offboard.start(facts), (id) => page.factsOf(id));
+export const actions = new ActionController(page.api, nowS, (facts, wish) => offboard.start(facts, wish), (id) => page.factsOf(id));
 
 export const control = new ControlDesk(page.api, actions);
 
@@ -39,6 +40,9 @@ export function start(): void {
   page.onEvent.push((event) => control.heard(event));
   page.onPaint.push(() => actions.paint(page.selectedId));
   page.onEvent.push((event) => spotMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
+  page.onEvent.push((event) => {
+    if (event.kind === 'scene_gizmo' && event['view'] === stage.token) room.onDrag?.(event);
+  });
   links.poll(page.api);
   page.start();
 }

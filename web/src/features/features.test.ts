@@ -8,7 +8,7 @@ import { clamp, limits, toAngles, toPoint } from './gimbal/pad';
 import { horizonTransform, tapeTicks } from './instruments/attitude';
 import { severityWord, shown } from './messages/messages';
 import { SetpointKeeper } from './offboard/keeper';
-import { nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
+import { LASTING, nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
 import { error_m, nudgeBase, readOffboard } from './offboard/view';
 import { batteryIndicator, gpsIndicator } from './topbar/indicators';
 import { linkDetails, recordingIndicator, type LinkLine } from './topbar/links';
@@ -142,14 +142,14 @@ describe('offboard', () => {
     expect(nudge({ ...from, yaw_ned_rad: 3 }, 'yaw', 1, five).yaw_ned_rad).toBeCloseTo(3 + Math.PI / 4 - 2 * Math.PI);
   });
   it('says a setpoint again in time, and stops when the stream or the server says no', async () => {
-    const said: PositionSetpoint[] = [];
+    const said: unknown[] = [];
     let accepted = true;
     const keeper = new SetpointKeeper((s) => {
       said.push(s);
       return Promise.resolve(accepted);
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
-    keeper.keep(setpoint, 0);
+    keeper.keep({ ...setpoint }, LASTING, 0);
     keeper.tick(2.9, true);
     expect(said).toHaveLength(0);
     keeper.tick(3, true);
@@ -160,8 +160,11 @@ describe('offboard', () => {
     keeper.tick(6.1, true);
     await Promise.resolve();
     expect(keeper.setpoint).toBeNull();
-    keeper.keep(setpoint, 10);
+    keeper.keep({ ...setpoint }, LASTING, 10);
     keeper.tick(14, false);
+    expect(keeper.setpoint).toBeNull();
+    keeper.keep({ ...setpoint }, { ...LASTING, renew: false }, 20);
+    keeper.tick(24, true);
     expect(keeper.setpoint).toBeNull();
     expect(said).toHaveLength(2);
   });

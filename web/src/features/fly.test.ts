@@ -87,7 +87,7 @@ describe('the offboard stream', () => {
       expect(status && streamWords(status)).not.toContain('NED');
     }
     const streaming = readOffboard({ streaming: true, state: 'streaming', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
-    expect(streaming && streamWords(streaming)).toBe('velocity, NED');
+    expect(streaming && streamWords(streaming)).toBe('Velocity');
   });
 });
 

@@ -1,6 +1,7 @@
 /** What can be asked of a vehicle from the bar: name, effect in one sentence with numbers, and the call it makes. */
 
 import { fixed, metres, UNKNOWN } from '../../ui/format';
+import type { StartWish } from '../offboard/setpoint';
 
 export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
 
@@ -62,7 +63,7 @@ function returns(facts: ActionFacts): string {
 }
 
 /** The confirmation's words; null where the action needs none: Hold is always one press. */
-export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null): Question | null {
+export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StartWish | null = null): Question | null {
   const end = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
@@ -89,6 +90,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         verb: 'Go', danger: false,
       };
     case 'offboard_start':
+      if (start !== null) return { title: `Offboard ${name}`, effect: `The server takes over and asks for: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
       return { title: `Offboard ${name}`, effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.', verb: 'Start', danger: false };
     case 'land_now':
       return { title: `Land ${name} now`, effect: `Sinks at once from ${heightNow(facts)} where it is, whoever has control.${end}`, verb: 'Land now', danger: false };

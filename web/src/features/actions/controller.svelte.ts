@@ -6,16 +6,19 @@ import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import { notYours, otherHolder } from '../control/control';
 import { ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import type { StartWish } from '../offboard/setpoint';
 import { Confirmation } from './confirmation';
 
 /** Where a button stands, so that what comes back appears there. */
-export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control';
+export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
 
 export interface Asked {
   action: ActionName;
   place: Place;
   facts: VehicleFacts;
   goal: Goal | null;
+  /** What the stream begins with; null: where the vehicle is. */
+  start: StartWish | null;
   question: Question;
   confirmation: Confirmation;
 }
@@ -65,18 +68,18 @@ export class ActionController {
     private readonly api: ApiClient,
     private readonly nowS: () => number,
     /** Starts the stream where the vehicle is; lives with the offboard card. */
-    private readonly startOffboard: (facts: VehicleFacts) => Promise<Outcome<unknown>>,
+    private readonly startOffboard: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>,
     /** The vehicle as it is now: between the question and its answer it flies on. */
     private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
   /** The question's words with the height as it is now. */
   words(asked: Asked): Question {
-    return question(asked.action, this.facts(this.now(asked.facts)), asked.goal) ?? asked.question;
+    return question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
 
   /** A button or a key: opens the confirmation, or acts at once where none is needed. */
-  request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar', goal: Goal | null = null): void {
+  request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar', goal: Goal | null = null, start: StartWish | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(place);
     const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
@@ -92,13 +95,13 @@ export class ActionController {
       this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem } };
       return;
     }
-    const asks = question(action, this.facts(facts), goal);
+    const asks = question(action, this.facts(facts), goal, start);
     if (asks === null) {
       this.asked = null;
       void this.run(action, facts, place);
       return;
     }
-    this.asked = { action, place, facts, goal, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.asked = { action, place, facts, goal, start, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
     this.left_s = this.asked.confirmation.left_s(this.nowS());
     this.takeoffProblem = null;
@@ -146,7 +149,7 @@ export class ActionController {
     this.left_s = asked.confirmation.left_s(now);
     if (phase === 'asking') return;
     this.asked = null;
-    if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal);
+    if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
   }
 
   /** Any other call whose refusal belongs to a place: nudges, gimbal. */
@@ -157,17 +160,17 @@ export class ActionController {
     return outcome.ok;
   }
 
-  private async run(action: ActionName, facts: VehicleFacts, place: Place, goal: Goal | null = null): Promise<void> {
+  private async run(action: ActionName, facts: VehicleFacts, place: Place, goal: Goal | null = null, start: StartWish | null = null): Promise<void> {
     const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, told: null, fraction: null };
     this.running = [...this.running, entry];
     const now = this.now(facts);
-    const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal));
+    const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
     goal?.settled?.(taken);
   }
 
-  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null): Promise<Outcome<unknown>> {
-    if (action === 'offboard_start') return this.startOffboard(facts);
+  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StartWish | null): Promise<Outcome<unknown>> {
+    if (action === 'offboard_start') return this.startOffboard(facts, start);
     const { path, body } = call(action, this.facts(facts), goal);
     return this.api.post(path, body);
   }

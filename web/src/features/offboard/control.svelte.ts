@@ -4,7 +4,7 @@ import type { VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import { ageText } from '../../live/age';
 import { SetpointKeeper } from './keeper';
-import { nudge, ON_EXPIRY, STEPS, VALID_FOR_S, type Axis, type PositionSetpoint, type Steps } from './setpoint';
+import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from './setpoint';
 import { nudgeBase } from './view';
 
 /** What the page says itself, without the server: no position, nothing to hold. */
@@ -27,16 +27,42 @@ export class OffboardControl {
     private readonly nowS: () => number,
   ) {}
 
-  /** Starts the stream with the place where the vehicle is. */
-  async start(facts: VehicleFacts): Promise<Outcome<unknown>> {
+  /** Starts the stream with what is wished, else with the place where the vehicle is. */
+  async start(facts: VehicleFacts, wish: StartWish | null = null): Promise<Outcome<unknown>> {
+    if (wish !== null) {
+      const outcome = await this.begin(facts.id, wish.setpoint, wish.lasting, wish.rate_hz);
+      wish.settled?.(outcome);
+      return outcome;
+    }
     const local = facts.local;
     const attitude = facts.attitude;
     if (local === null || attitude === null || local.stale || attitude.stale) return noPosition(local?.age_s ?? null);
     const setpoint: PositionSetpoint = {
       type: 'position', position_ned_m: local.value.position_ned_m, yaw_ned_rad: attitude.value.yaw_ned_rad,
     };
-    const outcome = await this.api.post(`${base(facts.id)}/start`, { setpoint, valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY });
-    if (outcome.ok) this.keeper(facts.id).keep(setpoint, this.nowS());
+    return this.begin(facts.id, { ...setpoint }, LASTING);
+  }
+
+  /** A new target of any kind; what was refused is not said again. */
+  async send(id: string, setpoint: AnySetpoint, lasting: Lasting): Promise<Outcome<unknown>> {
+    const keeper = this.keeper(id);
+    keeper.keep(setpoint, lasting, this.nowS());
+    const outcome = await this.say(id, setpoint, lasting);
+    if (keeper.setpoint !== setpoint) return outcome;
+    if (!outcome.ok) keeper.forget();
+    else keeper.keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    return outcome;
+  }
+
+  /** Something else steers now (gamepad, drag): what was sent before is not said again. */
+  forget(id: string): void {
+    this.keepers.get(id)?.forget();
+  }
+
+  private async begin(id: string, setpoint: AnySetpoint, lasting: Lasting, rate_hz?: number): Promise<Outcome<unknown>> {
+    const { valid_for_s, on_expiry } = lasting;
+    const outcome = await this.api.post(`${base(id)}/start`, { setpoint, valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) });
+    if (outcome.ok) this.keeper(id).keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
     return outcome;
   }
 
@@ -44,14 +70,10 @@ export class OffboardControl {
   async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
     const keeper = this.keeper(facts.id);
     const streamed = facts.offboard;
-    const from = keeper.setpoint ?? (streamed === null ? null
+    const from = wholePosition(keeper.setpoint) ?? (streamed === null ? null
       : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
     if (from === null) return noPosition(null);
-    const next = nudge(from, axis, sign, this.steps);
-    keeper.keep(next, this.nowS());
-    const outcome = await this.say(facts.id, next);
-    if (!outcome.ok) keeper.forget();
-    return outcome;
+    return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, LASTING);
   }
 
   /** Called as telemetry arrives. */
@@ -59,18 +81,34 @@ export class OffboardControl {
     for (const [id, keeper] of this.keepers) keeper.tick(this.nowS(), streaming(id));
   }
 
-  private say(id: string, setpoint: PositionSetpoint): Promise<Outcome<unknown>> {
-    return this.api.post(`${base(id)}/setpoint`, { ...setpoint, valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY });
+  private say(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Lasting): Promise<Outcome<unknown>> {
+    return this.api.post(`${base(id)}/setpoint`, { ...setpoint, valid_for_s, on_expiry });
   }
 
   private keeper(id: string): SetpointKeeper {
     let keeper = this.keepers.get(id);
     if (keeper === undefined) {
-      keeper = new SetpointKeeper(async (setpoint) => (await this.say(id, setpoint)).ok);
+      keeper = new SetpointKeeper(async ({ setpoint, lasting }) => (await this.say(id, setpoint, lasting)).ok);
       this.keepers.set(id, keeper);
     }
     return keeper;
   }
+}
+
+/** An offset said again would be flown again: it is kept alive as the place it led to. */
+function repeatable(setpoint: AnySetpoint, answer: unknown): AnySetpoint {
+  if (setpoint.type !== 'position_body') return setpoint;
+  const streamed = (answer as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
+  if (typeof streamed?.['type'] !== 'string') return setpoint;
+  return Object.fromEntries(Object.entries(streamed).filter(([, value]) => value !== null)) as AnySetpoint;
+}
+
+/** What was sent, where it is a place and a heading that can be nudged. */
+function wholePosition(setpoint: AnySetpoint | null): PositionSetpoint | null {
+  const place = setpoint?.['position_ned_m'];
+  const yaw = setpoint?.['yaw_ned_rad'];
+  if (setpoint?.type !== 'position' || typeof yaw !== 'number' || !Array.isArray(place)) return null;
+  return { type: 'position', position_ned_m: place as PositionSetpoint['position_ned_m'], yaw_ned_rad: yaw };
 }
 
 function base(id: string): string {

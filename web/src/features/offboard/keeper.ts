@@ -3,26 +3,31 @@
  * expire, and the server then does what `on_expiry` says. Ticked by arriving telemetry, which a hidden tab still gets.
  */
 
-import { VALID_FOR_S, type PositionSetpoint } from './setpoint';
+import type { AnySetpoint, Lasting } from './setpoint';
 
 /** Part of the validity after which it is said again. */
 const REFRESH_AT = 0.3;
 
+export interface Kept {
+  setpoint: AnySetpoint;
+  lasting: Lasting;
+}
+
 export class SetpointKeeper {
-  private kept: PositionSetpoint | null = null;
+  private kept: Kept | null = null;
   private saidAt_s = 0;
   private busy = false;
 
   /** @param say sends the setpoint; resolves false where it was refused: then nothing is said again. */
-  constructor(private readonly say: (setpoint: PositionSetpoint) => Promise<boolean>) {}
+  constructor(private readonly say: (kept: Kept) => Promise<boolean>) {}
 
-  get setpoint(): PositionSetpoint | null {
-    return this.kept;
+  get setpoint(): AnySetpoint | null {
+    return this.kept?.setpoint ?? null;
   }
 
-  /** From now on this one is kept alive; the caller has just sent it. */
-  keep(setpoint: PositionSetpoint, now_s: number): void {
-    this.kept = setpoint;
+  /** From now on this one is kept alive, if it shall be; the caller has just sent it. */
+  keep(setpoint: AnySetpoint, lasting: Lasting, now_s: number): void {
+    this.kept = { setpoint, lasting };
     this.saidAt_s = now_s;
   }
 
@@ -32,12 +37,12 @@ export class SetpointKeeper {
 
   /** @param streaming whether the server still streams for this vehicle. */
   tick(now_s: number, streaming: boolean): void {
-    if (this.kept === null || this.busy || now_s - this.saidAt_s < REFRESH_AT * VALID_FOR_S) return;
-    if (!streaming) {
+    const said = this.kept;
+    if (said === null || this.busy || now_s - this.saidAt_s < REFRESH_AT * said.lasting.valid_for_s) return;
+    if (!streaming || !said.lasting.renew) {
       this.forget();
       return;
     }
-    const said = this.kept;
     this.busy = true;
     this.saidAt_s = now_s;
     void this.say(said).then((accepted) => {

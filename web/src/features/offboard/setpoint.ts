@@ -1,5 +1,6 @@
 /** Setpoints as the API takes them, and the steps a person nudges them by. */
 
+import type { Outcome } from '../../api/client';
 import type { Vector3 } from '../../live/topics';
 
 export interface PositionSetpoint {
@@ -22,9 +23,33 @@ export const STEPS: readonly Steps[] = [
   { label: '5 m', metres: 5, yaw_deg: 45 },
 ];
 
+/** Any setpoint as the API takes it. */
+export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
+
+export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
+
+/** How long a setpoint is good for, what follows then, and whether this page says it again in time. */
+export interface Lasting {
+  valid_for_s: number;
+  on_expiry: OnExpiry;
+  renew: boolean;
+}
+
+/** What the stream shall begin with. */
+export interface StartWish {
+  setpoint: AnySetpoint;
+  lasting: Lasting;
+  rate_hz: number;
+  /** What it asks for, for the question. */
+  words: string;
+  /** Told what came of it. */
+  settled?: (outcome: Outcome<unknown>) => void;
+}
+
 /** A setpoint lives this long unless the page says it again [s]; then the vehicle holds and falls back to Hold. */
 export const VALID_FOR_S = 10;
 export const ON_EXPIRY = { action: 'hold', hold_for_s: 5 } as const;
+export const LASTING: Lasting = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };
 
 function wrapPi(angle_rad: number): number {
   const turn = 2 * Math.PI;

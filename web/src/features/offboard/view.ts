@@ -1,6 +1,7 @@
 /** The server's offboard stream as the card shows it; reads what is there, unknown stays null. */
 
 import type { MaybeVector3, Vector3 } from '../../live/topics';
+import { kindName } from '../setpoints/kinds';
 import type { PositionSetpoint } from './setpoint';
 
 export interface OffboardStatus {
@@ -11,6 +12,7 @@ export interface OffboardStatus {
   type: string | null;
   position_ned_m: MaybeVector3 | null;
   velocity_ned_m_s: MaybeVector3 | null;
+  velocity_frd_m_s: MaybeVector3 | null;
   yaw_ned_rad: number | null;
   yaw_rate_ned_rad_s: number | null;
   rate_hz: number | null;
@@ -20,6 +22,8 @@ export interface OffboardStatus {
   ifStreamStops: string | null;
   onExpiry: string | null;
   client: string | null;
+  /** What the limits take away now, in words. */
+  limited: readonly string[];
   /** Why the last stream ended. */
   ended: string | null;
 }
@@ -67,6 +71,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     type: text(setpoint, 'type'),
     position_ned_m: triple(setpoint, 'position_ned_m'),
     velocity_ned_m_s: triple(setpoint, 'velocity_ned_m_s'),
+    velocity_frd_m_s: triple(setpoint, 'velocity_frd_m_s'),
     yaw_ned_rad: number(setpoint, 'yaw_ned_rad'),
     yaw_rate_ned_rad_s: number(setpoint, 'yaw_rate_ned_rad_s'),
     rate_hz: number(raw, 'rate_achieved_hz'),
@@ -76,6 +81,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     ifStreamStops: text(raw, 'if_stream_stops'),
     onExpiry: expiryWords(object(raw['on_expiry'])),
     client: text(raw, 'client'),
+    limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
     ended: text(raw, 'ended'),
   };
 }
@@ -86,7 +92,7 @@ const STATES: Readonly<Record<string, string>> = {
 
 /** What the stream is, for the card's corner. */
 export function streamWords(status: OffboardStatus): string {
-  return STATES[status.state] ?? `${status.type ?? 'setpoints'}, NED`;
+  return STATES[status.state] ?? kindName(status.type);
 }
 
 /** Distance from the target [m]; null where the target is no full position. */

@@ -80,10 +80,6 @@ function readGroup(group: Group, form: Form, errors: Record<string, string>): un
     if ('error' in got) errors[axis.key] = got.error;
     return 'error' in got ? null : got.value;
   });
-  if (group.nullable && values.every((v) => v === null) && !group.axes.some((a) => a.key in errors)) {
-    const first = group.axes[0];
-    if (first !== undefined) errors[first.key] = group.optional ? `${group.title}: control one axis, or leave it out.` : `${group.title}: at least one axis must be controlled.`;
-  }
   return group.scalar === true ? values[0] : values;
 }
 
@@ -95,6 +91,7 @@ export function build(form: Form): Built {
     if (group.optional && form.without.includes(group.field)) continue;
     setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);
   }
+  if (form.kind === 'trajectory') controlled(spec.groups, form, errors);
   if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = typed(form.yaw);
     if (value === null) errors['yaw'] = 'Yaw: a number is needed, or leave it uncontrolled.';
@@ -105,6 +102,25 @@ export function build(form: Form): Built {
   if (form.kind === 'attitude' && typeof setpoint['yaw_ned_rad'] === 'number') setpoint['yaw_ned_rad'] = wrapPi(setpoint['yaw_ned_rad']);
   if (spec.groups.length === 0) errors['kind'] = 'This kind has no form: the link cannot carry it.';
   return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
+}
+
+/** Every axis needs something to fly it by: the vehicle would stop instead of flying the rest. */
+function controlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
+  const given = groups.filter((g) => !form.without.includes(g.field));
+  ['North', 'East', 'Up'].forEach((name, i) => {
+    const axes = given.map((g) => g.axes[i]).filter((a) => a !== undefined);
+    const [first] = axes;
+    if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true)) errors[first.key] = `${name} is controlled by nothing: give a position, a velocity or an acceleration.`;
+  });
+}
+
+/** North and east of a quantity go together: the vehicle flies none of them alone. */
+export function setOff(form: Form, key: string, off: boolean): Form {
+  const along = /^([pva])[01]$/.exec(key)?.[1];
+  const keys = along === undefined ? [key] : [`${along}0`, `${along}1`];
+  const fields = { ...form.fields };
+  for (const k of keys) fields[k] = { text: fields[k]?.text ?? '', off };
+  return { ...form, fields };
 }
 
 function wrapPi(angle_rad: number): number {

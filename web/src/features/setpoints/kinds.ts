@@ -24,7 +24,7 @@ export interface Group {
   field: string;
   title: string;
   axes: readonly Axis[];
-  /** Each axis may be left uncontrolled (null). */
+  /** Axes may be left to another quantity (null): north and east together, and each axis to some quantity. */
   nullable: boolean;
   /** The whole may be left out. */
   optional: boolean;
@@ -62,9 +62,9 @@ function group(field: string, title: string, list: readonly Axis[], more: Partia
 
 const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
 
-const PLACE = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP), { nullable: true });
-const SPEED = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP), { nullable: true });
-const PUSH = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP), { nullable: true });
+const PLACE = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP));
+const SPEED = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP));
+const PUSH = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
 
 export const KINDS: readonly KindSpec[] = [
   { kind: 'position', name: 'Position', frame: 'local, from its origin', care: null, groups: [PLACE], yaw: 'angle_or_rate' },
@@ -84,8 +84,11 @@ export const KINDS: readonly KindSpec[] = [
   },
   { kind: 'acceleration', name: 'Acceleration', frame: 'local, north east up', care: 'Speed grows for as long as it lasts.', groups: [PUSH], yaw: 'angle_or_rate' },
   {
-    kind: 'trajectory', name: 'Trajectory point', frame: 'local, with feed-forward', care: null, yaw: 'angle_or_rate',
-    groups: [PLACE, { ...SPEED, title: 'Velocity, fed forward', optional: true }, { ...PUSH, title: 'Acceleration, fed forward', optional: true }],
+    kind: 'trajectory', name: 'Trajectory point', frame: 'local, quantities mixed', care: null, yaw: 'angle_or_rate',
+    groups: [
+      { ...PLACE, nullable: true }, { ...SPEED, title: 'Velocity, or fed forward', nullable: true, optional: true },
+      { ...PUSH, title: 'Acceleration, or fed forward', nullable: true, optional: true },
+    ],
   },
   {
     kind: 'attitude', name: 'Attitude', frame: 'against the horizon', care: FT_HIGH, yaw: 'none',
@@ -94,7 +97,7 @@ export const KINDS: readonly KindSpec[] = [
       group('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch, nose up', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
       group('yaw_ned_rad', 'Yaw', [{ key: 'yaw', label: 'Yaw, from north', unit: '°', scale: RAD, min: -360, max: 360, step: 5 }], { scalar: true }),
       THRUST,
-      group('yaw_rate_frd_rad_s', 'Yaw rate', [{ key: 'rate', label: 'Yaw rate', unit: '°/s', scale: RAD, step: 5 }], { scalar: true, optional: true }),
+      group('yaw_rate_ned_rad_s', 'Yaw rate', [{ key: 'rate', label: 'Yaw rate', unit: '°/s', scale: RAD, step: 5 }], { scalar: true, optional: true }),
     ],
   },
   {

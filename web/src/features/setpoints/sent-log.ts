@@ -72,7 +72,7 @@ export function setpointWords(s: Readonly<Record<string, unknown>>): string {
     Array.isArray(s['rates_frd_rad_s']) ? triple((s['rates_frd_rad_s'] as number[]).map((v) => v * DEG), '°/s', false) : null,
     number(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
     number(s['yaw_ned_rad'], (v) => `yaw ${fixed(((v * DEG) % 360 + 360) % 360, 0)}°`), number(s['yaw_offset_rad'], (v) => `turns ${fixed(v * DEG, 0, true)}°`),
-    number(s['yaw_rate_ned_rad_s'] ?? s['yaw_rate_frd_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),
+    number(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),
   ];
   return [kindName(typeof s['type'] === 'string' ? s['type'] : null), ...parts.filter((p) => p !== null)].join('  ');
 }

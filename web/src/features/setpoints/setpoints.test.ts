@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../app/facts';
-import { build, formHere, typed, type Form } from './form';
+import { build, formHere, setOff, typed, type Form } from './form';
 import { KINDS, kindName } from './kinds';
 import { fromHeading, previewOf, previewPlace, wayWords } from './preview';
 import { SentLog, setpointWords } from './sent-log';
@@ -53,14 +53,15 @@ describe('forms', () => {
     expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
   });
 
-  it('leave an axis to the vehicle, but not all of them', () => {
-    const one = put(formHere('velocity', FACTS, null), 'v2', '', true);
-    expect(good(one)['velocity_ned_m_s']).toEqual([0, 0, null]);
-    expect(bad(put(put(one, 'v0', '', true), 'v1', '', true))).toEqual({ v0: 'Velocity: at least one axis must be controlled.' });
+  it('leave an axis to another quantity, north and east together, and none to nothing', () => {
+    const mixed = setOff({ ...formHere('trajectory', FACTS, null), without: ['acceleration_ned_m_s2'] }, 'p1', true);
+    expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
+    expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({ p0: expect.stringMatching(/^North is controlled by nothing/) as string, p1: expect.any(String) as string });
+    expect(good(put(formHere('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
   });
 
   it('name the field that is wrong, and the unknown is not filled in', () => {
-    expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: a number is needed, or leave it uncontrolled.' });
+    expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: a number is needed.' });
     expect(bad(put(formHere('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
     expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: a number is needed.' });
     expect(bad(formHere('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
@@ -133,7 +134,7 @@ describe('the stream', () => {
     socket.hear({ seq: 1, applied: {} });
     socket.hear('{');
     expect(socket.sent).toEqual([{ type: 'velocity', seq: 1 }]);
-    expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, took_s: 0.02 }]);
+    expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, took_s: 0.02 }]);
   });
 
   it('tells a refusal in the server’s words', () => {
@@ -218,6 +219,8 @@ describe('traces', () => {
     expect(eulerOf([Math.SQRT1_2, 0, 0, Math.SQRT1_2])).toEqual([0, 0, expect.closeTo(Math.PI / 2)]);
     expect(askedOf(null, null)).toBeNull();
     const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;
-    expect(askedOf(stream, { roll_rad: 0.1, pitch_rad: 0.2 })?.attitude_rad).toEqual([0.1, 0.2, 1]);
+    expect(askedOf(stream, { type: 'position' })?.attitude_rad).toEqual([null, null, 1]);
+    const along = askedOf({ ...(stream as object), velocity_frd_m_s: [2, 0, -1] } as never, null, Math.PI / 2);
+    expect(along?.velocity_ned_m_s).toEqual([expect.closeTo(0), 2, -1]);
   });
 });

@@ -13,6 +13,8 @@ export interface Ack {
   /** What was changed and why, in the server's words. */
   limited: readonly string[];
   problem: Problem | null;
+  /** A newer order came before its turn: it was not sent. */
+  superseded: boolean;
   /** From sending to its answer [s]. */
   took_s: number;
 }
@@ -104,15 +106,16 @@ function parse(data: unknown): Record<string, unknown> | null {
 }
 
 /** What an answer says, over the stream or by POST. */
-export function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem'> {
+export function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
   if (raw['error'] !== undefined && raw['error'] !== null) {
     const error = typeof raw['error'] === 'string' ? { detail: raw['error'] } : raw['error'];
-    return { applied: null, limited: [], problem: parseProblem(409, error) };
+    return { applied: null, limited: [], problem: parseProblem(409, error), superseded: false };
   }
   const applied = raw['applied'];
   const limited = raw['limited'];
   return {
     applied: typeof applied === 'object' && applied !== null ? (applied as Record<string, unknown>) : null,
     limited: Array.isArray(limited) ? limited.filter((l): l is string => typeof l === 'string') : [], problem: null,
+    superseded: raw['superseded'] === true,
   };
 }

@@ -1,7 +1,8 @@
 /** The last minute of target and actual, axis by axis, for the plots. Time is the vehicle's samples'; pure. */
 
-import type { Attitude, LocalPosition, MaybeVector3 } from '../../live/topics';
+import type { Attitude, LocalPosition, MaybeVector3, Vector3 } from '../../live/topics';
 import type { OffboardStatus } from '../offboard/view';
+import { fromHeading } from './preview';
 
 export const WINDOW_S = 60;
 /** Room for a minute at the rate the page is told at. */
@@ -110,11 +111,12 @@ export function eulerOf(q: readonly number[]): MaybeVector3 {
   ];
 }
 
-/** What is asked for as far as it can be drawn against what is. */
-export function askedOf(stream: OffboardStatus | null, raw: Readonly<Record<string, unknown>> | null): Asked | null {
+/** What is asked for as far as it can be drawn against what is; what goes along the heading is turned north. */
+export function askedOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Asked | null {
   if (stream === null || !stream.streaming) return null;
-  const number = (name: string): number | null => (typeof raw?.[name] === 'number' ? (raw[name] as number) : null);
-  const q = raw?.['q_ned_frd'];
-  const attitude_rad: MaybeVector3 = Array.isArray(q) && q.length === 4 ? eulerOf(q as number[]) : [number('roll_rad'), number('pitch_rad'), stream.yaw_ned_rad];
-  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s, attitude_rad };
+  const q = setpoint?.['q_ned_frd'];
+  const attitude_rad: MaybeVector3 = Array.isArray(q) && q.length === 4 ? eulerOf(q as number[]) : [null, null, stream.yaw_ned_rad];
+  const along = stream.velocity_frd_m_s;
+  const turned = along === null || along === undefined || yaw_rad === null || along.some((v) => v === null) ? null : fromHeading(along as Vector3, yaw_rad);
+  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s ?? turned, attitude_rad };
 }

@@ -145,7 +145,7 @@ function drawLook(ctx: Ctx, { x, y }: Pixel, look_rad: number, colour: string, r
 
 function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, palette: Palette, inset: boolean): void {
   const at = toPixel(view, target);
-  const looks = target.kind === 'look';
+  const looks = target.kind !== 'go';
   ctx.strokeStyle = palette.target;
   ctx.lineWidth = looks ? 1.2 : palette.stroke;
   ctx.setLineDash(looks ? [2, 5] : [3, 7]);
@@ -158,9 +158,19 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
   ctx.save();
   ctx.translate(at.x, at.y);
   if (inset) ctx.scale(0.7, 0.7);
-  if (looks) {
+  if (target.kind === 'look') {
     disc(ctx, 3, palette.target, null, 0);
     disc(ctx, 10, null, palette.target, 1.6);
+  } else if (target.kind === 'preview') {
+    // Not sent: an open ring, and the nose it would have.
+    ctx.lineWidth = 1.6;
+    ctx.setLineDash([4, 4]);
+    ctx.stroke(new Path2D('M12 0A12 12 0 1 1 -12 0A12 12 0 1 1 12 0'));
+    ctx.setLineDash([]);
+    if (target.yaw_rad != null) {
+      ctx.rotate(target.yaw_rad - view.up_rad);
+      ctx.stroke(new Path2D('M-5-15l5-8 5 8'));
+    }
   } else {
     disc(ctx, 12, null, palette.target, palette.stroke + 0.4);
     ctx.stroke(new Path2D('M0-6v12M-6 0h12'));

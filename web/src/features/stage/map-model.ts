@@ -5,6 +5,7 @@ import { vehicleFacts, type VehicleFacts } from '../../app/facts';
 import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import { fixed } from '../../ui/format';
+import type { ShownPreview } from '../setpoints/room.svelte';
 import { groundDistance_m, placeAt, type Place } from './geo';
 
 export interface MapVehicle extends Place {
@@ -27,8 +28,10 @@ export interface MapVehicle extends Place {
 
 /** What is asked of the vehicle: a setpoint, the place it was sent to, the place its camera keeps. */
 export interface MapTarget extends Place {
-  kind: 'go' | 'look';
+  kind: 'go' | 'look' | 'preview';
   label: string;
+  /** Of a preview: where the nose would point. */
+  yaw_rad?: number | null;
 }
 
 /** A place a vehicle was asked to fly to or look at by this page. */
@@ -62,6 +65,10 @@ function setpoint(facts: VehicleFacts, here: Place): MapTarget | null {
   return { ...place, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
 }
 
+function previewed(id: string, shown: ShownPreview | null): MapTarget | null {
+  return shown?.vehicle === id ? { ...shown.place, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
+}
+
 function named(kind: MapTarget['kind'], what: string, wanted: Wanted | null): MapTarget | null {
   return wanted === null ? null : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
 }
@@ -82,7 +89,7 @@ function label(facts: VehicleFacts): string {
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
-export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (facts: VehicleFacts) => WantedOf): MapVehicle[] {
+export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (facts: VehicleFacts) => WantedOf, shown: ShownPreview | null = null): MapVehicle[] {
   const found: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);
@@ -93,7 +100,7 @@ export function mapVehicles(store: TelemetryStore, selectedId: string | null, wa
     const here = { lat_deg, lon_deg };
     const wanted = wantedOf(facts);
     const streamed = setpoint(facts, here);
-    const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look)];
+    const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look), previewed(id, shown)];
     found.push({
       ...here, id, selected: id === selectedId, lost: facts.lost, stale: !facts.lost && facts.global.stale && !facts.replayed,
       colour: identityColour(index), yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null, label: label(facts),

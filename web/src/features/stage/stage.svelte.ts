@@ -1,5 +1,7 @@
 /** Which view fills the stage, and what the 3D one shows: its camera, its vehicle, its theme. */
 
+import type { ScenePreview } from '../setpoints/room.svelte';
+
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
 
 export const CAMERAS = ['chase', 'free', 'gimbal', 'top'] as const;
@@ -9,6 +11,8 @@ export interface SceneView {
   mode: Camera;
   vehicle: string | null;
   theme: 'light' | 'dark';
+  /** What is not sent yet; null: nothing. */
+  preview: ScenePreview | null;
 }
 
 /** What the keyboard may ask of the map while it is shown. */
@@ -53,8 +57,8 @@ class StageState {
 
   /** Tells the running 3D view; that it fails is seen, not worth a message. */
   async show(view: SceneView): Promise<void> {
-    const { mode, theme, vehicle } = view;
-    const body = JSON.stringify(vehicle === null ? { mode, theme } : { mode, theme, vehicle });
+    const { vehicle, ...rest } = view;
+    const body = JSON.stringify(vehicle === null ? rest : view);
     await fetch(`${SCENE_URL}view/${this.token}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
   }
 

@@ -1,0 +1,32 @@
+/** The readiness panel: open or not, and the vehicle asked to look again. */
+
+import type { ApiClient } from '../../api/client';
+import type { Problem } from '../../api/problems';
+
+class ReadinessPanel {
+  open = $state(false);
+  asking = $state(false);
+  problem = $state.raw<Problem | null>(null);
+
+  toggle(): void {
+    this.open = !this.open;
+    this.problem = null;
+  }
+
+  close(): void {
+    this.open = false;
+    this.problem = null;
+  }
+
+  /** Has the vehicle run its checks; what they say comes with the telemetry. */
+  async check(api: ApiClient, vehicle: string): Promise<void> {
+    if (this.asking) return;
+    this.asking = true;
+    this.problem = null;
+    const outcome = await api.post(`/vehicles/${encodeURIComponent(vehicle)}/readiness/check`);
+    this.asking = false;
+    if (!outcome.ok) this.problem = outcome.problem;
+  }
+}
+
+export const readiness = new ReadinessPanel();

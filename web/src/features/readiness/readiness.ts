@@ -1,0 +1,94 @@
+/** Why a vehicle cannot arm or fly: what the server tells of its checks, sorted for a person. Pure. */
+
+import type { components } from '../../api/schema';
+import type { SeverityWord } from '../messages/messages';
+
+export type Readiness = components['schemas']['Readiness'];
+export type Cause = components['schemas']['ReadinessCause'];
+export type ModeReadiness = components['schemas']['ModeReadiness'];
+
+export interface Headline {
+  text: string;
+  /** What stands in the way, in a few words. */
+  detail: string;
+  tone: 'ok' | 'caution' | 'neutral';
+}
+
+export interface FindingRow {
+  cause: Cause;
+  severity: SeverityWord;
+  /** What it keeps the vehicle from, in words; empty where it blocks nothing. */
+  blocks: string;
+}
+
+export interface ModeRow {
+  mode: string;
+  label: string;
+  current: boolean;
+  can_arm: boolean;
+  can_run: boolean;
+  /** Why not, short; empty where it may. */
+  why: string;
+}
+
+const SEVERITIES: Readonly<Record<string, SeverityWord>> = {
+  error: { word: 'Error', full: 'Error', tone: 'danger', shape: 'square' },
+  warning: { word: 'Warning', full: 'Warning', tone: 'caution', shape: 'triangle' },
+  info: { word: '', full: 'Note', tone: 'dim', shape: 'dot' },
+};
+/** More names than these are counted. */
+const NAMED = 4;
+
+/** What a sample of the topic holds; null for anything else. */
+export function readReadiness(value: unknown): Readiness | null {
+  const it = value as Readiness | null | undefined;
+  return typeof it === 'object' && it !== null && Array.isArray(it.modes) && Array.isArray(it.findings) ? it : null;
+}
+
+/** One sentence about the mode that counts now: arming while disarmed, flying while armed. */
+export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
+  if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
+  const now = readiness.modes.find((m) => m.mode === mode);
+  if (now === undefined) return { text: 'Not known', detail: 'Its checks say nothing of the mode it is in.', tone: 'neutral' };
+  const shut = armed ? !now.can_run : !now.can_arm;
+  if (!shut) return { text: armed ? `${now.label} may be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
+  const causes = (armed ? now.running : now.arming).map((c) => c.cause).join(' ');
+  return { text: armed ? `${now.label} may not be flown` : `Cannot arm in ${now.label}`, detail: causes, tone: 'caution' };
+}
+
+/** All that the checks found, what blocks most first. */
+export function findings(readiness: Readiness): FindingRow[] {
+  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? SEVERITIES['info']!, shut: blockedBy(readiness, cause) }));
+  const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
+  rows.sort((a, b) => Number(b.shut.length > 0) - Number(a.shut.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
+  return rows.map(({ cause, severity, shut }) => ({ cause, severity, blocks: namesOf(shut, readiness.modes.length) }));
+}
+
+function blockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
+  const same = (other: Cause): boolean => other.id === cause.id && other.cause === cause.cause;
+  return readiness.modes.filter((m) => m.arming.some(same) || m.running.some(same));
+}
+
+function namesOf(modes: readonly ModeReadiness[], all: number): string {
+  if (modes.length === 0) return '';
+  if (modes.length === all) return 'every mode';
+  const names = modes.slice(0, NAMED).map((m) => m.label).join(', ');
+  return modes.length > NAMED ? `${names} and ${modes.length - NAMED} more` : names;
+}
+
+/** Every mode, those that may be flown first. */
+export function modeRows(readiness: Readiness, mode: string | null): ModeRow[] {
+  const rows = readiness.modes.map((m) => ({
+    mode: m.mode,
+    label: m.label,
+    current: m.mode === mode,
+    can_arm: m.can_arm,
+    can_run: m.can_run,
+    why: [...new Set([...m.arming, ...m.running].map((c) => c.cause))].join(' '),
+  }));
+  return rows.sort((a, b) => Number(b.current) - Number(a.current) || open(b) - open(a));
+}
+
+function open(row: ModeRow): number {
+  return Number(row.can_arm) + Number(row.can_run);
+}

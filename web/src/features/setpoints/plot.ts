@@ -1,0 +1,62 @@
+/** The only place that knows uPlot: one axis of target against actual, the last minute. */
+
+import uPlot from 'uplot';
+import 'uplot/dist/uPlot.min.css';
+import { WINDOW_S, type Columns } from './traces';
+
+export interface PlotColours {
+  actual: string;
+  target: string;
+  text: string;
+  line: string;
+  stroke: number;
+}
+
+/** Smallest height of what is shown, so that noise is no mountain. */
+const LEAST: Readonly<Record<string, number>> = { m: 1, 'm/s': 0.5, '°': 4 };
+
+export class AxisPlot {
+  private readonly plot: uPlot;
+
+  constructor(holder: HTMLElement, unit: string, colours: PlotColours) {
+    const font = '11px Inter, system-ui, sans-serif';
+    const grid = { stroke: colours.line, width: 1 };
+    const least = LEAST[unit] ?? 1;
+    this.plot = new uPlot({
+      width: Math.max(60, holder.clientWidth), height: Math.max(60, holder.clientHeight), pxAlign: 1,
+      padding: [6, 16, 0, 0], legend: { show: false }, cursor: { show: false },
+      scales: {
+        x: { time: false, range: () => [-WINDOW_S, 0] },
+        y: { range: (_, min, max) => around(min, max, least) },
+      },
+      axes: [
+        { stroke: colours.text, font, grid, ticks: { show: false }, size: 20, gap: 3, splits: () => [-60, -40, -20, 0], values: (_, splits) => splits.map((s) => (s === 0 ? 'now' : `${s} s`.replace('-', '−'))) },
+        { stroke: colours.text, font, grid, ticks: { show: false }, size: 38, gap: 4, space: 28, values: (_, splits) => splits.map((s) => String(Number(s.toFixed(2))).replace('-', '−')) },
+      ],
+      series: [
+        {},
+        { stroke: colours.target, width: colours.stroke, points: { show: false }, spanGaps: false },
+        { stroke: colours.actual, width: colours.stroke, points: { show: false }, spanGaps: false },
+      ],
+    }, [[], [], []], holder);
+  }
+
+  set(columns: Columns): void {
+    this.plot.setData(columns as uPlot.AlignedData);
+  }
+
+  resize(width: number, height: number): void {
+    if (width > 40 && height > 40) this.plot.setSize({ width, height });
+  }
+
+  remove(): void {
+    this.plot.destroy();
+  }
+}
+
+function around(min: number | null, max: number | null, least: number): [number, number] {
+  if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-least / 2, least / 2];
+  const middle = (min + max) / 2;
+  const half = Math.max(least / 2, ((max - min) / 2) * 1.12);
+  return [middle - half, middle + half];
+}
