@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from gcs_server.api import offboard_models as models
 from gcs_server.api import offboard_views as views
+from gcs_server.api.offboard_stream import OrderSocket, apply, arguments_of
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
 from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
@@ -35,8 +36,7 @@ async def start(v: str, body: models.StartRequest, station: StationDep, client: 
 
     `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop.
     """
-    arguments = body.model_dump(exclude_none=True)
-    with journaled(station, client, "offboard/start", v, arguments):
+    with journaled(station, client, "offboard/start", v, arguments_of(body)):
         vehicle = station.fleet.get(v)
         return answer(await vehicle.offboard.start(body.to_order(client), body.rate_hz))
 
@@ -44,9 +44,7 @@ async def start(v: str, body: models.StartRequest, station: StationDep, client: 
 @router.post("/setpoint", response_model=views.OffboardModel)
 async def setpoint(v: str, body: models.AnyOrder, station: StationDep, client: ClientDep) -> Response:
     """A new target, sent at once; refused (409) where no stream runs."""
-    arguments = body.model_dump(exclude_none=True)
-    with journaled(station, client, "offboard/setpoint", v, arguments):
-        return answer(station.fleet.get(v).offboard.setpoint(body.to_order(client)))
+    return answer(apply(station, client, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)
@@ -79,3 +77,14 @@ async def set_failsafe(
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         return answer(await vehicle.offboard.set_failsafe(body.action, body.after_s))
+
+
+@router.websocket("/stream")
+async def stream(socket: WebSocket, v: str, station: StationDep, client: ClientDep) -> None:
+    """Orders in, what was applied out; see "Offboard stream" in docs/api.md."""
+    await socket.accept()
+    try:
+        with station.authority.connected(client):
+            await OrderSocket(station.clock, station, client, v, socket).serve()
+    except* (WebSocketDisconnect, RuntimeError):
+        pass  # the client went; RuntimeError is what a send to a closed socket raises

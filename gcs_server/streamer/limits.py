@@ -218,7 +218,10 @@ class _Limiter:
         lift = acceleration[2]
         if lift is not None:
             most_up, most_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
-            lift = min(most_down, max(-most_up, lift))
+            held = min(most_down, max(-most_up, lift))
+            if held != lift:
+                self.notes.append(f"acceleration held to {abs(held):.1f} m/s²")
+            lift = held
         return _joined(place, down), _joined(speed, fall), _joined(push, lift)
 
     def _placed(self, target: Ground) -> Ground:

@@ -405,30 +405,6 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/api/v1/vehicles/{v}/params/{name}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Param
-         * @description Reads one parameter; the vehicle is silent about unknown names (504).
-         */
-        get: operations["get_param_api_v1_vehicles__v__params__name__get"];
-        /**
-         * Set Param
-         * @description Writes one parameter; answers what the vehicle then reports.
-         */
-        put: operations["set_param_api_v1_vehicles__v__params__name__put"];
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
     "/api/v1/me": {
         parameters: {
             query?: never;
@@ -871,6 +847,119 @@ export interface paths {
          * @description Stops looking at a place.
          */
         post: operations["clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/params": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * All Params
+         * @description All that are known, without asking the vehicle; `POST …/params/refresh` reads them.
+         */
+        get: operations["all_params_api_v1_vehicles__v__params_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/params/refresh": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Refresh Params
+         * @description Reads all (929 of a PX4) unless the vehicle's checksum says that those known still hold.
+         *
+         *     Answers at once how far it is, unless asked to wait. What they mean is fetched from the vehicle's own
+         *     files, the first time with this firmware.
+         */
+        post: operations["refresh_params_api_v1_vehicles__v__params_refresh_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/params/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Param
+         * @description Reads one parameter from the vehicle; it is silent about unknown names (504).
+         */
+        get: operations["get_param_api_v1_vehicles__v__params__name__get"];
+        /**
+         * Set Param
+         * @description Writes one parameter; answers what the vehicle then reports.
+         *
+         *     Once the parameters were read, a value out of the range (or none of the choices) that the vehicle's own
+         *     metadata names is refused (422), unless forced.
+         */
+        put: operations["set_param_api_v1_vehicles__v__params__name__put"];
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/readiness": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Readiness
+         * @description As the vehicle last said, for all modes at once; the telemetry topic `readiness` tells every change.
+         */
+        get: operations["readiness_api_v1_vehicles__v__readiness_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/readiness/check": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Check
+         * @description Has the vehicle run its checks now, and answers with what they say.
+         *
+         *     Its own words for them are fetched from its files, the first time with this firmware; they come a little
+         *     later.
+         */
+        post: operations["check_api_v1_vehicles__v__readiness_check_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -3134,6 +3223,42 @@ export interface components {
             since_unix_s: number;
         };
         /**
+         * ModeReadiness
+         * @description One mode.
+         */
+        ModeReadiness: {
+            /**
+             * Mode
+             * @description As the API calls it.
+             */
+            mode: string;
+            /**
+             * Label
+             * @description As people call it.
+             */
+            label: string;
+            /**
+             * Can Arm
+             * @description Whether the vehicle would arm in it.
+             */
+            can_arm: boolean;
+            /**
+             * Can Run
+             * @description Whether it may be switched to, in the air too.
+             */
+            can_run: boolean;
+            /**
+             * Arming
+             * @description What keeps it from arming, gravest first.
+             */
+            arming: components["schemas"]["ReadinessCause"][];
+            /**
+             * Running
+             * @description What keeps the mode from being flown, gravest first.
+             */
+            running: components["schemas"]["ReadinessCause"][];
+        };
+        /**
          * ModeRequest
          * @description Which flight mode to ask for.
          * @example {
@@ -3502,27 +3627,228 @@ export interface components {
              * @description In the parameter's own unit.
              */
             value: number;
+            /**
+             * Force
+             * @description Although the vehicle's metadata says that it is out of range.
+             * @default false
+             */
+            force: boolean;
         };
         /**
-         * Parameter
-         * @description A parameter as the vehicle reports it.
+         * ParameterBit
+         * @description One value, or one bit, that has a name.
          */
-        Parameter: {
+        ParameterBit: {
+            /**
+             * Value
+             * @description The value; of a bit mask, the bit's number.
+             */
+            value: number;
+            /**
+             * Label
+             * @description As the metadata calls it.
+             */
+            label: string;
+        };
+        /**
+         * ParameterChoice
+         * @description One value, or one bit, that has a name.
+         */
+        ParameterChoice: {
+            /**
+             * Value
+             * @description The value; of a bit mask, the bit's number.
+             */
+            value: number;
+            /**
+             * Label
+             * @description As the metadata calls it.
+             */
+            label: string;
+        };
+        /**
+         * ParameterFacts
+         * @description One parameter.
+         */
+        ParameterFacts: {
             /**
              * Name
-             * @description Name.
+             * @description As on the wire.
+             */
+            name: string;
+            /**
+             * Is Integer
+             * @description Whole number of 32 bits, else a 32-bit float.
+             */
+            is_integer: boolean;
+            /**
+             * Group
+             * @description What it belongs to.
+             */
+            group: string;
+            /**
+             * Category
+             * @description Standard, Developer or System.
+             */
+            category: string;
+            /**
+             * Title
+             * @description What it is, in short.
+             */
+            title: string | null;
+            /**
+             * Details
+             * @description What it is, at length.
+             */
+            details: string | null;
+            /**
+             * Default
+             * @description The firmware's; null: none is told.
+             */
+            default: number | null;
+            /**
+             * Min
+             * @description Least sensible value.
+             */
+            min: number | null;
+            /**
+             * Max
+             * @description Greatest sensible value.
+             */
+            max: number | null;
+            /**
+             * Unit
+             * @description As the metadata writes it.
+             */
+            unit: string | null;
+            /**
+             * Decimals
+             * @description How many are worth showing.
+             */
+            decimals: number | null;
+            /**
+             * Increment
+             * @description A sensible step.
+             */
+            increment: number | null;
+            /**
+             * Choices
+             * @description Where only these are meant.
+             */
+            choices: components["schemas"]["ParameterChoice"][];
+            /**
+             * Bits
+             * @description Where it is a bit mask.
+             */
+            bits: components["schemas"]["ParameterBit"][];
+            /**
+             * Reboot Required
+             * @description Whether a change takes effect only after a restart.
+             */
+            reboot_required: boolean;
+            /**
+             * Volatile
+             * @description Whether the vehicle changes it by itself.
+             */
+            volatile: boolean;
+        };
+        /**
+         * ParameterList
+         * @description How far the vehicle's parameters are known.
+         */
+        ParameterList: {
+            /**
+             * State
+             * @description unknown (never asked for), reading, ready, outdated (the link was away since), failed.
+             * @enum {string}
+             */
+            state: "unknown" | "reading" | "ready" | "outdated" | "failed";
+            /**
+             * Received
+             * @description How many have come.
+             */
+            received: number;
+            /**
+             * Count
+             * @description How many there are; null before the vehicle said.
+             */
+            count: number | null;
+            /**
+             * Source
+             * @description Where they are from; `cache`: the vehicle's checksum says that they still hold.
+             */
+            source: ("vehicle" | "cache") | null;
+            /**
+             * Hash
+             * @description The vehicle's checksum when they were read, hexadecimal.
+             */
+            hash: string | null;
+            /**
+             * Read Unix S
+             * @description When they were known to hold [s since 1970 UTC].
+             */
+            read_unix_s: number | null;
+            /**
+             * Problem
+             * @description Why they could not be read.
+             */
+            problem: string | null;
+            /**
+             * Facts
+             * @description Whether the vehicle's own description (unit, range, default) is at hand.
+             */
+            facts: boolean;
+            /**
+             * Facts Problem
+             * @description Why it is not.
+             */
+            facts_problem: string | null;
+        };
+        /**
+         * ParameterView
+         * @description A parameter as the vehicle reports it, and what it means.
+         */
+        ParameterView: {
+            /**
+             * Name
+             * @description Up to 16 of A–Z, 0–9, _.
              */
             name: string;
             /**
              * Value
-             * @description Value.
+             * @description In its own unit; null: not a number.
              */
-            value: number;
+            value: number | null;
             /**
              * Is Integer
-             * @description Is integer.
+             * @description Whole number of 32 bits, else a 32-bit float.
              */
             is_integer: boolean;
+            /**
+             * Is Default
+             * @description Whether it is the firmware's; null: not told.
+             */
+            is_default: boolean | null;
+            /** @description From the vehicle's own metadata; null where they are not at hand. */
+            facts: components["schemas"]["ParameterFacts"] | null;
+        };
+        /**
+         * ParametersView
+         * @description All parameters that are known.
+         */
+        ParametersView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /** @description How far they are known. */
+            list: components["schemas"]["ParameterList"];
+            /**
+             * Params
+             * @description By name.
+             */
+            params: components["schemas"]["ParameterView"][];
         };
         /**
          * PathOrder
@@ -4111,6 +4437,47 @@ export interface components {
             thrust: number;
         };
         /**
+         * ReadinessCause
+         * @description One check that found something, as the API tells it.
+         */
+        ReadinessCause: {
+            /**
+             * Id
+             * @description The event's id.
+             */
+            id: number;
+            /**
+             * Name
+             * @description PX4's name of the check; `event_…` with the bare id where neither the vehicle nor we have one.
+             */
+            name: string;
+            /**
+             * Severity
+             * @description `error`, `warning` or `info`.
+             */
+            severity: string;
+            /**
+             * Modes
+             * @description Modes it concerns; null: all.
+             */
+            modes: string[] | null;
+            /**
+             * Component
+             * @description The part of the vehicle it is about.
+             */
+            component: string | null;
+            /**
+             * Cause
+             * @description What is wrong, as a sentence.
+             */
+            cause: string;
+            /**
+             * Remedy
+             * @description What to do about it.
+             */
+            remedy: string | null;
+        };
+        /**
          * RecordedFlight
          * @description One file of the data folder's `recordings`.
          */
@@ -4228,6 +4595,24 @@ export interface components {
              * @description Of the data folder.
              */
             recordings: components["schemas"]["RecordedFlight"][];
+        };
+        /**
+         * RefreshRequest
+         * @description How to read them.
+         */
+        RefreshRequest: {
+            /**
+             * Ignore Cache
+             * @description Read them though the vehicle's checksum is equal.
+             * @default false
+             */
+            ignore_cache: boolean;
+            /**
+             * Wait
+             * @description Answer once they are there.
+             * @default false
+             */
+            wait: boolean;
         };
         /**
          * Replay
@@ -5250,6 +5635,52 @@ export interface components {
              * @description Messages left out.
              */
             messages_left_out: number;
+        };
+        /**
+         * VehicleReadiness
+         * @description Why the vehicle cannot arm or fly each of its modes, as it last said.
+         */
+        VehicleReadiness: {
+            /**
+             * Known
+             * @description False: the vehicle has not reported yet.
+             */
+            known: boolean;
+            /**
+             * Reported Unix S
+             * @description When the report came [s since 1970 UTC].
+             */
+            reported_unix_s: number | null;
+            /**
+             * Words
+             * @description `vehicle` where the sentences are from its own metadata, else `own`.
+             */
+            words: string;
+            /**
+             * Modes
+             * @description Every mode it has.
+             */
+            modes: components["schemas"]["ModeReadiness"][];
+            /**
+             * Findings
+             * @description All that its checks found, those that block nothing included.
+             */
+            findings: components["schemas"]["ReadinessCause"][];
+            /**
+             * Components With Errors
+             * @description Parts of the vehicle that report errors.
+             */
+            components_with_errors: string[];
+            /**
+             * Components With Warnings
+             * @description Parts of the vehicle that report warnings.
+             */
+            components_with_warnings: string[];
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
         };
         /**
          * VelocityBodyOrder
@@ -6704,146 +7135,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            /** @description No such vehicle, link or recording. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Malformed; names the field. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The link to the vehicle was lost. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The vehicle did not answer. */
-            504: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    get_param_api_v1_vehicles__v__params__name__get: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-                v: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Parameter"];
-                };
-            };
-            /** @description No such vehicle, link or recording. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Malformed; names the field. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The link to the vehicle was lost. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The vehicle did not answer. */
-            504: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    set_param_api_v1_vehicles__v__params__name__put: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                v: string;
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ParamRequest"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Parameter"];
                 };
             };
             /** @description No such vehicle, link or recording. */
@@ -8425,6 +8716,418 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    all_params_api_v1_vehicles__v__params_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ParametersView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    refresh_params_api_v1_vehicles__v__params_refresh_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["RefreshRequest"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ParameterList"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_param_api_v1_vehicles__v__params__name__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ParameterView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    set_param_api_v1_vehicles__v__params__name__put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ParamRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ParameterView"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readiness_api_v1_vehicles__v__readiness_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["VehicleReadiness"];
+                };
+            };
+            /** @description No such vehicle, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    check_api_v1_vehicles__v__readiness_check_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["VehicleReadiness"];
                 };
             };
             /** @description No such vehicle, link or recording. */

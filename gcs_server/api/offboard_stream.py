@@ -1,0 +1,180 @@
+"""Setpoints over a WebSocket at up to 100 Hz, each answered by what of it was applied.
+
+The newest wins: what has piled up behind it is answered `superseded` and not sent. Answers are dropped,
+oldest first, for a client that does not read them. The socket's end stops nothing by itself: the setpoint's
+validity does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from typing import Any, Protocol, cast
+
+from fastapi.exceptions import RequestValidationError
+from pydantic import TypeAdapter, ValidationError
+
+from gcs_server.api import offboard_models as models
+from gcs_server.api.problems import validation_errors
+from gcs_server.api.station import Station, journaled
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError
+from gcs_server.streamer.status import OffboardStatus
+from gcs_server.telemetry.wire import encode
+
+MOST_HZ = 100.0
+ANSWERS_KEPT = 200
+LONGEST_BACKLOG = 200
+"""Orders that wait unread; older ones are overtaken anyway."""
+FLOOD_PER_S = 2000
+CLOSE_FLOOD = 1008
+
+Answer = dict[str, object]
+_order: TypeAdapter[Any] = TypeAdapter(models.AnyOrder)
+
+
+class Socket(Protocol):
+    """The part of a WebSocket that is used."""
+
+    async def send_text(self, data: str) -> None: ...
+    async def receive_text(self) -> str: ...
+    async def close(self, code: int = 1000, reason: str | None = None) -> None: ...
+
+
+class OrderSocket:
+    """One client's orders to one vehicle.
+
+    Args:
+        clock: the server's.
+        station: what the orders work on.
+        client: whose they are.
+        vehicle_id: to whom.
+        socket: accepted.
+    """
+
+    def __init__(self, clock: Clock, station: Station, client: str, vehicle_id: str, socket: Socket) -> None:
+        self._clock = clock
+        self._station = station
+        self._client = client
+        self._vehicle_id = vehicle_id
+        self._socket = socket
+        self._backlog: deque[str] = deque()
+        self._answers: deque[Answer] = deque(maxlen=ANSWERS_KEPT)
+        self._ordered = asyncio.Event()
+        self._answered = asyncio.Event()
+
+    async def serve(self) -> None:
+        """Until the socket is closed."""
+        async with asyncio.TaskGroup() as group:
+            parts = [group.create_task(work()) for work in (self._receive, self._apply, self._send)]
+            await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
+            for part in parts:
+                part.cancel()
+
+    async def _receive(self) -> None:
+        window_s, count = self._clock.monotonic_s(), 0
+        while True:
+            text = await self._socket.receive_text()
+            now_s = self._clock.monotonic_s()
+            if now_s - window_s >= 1.0:
+                window_s, count = now_s, 0
+            count += 1
+            if count > FLOOD_PER_S:
+                await self._socket.close(CLOSE_FLOOD, f"more than {FLOOD_PER_S} orders in a second")
+                return
+            if len(self._backlog) >= LONGEST_BACKLOG:
+                self._answer(_superseded(self._backlog.popleft()))
+            self._backlog.append(text)
+            self._ordered.set()
+
+    async def _apply(self) -> None:
+        next_s = 0.0
+        while True:
+            await self._ordered.wait()
+            await self._clock.sleep(next_s - self._clock.monotonic_s())
+            self._ordered.clear()
+            applied = False
+            while self._backlog:  # from the newest: a malformed one must not take a good one's place
+                text = self._backlog.pop()
+                if applied:
+                    self._answer(_superseded(text))
+                else:
+                    answer = self._take(text)
+                    applied = "error" not in answer
+                    self._answer(answer)
+            period_s = 1.0 / MOST_HZ
+            next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s  # one may come early
+
+    async def _send(self) -> None:
+        while True:
+            await self._answered.wait()
+            self._answered.clear()
+            while self._answers:
+                await self._socket.send_text(encode(self._answers.popleft()).decode())
+
+    def _answer(self, answer: Answer) -> None:
+        self._answers.append(answer)
+        self._answered.set()
+
+    def _take(self, text: str) -> Answer:
+        try:
+            seq, data = _parsed(text)
+        except ValueError as error:
+            return {"error": {"code": "invalid_request", "detail": str(error), "field": "body"}}
+        head: Answer = {} if seq is None else {"seq": seq}
+        try:
+            body = _order.validate_python(data)
+        except ValidationError as error:
+            faults = validation_errors(RequestValidationError(error.errors()))
+            detail = "; ".join(f"{fault['field']}: {fault['message']}" for fault in faults)
+            wrong = {
+                "code": "invalid_request",
+                "detail": detail,
+                "field": faults[0]["field"],
+                "errors": faults,
+            }
+            return {**head, "error": wrong}
+        try:
+            status = apply(self._station, self._client, self._vehicle_id, body)
+        except GcsError as error:
+            refused = {"code": error.code, "detail": error.message, "remedy": error.remedy, **error.details()}
+            return {**head, "error": {name: value for name, value in refused.items() if value is not None}}
+        return {**head, "applied": status.setpoint, "limited": status.limited}
+
+
+def apply(station: Station, client: str, vehicle_id: str, body: models.AnyOrder) -> OffboardStatus:
+    """One order, by whichever way it came."""
+    with journaled(station, client, "offboard/setpoint", vehicle_id, arguments_of(body)):
+        return station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(client))
+
+
+def arguments_of(body: models.AnyOrder | models.StartRequest) -> dict[str, object]:
+    """For the journal; of a path only how long it is."""
+    arguments: dict[str, Any] = body.model_dump(exclude_none=True)
+    for part in (arguments, arguments.get("setpoint", {})):
+        if "points" in part:
+            part["points"] = f"{len(part['points'])} points"
+    return arguments
+
+
+def _parsed(text: str) -> tuple[int | None, dict[str, Any]]:
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not JSON: {error.msg} at {error.pos}") from error
+    if not isinstance(data, dict):
+        raise ValueError("An order is a JSON object with a type.")
+    fields = cast(dict[str, Any], data)
+    seq = fields.pop("seq", None)
+    if seq is not None and (not isinstance(seq, int) or isinstance(seq, bool)):
+        raise ValueError("seq must be a whole number.")
+    return seq, fields
+
+
+def _superseded(text: str) -> Answer:
+    try:
+        seq, _ = _parsed(text)
+    except ValueError:
+        seq = None
+    return {"superseded": True} if seq is None else {"seq": seq, "superseded": True}

@@ -1,0 +1,192 @@
+"""Orders over the WebSocket, on simulated time: what was applied, newest wins, a flood, a closed socket."""
+
+import asyncio
+import json
+from contextlib import suppress
+
+import pytest
+
+from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
+from gcs_server.control.client import Client
+from tests.protocol.conftest import OFFBOARD
+from tests.protocol.offboard_world import flight, order, seconds
+from tests.protocol.test_dangerous_calls import station_of
+
+
+class Closed(Exception):
+    pass
+
+
+class FakeSocket:
+    """A client's end: `say` and `heard`."""
+
+    def __init__(self):
+        self.inbox = asyncio.Queue()
+        self.heard = []
+        self.closed = None
+        self.reads = asyncio.Event()
+        self.reads.set()
+
+    def say(self, **fields):
+        self.inbox.put_nowait(json.dumps(fields))
+
+    async def receive_text(self):
+        text = await self.inbox.get()
+        if text is None:
+            raise Closed
+        return text
+
+    async def send_text(self, data):
+        await self.reads.wait()
+        self.heard.append(json.loads(data))
+
+    async def close(self, code=1000, reason=None):
+        self.closed = (code, reason)
+
+
+def north(metres, **more):
+    return {"type": "position", "position_ned_m": [metres, 0, -5], "valid_for_s": 60, **more}
+
+
+def streamed(jump, story, *, start=True):
+    async def fly(world, vehicle, pilot, link):
+        station = station_of(world)
+        if start:
+            await vehicle.offboard.start(order())
+        socket = FakeSocket()
+        server = OrderSocket(world.clock, station, Client.named("pad"), vehicle.id, socket)
+        serving = asyncio.ensure_future(server.serve())
+        try:
+            await story(vehicle, pilot, socket)
+        finally:
+            socket.inbox.put_nowait(None)
+            with suppress(ExceptionGroup):  # the socket's own end
+                await serving
+
+    flight(jump, fly)
+
+
+def test_each_order_is_answered_with_what_was_applied_and_leaves_at_once(jump):
+    async def story(vehicle, pilot, socket):
+        for seq in range(1, 51):
+            before = len(pilot.setpoints)
+            socket.say(seq=seq, **north(seq / 10))
+            await seconds(0.0101)
+            new = [m.x for _, m in pilot.setpoints[before:]]
+            assert any(x == pytest.approx(seq / 10) for x in new), (seq, new)
+        assert [a["seq"] for a in socket.heard] == list(range(1, 51))
+        last = socket.heard[-1]
+        assert last["applied"] == {"type": "position", "position_ned_m": [5.0, 0.0, -5.0], "yaw_ned_rad": 0.5}
+        assert last["limited"] == []
+
+    streamed(jump, story)
+
+
+def test_of_a_pile_the_newest_good_one_is_sent_and_the_rest_is_named(jump):
+    async def story(vehicle, pilot, socket):
+        for seq in range(10):
+            socket.say(seq=seq, **north(seq))
+        socket.say(seq=10, type="position", position_ned_m=["far", 0, 0])
+        await seconds(0.1)
+        answers = {a["seq"]: a for a in socket.heard}
+        assert answers[10]["error"]["field"] == "position_ned_m.0"
+        assert answers[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
+        assert all(answers[seq] == {"seq": seq, "superseded": True} for seq in range(9))
+        assert {m.x for _, m in pilot.setpoints[-3:]} == {9.0}
+
+    streamed(jump, story)
+
+
+@pytest.mark.parametrize(
+    ("message", "words", "field"),
+    [
+        ("not json", "not JSON", "body"),
+        ("[1, 2]", "JSON object", "body"),
+        ('{"seq": "x"}', "seq", "body"),
+        ('{"type": "warp", "seq": 1}', "warp", "body"),
+        ('{"type": "position", "position_ned_m": [null, null, null], "yaw_ned_rad": 1}', "but the yaw", None),
+        ('{"type": "position", "position_ned_m": [1, null, -5]}', "north and east go together", None),
+        ('{"type": "velocity", "velocity_ned_m_s": [1, 1, null]}', "down is not controlled", None),
+        ('{"type": "position", "position_ned_m": [1, 1, -5], "frame": 7}', "frame: PX4 follows", None),
+        (
+            '{"type": "acceleration", "acceleration_ned_m_s2": [1, 0, 0], "force": true}',
+            "force: PX4 refuses",
+            None,
+        ),
+        ('{"type": "attitude", "q_ned_frd": [1, 1, 0, 0], "thrust": 0.5}', "length 1", None),
+        ('{"type": "rates", "rates_frd_rad_s": [0, 0, NaN], "thrust": 0.5}', "finite", "rates_frd_rad_s.2"),
+        (
+            '{"type": "thrust_torque", "thrust_frd": [0, 0, -1], "torque_frd": [0, 0, 0]}',
+            "MAVLink link",
+            None,
+        ),
+        ('{"type": "actuators", "motors": [0.5]}', "MAVLink link carries no actuators", None),
+        ('{"type": "follow", "vehicle": "1", "offset_ned_m": [3, 0, 0]}', "cannot follow itself", "vehicle"),
+        ('{"type": "follow", "vehicle": "9", "offset_ned_m": [3, 0, 0]}', "no vehicle '9'", None),
+    ],
+)
+def test_what_is_wrong_is_said_in_words_and_nothing_changes(jump, message, words, field):
+    async def story(vehicle, pilot, socket):
+        await seconds(0.1)
+        before = (pilot.setpoints[-1][1].x, pilot.setpoints[-1][1].type_mask)
+        socket.inbox.put_nowait(message)
+        await seconds(0.1)
+        (answer,) = socket.heard
+        assert words in answer["error"]["detail"]
+        assert field is None or answer["error"]["field"] == field
+        assert (pilot.setpoints[-1][1].x, pilot.setpoints[-1][1].type_mask) == before
+
+    streamed(jump, story)
+
+
+def test_without_a_stream_an_order_is_refused_with_the_way_to_one(jump):
+    async def story(vehicle, pilot, socket):
+        socket.say(seq=1, **north(1))
+        await seconds(0.1)
+        assert socket.heard[0]["error"]["code"] == "refused"
+        assert "offboard/start" in socket.heard[0]["error"]["remedy"]
+        assert pilot.setpoints == []
+
+    streamed(jump, story, start=False)
+
+
+def test_a_client_that_does_not_read_its_answers_still_steers(jump):
+    async def story(vehicle, pilot, socket):
+        socket.reads.clear()
+        for seq in range(1000):
+            socket.say(seq=seq, **north(seq / 100))
+            await seconds(0.01)
+        assert pilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
+        socket.reads.set()
+        await seconds(0.2)
+        assert len(socket.heard) <= 202  # the oldest answers were dropped
+        assert socket.heard[-1]["seq"] == 999
+
+    streamed(jump, story)
+
+
+def test_a_flood_is_cut_off_and_the_setpoint_it_left_expires_as_any_other(jump):
+    async def story(vehicle, pilot, socket):
+        for seq in range(FLOOD_PER_S + 10):
+            socket.say(seq=seq, **north(seq / 1000, valid_for_s=0.5))
+        await seconds(0.1)
+        assert socket.closed[0] == CLOSE_FLOOD
+        await seconds(7)
+        assert pilot.mode != OFFBOARD  # held, then Hold
+        assert pilot.failsafes == 0
+
+    streamed(jump, story)
+
+
+def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
+    async def story(vehicle, pilot, socket):
+        socket.say(seq=1, **(north(3) | {"valid_for_s": 4}))
+        await seconds(0.1)
+        socket.inbox.put_nowait(None)
+        await seconds(3)
+        assert (pilot.mode, vehicle.offboard.status().state) == (OFFBOARD, "streaming")
+        await seconds(7)
+        assert (pilot.mode, pilot.failsafes) != (OFFBOARD, 1)
+        assert vehicle.offboard.status().state == "idle"
+
+    streamed(jump, story)

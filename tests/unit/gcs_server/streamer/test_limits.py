@@ -1,0 +1,285 @@
+"""Whatever is ordered, what goes out is finite, inside the limits, and stoppable before the fence."""
+
+import math
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from gcs_server.streamer.bounds import Bounds
+from gcs_server.streamer.braking import BRAKE_DELAY_S, BRAKE_M_S2, braking_speed
+from gcs_server.streamer.limits import Here, is_finite, obey
+from gcs_server.streamer.local_frame import Origin
+from gcs_server.streamer.region import Disc, Polygon, Region
+from gcs_server.streamer.resolve import turned
+from gcs_server.streamer.rotation import tilt_of
+from gcs_server.streamer.setpoints import (
+    Acceleration,
+    Attitude,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+from gcs_server.vehicle.gimbal_decoder import quaternion_of
+
+number = st.floats(-500, 500)
+vector = st.tuples(number, number, number)
+angle = st.floats(-math.pi, math.pi)
+yaws = st.one_of(
+    st.fixed_dictionaries({}),
+    st.fixed_dictionaries({"yaw_ned_rad": angle}),
+    st.fixed_dictionaries({"yaw_rate_ned_rad_s": st.floats(-20, 20)}),
+)
+ORIGIN = Origin(47.4, 8.5, 480.0)
+L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
+FENCED = Region(-40.0, 0.0, (Disc((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
+limit = st.floats(0.5, 15)
+
+
+@st.composite
+def bounds(draw, region=FENCED):
+    return Bounds(
+        speed_m_s=draw(limit),
+        climb_m_s=draw(limit),
+        sink_m_s=draw(limit),
+        tilt_rad=draw(st.floats(0.05, 1.2)),
+        acceleration_m_s2=draw(limit),
+        acceleration_up_m_s2=draw(limit),
+        acceleration_down_m_s2=draw(limit),
+        rates_rad_s=(draw(limit), draw(limit), draw(limit)),
+        slew_velocity_m_s2=draw(st.sampled_from((math.inf, 2.0))),
+        slew_attitude_rad_s=draw(st.sampled_from((math.inf, 0.5))),
+        approach_m_s=draw(st.sampled_from((math.inf, 3.0))),
+        approach_climb_m_s=draw(st.sampled_from((math.inf, 1.0))),
+        approach_sink_m_s=draw(st.sampled_from((math.inf, 1.0))),
+        region=region,
+        origin=ORIGIN,
+    )
+
+
+inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).filter(
+    lambda p: FENCED.ground_breach((p[0], p[1])) is None
+)
+well_inside = inside.filter(
+    lambda p: all(
+        FENCED.ground_breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    )
+)
+heres = st.builds(Here, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
+unit = st.builds(quaternion_of, angle, st.floats(-1.5, 1.5), angle)
+orders = st.one_of(
+    st.builds(lambda p, y: Position(p, **y), vector, yaws),
+    st.builds(lambda v, y: Velocity(v, **y), vector, yaws),
+    st.builds(lambda v, y: VelocityBody(v, **y), vector, yaws),
+    st.builds(lambda a, y: Acceleration(a, **y), vector, yaws),
+    st.builds(lambda p, v, a, y: Trajectory(p, v, a, **y), vector, vector, vector, yaws),
+    st.builds(lambda p, v: Trajectory((*p[:2], None), (None, None, v[2])), vector, vector),
+    st.builds(
+        lambda n, e, alt, y: PositionGlobal(47.4 + n / 1e5, 8.5 + e / 1e5, alt_amsl_m=480 + alt, **y),
+        number,
+        number,
+        number,
+        yaws,
+    ),
+    st.builds(lambda q, t, r: Attitude(q, t, r), unit, st.floats(0, 1), st.none() | st.floats(-20, 20)),
+    st.builds(Rates, vector, st.floats(0, 1)),
+)
+
+
+def near(value, most):
+    return value <= most * (1 + 1e-9) + 1e-6
+
+
+NEXT_TO = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
+
+
+def ground_ok(place, limits):
+    """Inside, or on the line but for the last digits."""
+    n, e = place
+    return any(limits.region.ground_breach((n + dn, e + de)) is None for dn, de in NEXT_TO)
+
+
+def speeds_ok(velocity, limits):
+    n, e, d = velocity
+    if n is not None:
+        assert near(math.hypot(n, e), limits.speed_m_s)
+    if d is not None:
+        assert near(d, limits.sink_m_s)
+        assert near(-d, limits.climb_m_s)
+
+
+def stoppable(velocity, here, limits):
+    """Flown for the delay and then braked, it stops inside."""
+    n, e, d = (axis or 0.0 for axis in velocity)
+    at, speed = here.position_ned_m, math.hypot(n, e)
+    if speed > 1e-6:
+        stop_m = speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2)
+        assert stop_m <= limits.region.way_out_m((at[0], at[1]), (n / speed, e / speed)) + 1e-6
+    stop_m = abs(d) * 0.6 + d**2 / 2
+    left_m = (limits.region.down_max_m - at[2]) if d > 0 else (at[2] - limits.region.down_min_m)
+    assert stop_m <= left_m + 1e-6
+
+
+@settings(max_examples=400)
+@given(orders, bounds(), heres, st.none() | orders, st.floats(0.005, 1.0))
+def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, dt_s):
+    obeyed = obey(wanted, limits, here, before, dt_s)
+    sent = obeyed.setpoint
+    assert sent is not None
+    assert is_finite(sent)
+    rate = getattr(sent, "yaw_rate_ned_rad_s", None)
+    assert rate is None or near(abs(rate), limits.rates_rad_s[2])
+    if isinstance(sent, Position | Trajectory):
+        n, e, d = sent.position_ned_m
+        if n is not None:
+            assert ground_ok((n, e), limits)
+        if d is not None:
+            assert limits.region.down_min_m - 1e-9 <= d <= limits.region.down_max_m + 1e-9
+    if isinstance(sent, Velocity | Trajectory):
+        speeds_ok(sent.velocity_ned_m_s, limits)
+        stoppable(sent.velocity_ned_m_s, here, limits)
+    if isinstance(sent, VelocityBody):
+        ned = turned(sent.velocity_frd_m_s, here.yaw_ned_rad)
+        speeds_ok(ned, limits)
+        stoppable(ned, here, limits)
+    if isinstance(sent, Acceleration):
+        n, e, d = sent.acceleration_ned_m_s2
+        assert near(math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad)))
+        assert near(-d, limits.acceleration_up_m_s2)
+        assert near(d, limits.acceleration_down_m_s2)
+    if isinstance(sent, Attitude):
+        assert math.hypot(*sent.q_ned_frd) == pytest.approx(1, abs=1e-6)
+        assert near(tilt_of(sent.q_ned_frd), limits.tilt_rad + 1e-6)
+        assert 0 <= sent.thrust <= 1
+    if isinstance(sent, Rates):
+        for value, most in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
+            assert near(abs(value), most)
+    if isinstance(sent, PositionGlobal):
+        place = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
+        assert ground_ok(place[:2], limits)
+        assert limits.region.height(place[2]) == place[2]
+    unchanged = sent == wanted
+    assert unchanged or obeyed.notes or obeyed.stop, "what is taken away is said"
+
+
+@given(orders, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
+def test_what_is_not_a_number_never_goes_out(wanted, limits, poison):
+    broken = None
+    if isinstance(wanted, Velocity):
+        broken = Velocity((poison, 0.0, 0.0))
+    elif isinstance(wanted, Rates):
+        broken = Rates((0.0, poison, 0.0), 0.5)
+    elif isinstance(wanted, Attitude):
+        broken = Attitude((1.0, 0.0, 0.0, 0.0), poison)
+    else:
+        broken = Position((0.0, 0.0, poison))
+    obeyed = obey(broken, limits, None)
+    assert obeyed.setpoint is None
+    assert "not a number" in obeyed.stop
+
+
+@given(vector, bounds())
+def test_without_knowing_where_it_is_no_speed_leaves_a_limited_space(velocity, limits):
+    for wanted in (Velocity(velocity), VelocityBody(velocity)):
+        sent = obey(wanted, limits, None).setpoint
+        values = getattr(sent, "velocity_ned_m_s", None) or getattr(sent, "velocity_frd_m_s", None)
+        assert values == (0.0, 0.0, 0.0)
+
+
+def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
+    """A vehicle that follows velocity setpoints as PX4 does: a lag, and no more than 5 m/s²."""
+    position, velocity = list(here.position_ned_m), list(here.velocity_ned_m_s)
+    before = None
+    for _ in range(int(seconds / dt_s)):
+        now = Here(tuple(position), tuple(velocity), here.yaw_ned_rad)
+        before = obey(wanted, limits, now, before, dt_s).setpoint
+        asked = before.velocity_ned_m_s
+        for axis in range(3):
+            push = max(-5.0, min(5.0, (asked[axis] - velocity[axis]) / tau_s))
+            velocity[axis] += push * dt_s
+            position[axis] += velocity[axis] * dt_s
+        yield now
+
+
+@settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would fly for minutes
+@given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
+def test_a_velocity_towards_any_fence_stops_inside(start, course, speed, fall):
+    limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, sink_m_s=4.0, region=FENCED)
+    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), fall))
+    last = None
+    for now in flight(wanted, limits, Here(start, (0.0, 0.0, 0.0)), 50):
+        n, e, d = now.position_ned_m
+        assert FENCED.ground_breach((n, e)) is None
+        assert -40.0 <= d <= 0.0
+        last = now
+    assert math.hypot(*last.velocity_ned_m_s) < 0.3
+
+
+def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
+    """Along the fence there would be way enough: but the vehicle still flies towards it."""
+    limits = Bounds(region=Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),)))
+    here = Here((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
+    sent = obey(Velocity((0.0, 5.0, 0.0)), limits, here).setpoint
+    assert sent.velocity_ned_m_s[:2] == (0.0, 0.0)
+
+
+def test_from_outside_only_the_way_back_is_flown():
+    limits = Bounds(region=Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),)))
+    here = Here((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    assert obey(Velocity((-3.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s == (-3.0, 0.0, 0.0)
+    stopped = obey(Velocity((3.0, 0.0, 0.0)), limits, here)
+    assert stopped.setpoint.velocity_ned_m_s[:2] == (0.0, 0.0)
+    assert "only the way back" in stopped.notes[0]
+    (n, e, _) = obey(Position((90.0, 0.0, -10.0)), limits, here).setpoint.position_ned_m
+    assert math.hypot(n, e) < 50
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
+)
+def test_kinds_that_steer_no_place_are_taken_over_in_time(wanted):
+    limits = Bounds(region=FENCED)
+    assert obey(wanted, limits, Here((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
+    assert "leave" in obey(wanted, limits, Here((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
+    assert "leave" in obey(wanted, limits, Here((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop
+    assert "height" in obey(wanted, limits, Here((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
+    assert "not known" in obey(wanted, limits, None).stop
+    assert obey(wanted, Bounds(), None).stop is None
+
+
+def test_a_far_place_is_approached_at_the_operators_speed():
+    """PX4 would fly there at its own: the place sent is a carrot before the vehicle."""
+    limits = Bounds(approach_m_s=3.0, position_gain=0.95)
+    here = Here((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))
+    obeyed = obey(Position((100.0, 0.0, -10.0)), limits, here)
+    assert obeyed.setpoint.position_ned_m[0] == pytest.approx(3.0 / 0.95)
+    assert obeyed.notes == ("speed held to 3 m/s",)
+    close = Position((102.0, 0.0, -10.0))
+    assert obey(close, limits, Here((100.0, 0.0, -10.0), (0.0, 0.0, 0.0))).setpoint == close
+
+
+@given(st.floats(0, 200))
+def test_from_the_braking_speed_it_stops_in_the_distance(distance_m):
+    speed = braking_speed(distance_m, BRAKE_M_S2, BRAKE_DELAY_S)
+    assert speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2) == pytest.approx(distance_m, abs=1e-6)
+
+
+@given(inside, st.tuples(number, number))
+def test_on_the_way_towards_any_target_nothing_lies_outside(start, target):
+    here = (start[0], start[1])
+    end = FENCED.towards(here, target)
+    assert ground_ok(end, Bounds(region=FENCED))
+    for step in range(1, 21):
+        part = step / 20
+        between = (here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part)
+        assert ground_ok(between, Bounds(region=FENCED))
+
+
+@given(st.tuples(st.floats(-34, 34), st.floats(-34, 34)))
+def test_a_target_inside_in_a_convex_space_is_left_alone(target):
+    region = Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),))
+    assert region.towards((0.0, 0.0), target) == target
