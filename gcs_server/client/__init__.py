@@ -2,14 +2,15 @@
 
     async with Gcs() as gcs:
         drone = await gcs.wait_for_vehicle(ready=True)
-        async with drone.offboard(position_ned_m=(0, 0, -5)) as offboard:
+        async with drone.offboard() as offboard:
             await drone.arm()
             await offboard.position_ned(0, 0, -5)
 
 `SyncGcs` is the same without `await`.
 """
 
-from gcs_server.client.aio import Gcs, Gimbal, Offboard, Vehicle
+from gcs_server.client import setpoints
+from gcs_server.client.aio import Gcs, Gimbal, Vehicle
 from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
 from gcs_server.client.control import Control
 from gcs_server.client.errors import (
@@ -23,6 +24,7 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
+from gcs_server.client.offboard import LiveOffboard, Offboard
 
 __all__ = [
     "ApiError",
@@ -30,6 +32,7 @@ __all__ = [
     "Gcs",
     "Gimbal",
     "Invalid",
+    "LiveOffboard",
     "NoReply",
     "NotAllowed",
     "NotInControl",
@@ -43,4 +46,5 @@ __all__ = [
     "Unknown",
     "Unreachable",
     "Vehicle",
+    "setpoints",
 ]

@@ -14,13 +14,14 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 import httpx
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
 from gcs_server.client.address import address_and_token
 from gcs_server.client.control import Control
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
-from gcs_server.client.setpoints import Body, Expiry, lifetime, setpoint
+from gcs_server.client.offboard import Offboard
+from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
 
 T = TypeVar("T")
 
@@ -111,6 +112,22 @@ class Gcs:
         what = f"vehicle {vehicle_id}" if vehicle_id else "a vehicle"
         return await _until(look, timeout_s, f"{what} to be {'ready to arm' if ready else 'heard'}")
 
+    async def socket(self, path: str) -> ClientConnection:
+        """A WebSocket below `/api/v1`.
+
+        Raises:
+            ApiError: the server does not let us in.
+            Unreachable: it did not answer.
+        """
+        address = f"{self.url.replace('http', 'ws', 1)}/api/v1{path}"
+        try:
+            return await connect(address, additional_headers=self._headers, compression=None)
+        except InvalidStatus as refused:  # a handshake carries no reason: an ordinary call tells it
+            await self.request("GET", "/version")
+            raise Unreachable(f"{self.url} refused {path}: {refused}.") from refused
+        except OSError as error:
+            raise Unreachable(f"No answer from {self.url}: {error}.") from error
+
     async def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0
     ) -> AsyncIterator[dict[str, Any]]:
@@ -120,14 +137,7 @@ class Gcs:
             ApiError: the server does not let us in.
             Unreachable: it did not answer.
         """
-        address = f"{self.url.replace('http', 'ws', 1)}/api/v1/telemetry"
-        try:
-            socket = await connect(address, additional_headers=self._headers, compression=None)
-        except InvalidStatus as refused:  # a handshake carries no reason: an ordinary call tells it
-            await self.request("GET", "/version")
-            raise Unreachable(f"{self.url} refused the telemetry: {refused}.") from refused
-        except OSError as error:
-            raise Unreachable(f"No answer from {self.url}: {error}.") from error
+        socket = await self.socket("/telemetry")
         async with socket:
             wanted = {"type": "subscribe", "vehicles": vehicles, "topics": topics, "rate_hz": rate_hz}
             await socket.send(json.dumps(wanted))
@@ -249,9 +259,29 @@ class Vehicle:
         """Sets one parameter, verified."""
         await self.request("PUT", f"/params/{name}", {"value": value})
 
+    async def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
+        """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
+
+        What is not given is no limit of the operator's. Answers these and the vehicle's own.
+        """
+        return await self.request("PUT", "/offboard/limits", limits)
+
+    async def set_offboard_failsafe(
+        self, action: str | None = None, *, after_s: float | None = None
+    ) -> dict[str, Any]:
+        """What the vehicle does by itself when the stream stops: a mode (land, hold, rtl, …)."""
+        given = {"action": action, "after_s": after_s}
+        body: Body = {name: value for name, value in given.items() if value is not None}
+        return await self.request("PUT", "/offboard/failsafe", body)
+
+    async def socket(self, path: str) -> ClientConnection:
+        """A WebSocket below the vehicle's part of `/api/v1`."""
+        return await self._gcs.socket(f"/vehicles/{self.id}{path}")
+
     @asynccontextmanager
     async def offboard(
         self,
+        first: Body | None = None,
         *,
         position_ned_m: Sequence[float] | None = None,
         velocity_ned_m_s: Sequence[float] | None = None,
@@ -264,22 +294,18 @@ class Vehicle:
     ) -> AsyncGenerator[Offboard]:
         """Flies setpoints for the length of a block; leaving it, by an exception too, ends in Hold.
 
-        If the vehicle was landed or taken over inside the block, nothing is sent at its end. If this program
-        hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the Hold after
-        an exception fails, a note on that exception says why.
+        It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
+        the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this
+        program hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the
+        Hold after an exception fails, a note on that exception says why.
 
         Yields:
             The stream; `started` holds what the server said, the vehicle's failsafe among it.
         """
-        first = setpoint(
-            position_ned_m=position_ned_m,
-            velocity_ned_m_s=velocity_ned_m_s,
-            yaw_ned_rad=yaw_ned_rad,
-            yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-        )
+        setpoint = first_setpoint(first, position_ned_m, velocity_ned_m_s, yaw_ned_rad, yaw_rate_ned_rad_s)
         life = lifetime(valid_for_s, on_expiry, hold_for_s)
         rate: Body = {} if rate_hz is None else {"rate_hz": rate_hz}
-        started = await self.request("POST", "/offboard/start", {"setpoint": first, **rate, **life})
+        started = await self.request("POST", "/offboard/start", {"setpoint": setpoint, **rate, **life})
         stream = Offboard(self, started, life)
         try:
             yield stream
@@ -290,49 +316,6 @@ class Vehicle:
                 error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
             raise
         await stream.stop()
-
-
-class Offboard:
-    """A running stream; each call replaces the setpoint at once."""
-
-    def __init__(self, vehicle: Vehicle, started: dict[str, Any], life: Body) -> None:
-        self._vehicle = vehicle
-        self._life = life
-        self.started = started
-
-    async def position_ned(
-        self, north_m: float, east_m: float, down_m: float, *, yaw_ned_rad: float | None = None
-    ) -> None:
-        """Go there and stay."""
-        await self._set(setpoint(position_ned_m=(north_m, east_m, down_m), yaw_ned_rad=yaw_ned_rad))
-
-    async def velocity_ned(
-        self,
-        north_m_s: float,
-        east_m_s: float,
-        down_m_s: float,
-        *,
-        yaw_ned_rad: float | None = None,
-        yaw_rate_ned_rad_s: float | None = None,
-    ) -> None:
-        """Move so."""
-        velocity = (north_m_s, east_m_s, down_m_s)
-        await self._set(
-            setpoint(
-                velocity_ned_m_s=velocity, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
-            )
-        )
-
-    async def status(self) -> dict[str, Any]:
-        """Rate achieved, age of the setpoint, validity left."""
-        return await self._vehicle.request("GET", "/offboard")
-
-    async def stop(self) -> None:
-        """Ends in Hold; nothing happens where the stream has ended already."""
-        await self._vehicle.request("POST", "/offboard/stop")
-
-    async def _set(self, body: Body) -> None:
-        await self._vehicle.request("POST", "/offboard/setpoint", {**body, **self._life})
 
 
 class Gimbal:

@@ -13,7 +13,8 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from gcs_server.client import aio
 from gcs_server.client.control import Control, OnLost
-from gcs_server.client.setpoints import Body, Expiry
+from gcs_server.client.offboard import Offboard, Steering
+from gcs_server.client.setpoints import Body, Expiry, PathPoints
 
 
 class SyncGcs:
@@ -161,9 +162,20 @@ class SyncVehicle:
         """Sets one parameter, verified."""
         self._gcs.portal.call(self._vehicle.set_param, name, value)
 
+    def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
+        """Replaces the operator's limits."""
+        return self._gcs.portal.call(lambda: self._vehicle.set_offboard_limits(**limits))
+
+    def set_offboard_failsafe(
+        self, action: str | None = None, *, after_s: float | None = None
+    ) -> dict[str, Any]:
+        """What the vehicle does by itself when the stream stops."""
+        return self._gcs.portal.call(lambda: self._vehicle.set_offboard_failsafe(action, after_s=after_s))
+
     @contextmanager
     def offboard(
         self,
+        first: Body | None = None,
         *,
         position_ned_m: Sequence[float] | None = None,
         velocity_ned_m_s: Sequence[float] | None = None,
@@ -176,6 +188,7 @@ class SyncVehicle:
     ) -> Generator[SyncOffboard]:
         """As `aio.Vehicle.offboard`."""
         block = self._vehicle.offboard(
+            first,
             position_ned_m=position_ned_m,
             velocity_ned_m_s=velocity_ned_m_s,
             yaw_ned_rad=yaw_ned_rad,
@@ -189,40 +202,24 @@ class SyncVehicle:
             yield SyncOffboard(self._gcs, stream)
 
 
-class SyncOffboard:
-    """A running stream; methods as `aio.Offboard`."""
+class SyncOffboard(Steering[dict[str, Any]]):
+    """A running stream; methods as `Offboard`."""
 
-    def __init__(self, gcs: SyncGcs, stream: aio.Offboard) -> None:
+    def __init__(self, gcs: SyncGcs, stream: Offboard) -> None:
         self._gcs = gcs
         self._stream = stream
         self.started = stream.started
 
-    def position_ned(
-        self, north_m: float, east_m: float, down_m: float, *, yaw_ned_rad: float | None = None
-    ) -> None:
-        """Go there and stay."""
-        self._gcs.portal.call(
-            lambda: self._stream.position_ned(north_m, east_m, down_m, yaw_ned_rad=yaw_ned_rad)
-        )
+    def send(self, body: Body) -> dict[str, Any]:
+        """Any setpoint's body; answers how the stream then stands."""
+        return self._gcs.portal.call(self._stream.send, body)
 
-    def velocity_ned(
-        self,
-        north_m_s: float,
-        east_m_s: float,
-        down_m_s: float,
-        *,
-        yaw_ned_rad: float | None = None,
-        yaw_rate_ned_rad_s: float | None = None,
-    ) -> None:
-        """Move so."""
-        self._gcs.portal.call(
-            lambda: self._stream.velocity_ned(
-                north_m_s, east_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
-            )
-        )
+    def follow_path(self, points: PathPoints) -> None:
+        """Flies a curve through points in time and returns at its end."""
+        self._gcs.portal.call(self._stream.follow_path, points)
 
     def status(self) -> dict[str, Any]:
-        """Rate achieved, age of the setpoint, validity left."""
+        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
         return self._gcs.portal.call(self._stream.status)
 
     def stop(self) -> None:

@@ -13,6 +13,8 @@ Timeout                     what was waited for did not happen
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 import httpx
 
 
@@ -77,6 +79,17 @@ _BY_STATUS: dict[int, type[ApiError]] = {
     422: Invalid,
     504: NoReply,
 }
+
+
+_STATUS_BY_CODE = {"invalid_request": 422, "unknown_vehicle": 404, "disconnected": 503, "no_reply": 504}
+
+
+def raise_problem(problem: dict[str, object]) -> NoReturn:
+    """Raises the `ApiError` that a problem in a WebSocket's answer stands for."""
+    code = str(problem.get("code"))
+    status = _STATUS_BY_CODE.get(code, 409)
+    kind = NotInControl if code == "not_in_control" else _BY_STATUS.get(status, ApiError)
+    raise kind(status, problem)
 
 
 def raise_for(response: httpx.Response) -> None:

@@ -1,38 +1,227 @@
-"""Setpoints as the API takes them: one function a kind, the same keywords everywhere."""
+"""Setpoints as the API takes them: one function a kind. None is "not controlled", or "not given"."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 Expiry = Literal["hold", "land", "stop_stream"]
 Body = dict[str, object]
+Partial = Sequence[float | None]
+PathPoints = Iterable[tuple[float, Sequence[float]] | tuple[float, Sequence[float], float]]
+"""Seconds since the begin, north east down [m], and for all points or none the yaw [rad]."""
 
 
-def setpoint(
+def _body(setpoint_type: str, **fields: object) -> Body:
+    listed = {
+        name: list(value) if isinstance(value, tuple) else value  # type: ignore[arg-type]
+        for name, value in fields.items()
+        if value is not None
+    }
+    return {"type": setpoint_type, **listed}
+
+
+def position_ned(
+    north_m: float,
+    east_m: float,
+    down_m: float,
     *,
-    position_ned_m: Sequence[float] | None = None,
-    velocity_ned_m_s: Sequence[float] | None = None,
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """A setpoint's body: exactly one of position and velocity, at most one of yaw and yaw rate.
+    """A place by the vehicle's local origin."""
+    return _body(
+        "position",
+        position_ned_m=(north_m, east_m, down_m),
+        yaw_ned_rad=yaw_ned_rad,
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def position_global(
+    lat_deg: float,
+    lon_deg: float,
+    *,
+    alt_amsl_m: float | None = None,
+    alt_home_m: float | None = None,
+    yaw_ned_rad: float | None = None,
+    yaw_rate_ned_rad_s: float | None = None,
+) -> Body:
+    """A place on the earth, with exactly one altitude."""
+    return _body(
+        "position_global",
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        alt_amsl_m=alt_amsl_m,
+        alt_home_m=alt_home_m,
+        yaw_ned_rad=yaw_ned_rad,
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def position_body(
+    forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
+) -> Body:
+    """A step from where the vehicle is when it is taken, along its heading; zeros stay there."""
+    return _body("position_body", offset_frd_m=(forward_m, right_m, down_m), yaw_offset_rad=yaw_offset_rad)
+
+
+def velocity_ned(
+    north_m_s: float,
+    east_m_s: float,
+    down_m_s: float,
+    *,
+    yaw_ned_rad: float | None = None,
+    yaw_rate_ned_rad_s: float | None = None,
+) -> Body:
+    """A velocity by compass."""
+    return _body(
+        "velocity",
+        velocity_ned_m_s=(north_m_s, east_m_s, down_m_s),
+        yaw_ned_rad=yaw_ned_rad,
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def velocity_body(
+    forward_m_s: float,
+    right_m_s: float,
+    down_m_s: float,
+    *,
+    yaw_ned_rad: float | None = None,
+    yaw_rate_ned_rad_s: float | None = None,
+) -> Body:
+    """A velocity along the heading, level; it turns with the vehicle."""
+    return _body(
+        "velocity_body",
+        velocity_frd_m_s=(forward_m_s, right_m_s, down_m_s),
+        yaw_ned_rad=yaw_ned_rad,
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def acceleration_ned(
+    north_m_s2: float,
+    east_m_s2: float,
+    down_m_s2: float,
+    *,
+    yaw_ned_rad: float | None = None,
+    yaw_rate_ned_rad_s: float | None = None,
+) -> Body:
+    """An acceleration by compass, gravity left out."""
+    return _body(
+        "acceleration",
+        acceleration_ned_m_s2=(north_m_s2, east_m_s2, down_m_s2),
+        yaw_ned_rad=yaw_ned_rad,
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def trajectory(
+    *,
+    position_ned_m: Partial | None = None,
+    velocity_ned_m_s: Partial | None = None,
+    acceleration_ned_m_s2: Partial | None = None,
+    yaw_ned_rad: float | None = None,
+    yaw_rate_ned_rad_s: float | None = None,
+) -> Body:
+    """Position, velocity and acceleration in this priority, the lower ones as feed-forward."""
+    return _body(
+        "trajectory",
+        position_ned_m=_tuple(position_ned_m),
+        velocity_ned_m_s=_tuple(velocity_ned_m_s),
+        acceleration_ned_m_s2=_tuple(acceleration_ned_m_s2),
+        yaw_ned_rad=yaw_ned_rad,
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def attitude(
+    thrust: float,
+    *,
+    roll_rad: float | None = None,
+    pitch_rad: float | None = None,
+    yaw_ned_rad: float | None = None,
+    q_ned_frd: Sequence[float] | None = None,
+    yaw_rate_ned_rad_s: float | None = None,
+) -> Body:
+    """An attitude, by three angles or a quaternion (w, x, y, z), with the rotors' thrust (0 to 1)."""
+    return _body(
+        "attitude",
+        thrust=thrust,
+        roll_rad=roll_rad,
+        pitch_rad=pitch_rad,
+        yaw_ned_rad=yaw_ned_rad,
+        q_ned_frd=_tuple(q_ned_frd),
+        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+    )
+
+
+def rates(roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> Body:
+    """Turning rates about the body's axes, with thrust (0 to 1)."""
+    return _body("rates", rates_frd_rad_s=(roll_rad_s, pitch_rad_s, yaw_rad_s), thrust=thrust)
+
+
+def thrust_torque(thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> Body:
+    """Past all controllers; MAVLink links refuse it."""
+    return _body("thrust_torque", thrust_frd=_tuple(thrust_frd), torque_frd=_tuple(torque_frd))
+
+
+def actuators(motors: Partial = (), servos: Partial = ()) -> Body:
+    """Each motor and servo by itself, -1 to 1, None disarmed; MAVLink links refuse it."""
+    return _body("actuators", motors=tuple(motors), servos=tuple(servos))
+
+
+def path(points: PathPoints) -> Body:
+    """A curve through points in time; the server flies it whatever becomes of this program."""
+    listed: list[Body] = []
+    for t_s, position_ned_m, *yaw in points:
+        point: Body = {"t_s": t_s, "position_ned_m": list(position_ned_m)}
+        listed.append({**point, "yaw_ned_rad": yaw[0]} if yaw else point)
+    return {"type": "path", "points": listed}
+
+
+def follow(
+    vehicle_id: str,
+    *,
+    offset_ned_m: Sequence[float] | None = None,
+    offset_frd_m: Sequence[float] | None = None,
+    yaw: Literal["keep", "same", "face"] = "keep",
+) -> Body:
+    """A place beside another vehicle, by compass or by its heading; the server keeps it there."""
+    return _body(
+        "follow",
+        vehicle=vehicle_id,
+        offset_ned_m=_tuple(offset_ned_m),
+        offset_frd_m=_tuple(offset_frd_m),
+        yaw=yaw,
+    )
+
+
+def first_setpoint(
+    given: Body | None,
+    position_ned_m: Sequence[float] | None,
+    velocity_ned_m_s: Sequence[float] | None,
+    yaw_ned_rad: float | None,
+    yaw_rate_ned_rad_s: float | None,
+) -> Body:
+    """With what a stream starts: any setpoint, or a position or velocity; else it stays where it is.
 
     Raises:
-        ValueError: not exactly one kind was given.
+        ValueError: more than one was given.
     """
-    if (position_ned_m is None) == (velocity_ned_m_s is None):
-        raise ValueError("Give exactly one of position_ned_m and velocity_ned_m_s.")
-    body: Body = {}
+    if sum(kind is not None for kind in (given, position_ned_m, velocity_ned_m_s)) > 1:
+        raise ValueError("Give one setpoint: a body, position_ned_m or velocity_ned_m_s.")
+    if given is not None:
+        return given
+    yaw = {"yaw_ned_rad": yaw_ned_rad, "yaw_rate_ned_rad_s": yaw_rate_ned_rad_s}
     if position_ned_m is not None:
-        body = {"type": "position", "position_ned_m": list(position_ned_m)}
-    elif velocity_ned_m_s is not None:
-        body = {"type": "velocity", "velocity_ned_m_s": list(velocity_ned_m_s)}
-    if yaw_ned_rad is not None:
-        body["yaw_ned_rad"] = yaw_ned_rad
-    if yaw_rate_ned_rad_s is not None:
-        body["yaw_rate_ned_rad_s"] = yaw_rate_ned_rad_s
-    return body
+        return _body("position", position_ned_m=_tuple(position_ned_m), **yaw)
+    if velocity_ned_m_s is not None:
+        return _body("velocity", velocity_ned_m_s=_tuple(velocity_ned_m_s), **yaw)
+    if yaw_ned_rad is not None or yaw_rate_ned_rad_s is not None:
+        raise ValueError("A yaw goes with position_ned_m or velocity_ned_m_s.")
+    return position_body(0, 0, 0)
 
 
 def lifetime(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: float | None) -> Body:
@@ -46,3 +235,7 @@ def lifetime(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: fl
             expiry["hold_for_s"] = hold_for_s
         body["on_expiry"] = expiry
     return body
+
+
+def _tuple(values: Sequence[float | None] | None) -> tuple[float | None, ...] | None:
+    return None if values is None else tuple(values)

@@ -1,0 +1,272 @@
+"""A running setpoint stream in a program's hands: each call replaces the setpoint at once.
+
+`Steering` has the calls once for all: what they return is what `send` returns, a value or something to await.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncGenerator, Awaitable, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, Generic, Literal, Protocol, TypeVar
+
+from websockets.asyncio.client import ClientConnection
+from websockets.exceptions import ConnectionClosed
+
+from gcs_server.client import setpoints
+from gcs_server.client.errors import Timeout, Unreachable, raise_problem
+from gcs_server.client.setpoints import Body, Partial, PathPoints
+
+R_co = TypeVar("R_co", covariant=True)
+POLL_S = 0.1
+Answer = dict[str, Any]
+"""How the stream stands (`GET …/offboard`), or over the WebSocket `applied` and `limited`."""
+
+
+class Steering(Generic[R_co]):
+    """One call for each kind of setpoint."""
+
+    def send(self, body: Body) -> R_co:
+        """Any setpoint's body (`gcs_server.client.setpoints`)."""
+        raise NotImplementedError
+
+    def position_ned(
+        self,
+        north_m: float,
+        east_m: float,
+        down_m: float,
+        *,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> R_co:
+        """Go there and stay."""
+        body = setpoints.position_ned(
+            north_m, east_m, down_m, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
+        )
+        return self.send(body)
+
+    def position_global(
+        self,
+        lat_deg: float,
+        lon_deg: float,
+        *,
+        alt_amsl_m: float | None = None,
+        alt_home_m: float | None = None,
+        yaw_ned_rad: float | None = None,
+    ) -> R_co:
+        """Go to a place on the earth, with exactly one altitude."""
+        body = setpoints.position_global(
+            lat_deg, lon_deg, alt_amsl_m=alt_amsl_m, alt_home_m=alt_home_m, yaw_ned_rad=yaw_ned_rad
+        )
+        return self.send(body)
+
+    def position_body(
+        self, forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
+    ) -> R_co:
+        """Step from where it is, along its heading."""
+        return self.send(setpoints.position_body(forward_m, right_m, down_m, yaw_offset_rad=yaw_offset_rad))
+
+    def velocity_ned(
+        self,
+        north_m_s: float,
+        east_m_s: float,
+        down_m_s: float,
+        *,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> R_co:
+        """Move so."""
+        body = setpoints.velocity_ned(
+            north_m_s, east_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
+        )
+        return self.send(body)
+
+    def velocity_body(
+        self,
+        forward_m_s: float,
+        right_m_s: float,
+        down_m_s: float,
+        *,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> R_co:
+        """Move so, along the heading."""
+        body = setpoints.velocity_body(
+            forward_m_s, right_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
+        )
+        return self.send(body)
+
+    def acceleration_ned(
+        self,
+        north_m_s2: float,
+        east_m_s2: float,
+        down_m_s2: float,
+        *,
+        yaw_ned_rad: float | None = None,
+    ) -> R_co:
+        """Accelerate so, gravity left out."""
+        body = setpoints.acceleration_ned(north_m_s2, east_m_s2, down_m_s2, yaw_ned_rad=yaw_ned_rad)
+        return self.send(body)
+
+    def trajectory(
+        self,
+        *,
+        position_ned_m: Partial | None = None,
+        velocity_ned_m_s: Partial | None = None,
+        acceleration_ned_m_s2: Partial | None = None,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> R_co:
+        """Position with velocity and acceleration as feed-forward."""
+        body = setpoints.trajectory(
+            position_ned_m=position_ned_m,
+            velocity_ned_m_s=velocity_ned_m_s,
+            acceleration_ned_m_s2=acceleration_ned_m_s2,
+            yaw_ned_rad=yaw_ned_rad,
+            yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+        )
+        return self.send(body)
+
+    def attitude(
+        self,
+        thrust: float,
+        *,
+        roll_rad: float | None = None,
+        pitch_rad: float | None = None,
+        yaw_ned_rad: float | None = None,
+        q_ned_frd: Sequence[float] | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+    ) -> R_co:
+        """Lie so, by three angles or a quaternion, with the rotors' thrust (0 to 1)."""
+        body = setpoints.attitude(
+            thrust,
+            roll_rad=roll_rad,
+            pitch_rad=pitch_rad,
+            yaw_ned_rad=yaw_ned_rad,
+            q_ned_frd=q_ned_frd,
+            yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+        )
+        return self.send(body)
+
+    def rates(self, roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> R_co:
+        """Turn so about the body's axes."""
+        return self.send(setpoints.rates(roll_rad_s, pitch_rad_s, yaw_rad_s, thrust))
+
+    def thrust_torque(self, thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> R_co:
+        """Refused by MAVLink links."""
+        return self.send(setpoints.thrust_torque(thrust_frd, torque_frd))
+
+    def actuators(self, motors: Partial = (), servos: Partial = ()) -> R_co:
+        """Refused by MAVLink links."""
+        return self.send(setpoints.actuators(motors, servos))
+
+    def path(self, points: PathPoints) -> R_co:
+        """Begins a curve through points in time, which the server flies by itself."""
+        return self.send(setpoints.path(points))
+
+    def follow(
+        self,
+        vehicle_id: str,
+        *,
+        offset_ned_m: Sequence[float] | None = None,
+        offset_frd_m: Sequence[float] | None = None,
+        yaw: Literal["keep", "same", "face"] = "keep",
+    ) -> R_co:
+        """Stay beside another vehicle, which the server looks after by itself."""
+        body = setpoints.follow(vehicle_id, offset_ned_m=offset_ned_m, offset_frd_m=offset_frd_m, yaw=yaw)
+        return self.send(body)
+
+
+class Requester(Protocol):
+    """The part of a vehicle that is needed here."""
+
+    async def request(self, method: str, path: str = "", body: Body | None = None) -> Any: ...
+    async def socket(self, path: str) -> ClientConnection: ...
+
+
+class Offboard(Steering[Awaitable[Answer]]):
+    """A running stream.
+
+    Args:
+        vehicle: whose.
+        started: what the server answered to its start.
+        life: how long each setpoint counts, and what follows.
+    """
+
+    def __init__(self, vehicle: Requester, started: Answer, life: Body) -> None:
+        self._vehicle = vehicle
+        self._life = life
+        self.started = started
+
+    async def send(self, body: Body) -> Answer:
+        """Any setpoint's body; answers how the stream then stands.
+
+        Raises:
+            Invalid: a value is not acceptable.
+            Refused: it cannot be flown, or no stream runs any more.
+        """
+        return await self._vehicle.request("POST", "/offboard/setpoint", {**body, **self._life})
+
+    async def follow_path(self, points: PathPoints) -> None:
+        """Flies a curve through points in time and returns at its end; its last point is then held.
+
+        Raises:
+            Timeout: another setpoint, mode or client has ended it.
+        """
+        listed = list(points)
+        started = await self.path(listed)
+        duration_s = listed[-1][0]
+        while (started["age_s"] or 0.0) < duration_s:
+            await asyncio.sleep(POLL_S)
+            started = await self.status()
+            if started["ordered_type"] != "path":
+                raise Timeout(started["ended"] or "Another setpoint has taken the path's place.")
+
+    @asynccontextmanager
+    async def live(self) -> AsyncGenerator[LiveOffboard]:
+        """Setpoints over a WebSocket, at up to 100 Hz; the stream goes on at the block's end.
+
+        Yields:
+            The same calls; each returns once the server has answered.
+        """
+        socket = await self._vehicle.socket("/offboard/stream")
+        async with socket:
+            yield LiveOffboard(socket, self._life)
+
+    async def status(self) -> Answer:
+        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
+        return await self._vehicle.request("GET", "/offboard")
+
+    async def stop(self) -> None:
+        """Ends in Hold; nothing happens where the stream has ended already."""
+        await self._vehicle.request("POST", "/offboard/stop")
+
+
+class LiveOffboard(Steering[Awaitable[Answer]]):
+    """Orders over a WebSocket."""
+
+    def __init__(self, socket: ClientConnection, life: Body) -> None:
+        self._socket = socket
+        self._life = life
+        self._seq = 0
+
+    async def send(self, body: Body) -> Answer:
+        """Any setpoint's body; answers what of it was `applied`, and what `limited` it.
+
+        Raises:
+            Invalid, Refused: as over HTTP; the socket stays open.
+            Unreachable: the server has gone.
+        """
+        self._seq += 1
+        try:
+            await self._socket.send(json.dumps({**body, **self._life, "seq": self._seq}))
+            while True:
+                answer = json.loads(await self._socket.recv())
+                if answer.get("seq") == self._seq:
+                    break
+        except ConnectionClosed as error:
+            raise Unreachable(f"The server closed the setpoint stream: {error}.") from error
+        if "error" in answer:
+            raise_problem(answer["error"])
+        return answer
