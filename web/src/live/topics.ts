@@ -39,7 +39,7 @@ export type TopicName = keyof Topics;
 /** What this page subscribes to; `offboard` and `identity` are read by their own modules. */
 export const PAGE_TOPICS: readonly string[] = [
   'status', 'attitude', 'local_position', 'global_position', 'gps', 'battery', 'home', 'gimbal',
-  'target_local', 'hud', 'health', 'offboard', 'control', 'identity',
+  'target_local', 'hud', 'health', 'readiness', 'offboard', 'control', 'identity',
 ];
 
 /** Periods PX4 sends at [s], used until a topic's own period has been measured. */

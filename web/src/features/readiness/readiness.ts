@@ -3,7 +3,7 @@
 import type { components } from '../../api/schema';
 import type { SeverityWord } from '../messages/messages';
 
-export type Readiness = components['schemas']['Readiness'];
+export type Readiness = Omit<components['schemas']['VehicleReadiness'], 'vehicle'>;
 export type Cause = components['schemas']['ReadinessCause'];
 export type ModeReadiness = components['schemas']['ModeReadiness'];
 

@@ -77,7 +77,7 @@ export function statusWords(facts: StatusFacts): StatusWords {
   if (!status.armed) {
     const who = `${status.mode_label} · disarmed`;
     if (facts.ready === true) return { title: 'Ready', who, tone: 'ok' };
-    if (facts.ready === false) return { title: 'Not ready', who: `${who} · see messages`, tone: 'caution' };
+    if (facts.ready === false) return { title: 'Not ready', who: `${who} · see why`, tone: 'caution' };
     return { title: 'Disarmed', who, tone: 'neutral' };
   }
   const now = flown(status, facts.stream);

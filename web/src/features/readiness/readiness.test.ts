@@ -1,0 +1,46 @@
+import { expect, test } from 'vitest';
+import { findings, headline, modeRows, readReadiness, type Cause, type Readiness } from './readiness';
+
+const sticks: Cause = { id: 1, name: 'check_modes_manual_control', severity: 'warning', modes: null, component: 'transmitter', cause: 'There is no transmitter.', remedy: 'Switch it on.' };
+const signal: Cause = { id: 2, name: 'check_modes_offboard_signal', severity: 'error', modes: ['offboard'], component: 'system', cause: 'No setpoints.', remedy: null };
+const battery: Cause = { id: 3, name: 'check_battery_low', severity: 'warning', modes: null, component: 'battery', cause: 'The battery is low.', remedy: null };
+const mode = (name: string, label: string, arming: Cause[], running: Cause[] = arming): Readiness['modes'][number] =>
+  ({ mode: name, label, can_arm: arming.length === 0, can_run: running.length === 0, arming, running });
+const told: Readiness = {
+  known: true, reported_unix_s: 1, words: 'own', components_with_errors: ['system'], components_with_warnings: [],
+  modes: [mode('position', 'Position', [sticks]), mode('offboard', 'Offboard', [signal]), mode('hold', 'Hold', []), mode('land', 'Land', [battery], [])],
+  findings: [signal, sticks, battery],
+};
+
+test('the headline is about arming while disarmed, about flying while armed', () => {
+  expect(headline(told, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
+  expect(headline(told, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
+  expect(headline(told, 'land', false).tone).toBe('caution');
+  expect(headline(told, 'land', true)).toEqual({ text: 'Land may be flown', detail: '', tone: 'ok' });
+  expect(headline(told, 'offboard', true).text).toBe('Offboard may not be flown');
+});
+
+test('what is not known is not guessed', () => {
+  expect(headline(null, 'hold', false).tone).toBe('neutral');
+  expect(headline({ ...told, known: false }, 'hold', false).text).toBe('Not known');
+  expect(headline(told, 'px4_9_0', false).text).toBe('Not known');
+  expect(readReadiness(undefined)).toBeNull();
+  expect(readReadiness({ modes: [] })).toBeNull();
+  expect(readReadiness(told)).toBe(told);
+});
+
+test('what blocks comes before what does not, and says what it blocks', () => {
+  const dull: Cause = { ...battery, id: 4, cause: 'Wind.' };
+  const rows = findings({ ...told, findings: [dull, ...told.findings] });
+  expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([[2, 'Offboard'], [1, 'Position'], [3, 'Land'], [4, '']]);
+  const all = { ...told, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
+  expect(findings(all)[0]?.blocks).toBe('every mode');
+  all.modes.push(mode('g', 'G', []));
+  expect(findings(all)[0]?.blocks).toBe('A, B, C, D and 2 more');
+});
+
+test('the present mode is first, then what may be flown', () => {
+  expect(modeRows(told, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
+  expect(modeRows(told, null).at(-1)?.why).not.toBe('');
+  expect(modeRows(told, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });
+});
