@@ -120,18 +120,22 @@ def opened(
     theme: Any = "dark",
     size: tuple[int, int] = (1440, 900),
     scene: bool = True,
+    script: str = "",
     client_id: str = "e2e",
 ) -> Iterator[Page]:
     """The page in a fresh window, watched until it is closed.
 
     Without `scene` the page finds no 3D view, as on a server without one: drawing it in software takes most
     of a small machine, and most tests are about something else. The page is the same client as the test's
-    programs, and so in control of what they fly, unless it has a `client_id` of its own.
+    programs, and so in control of what they fly, unless it has a `client_id` of its own. `script` runs before
+    any of its own.
     """
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     page.add_init_script(f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}")
+    if script:
+        page.add_init_script(script)
     watched = Watched(page, url)
     if not scene:
         page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))

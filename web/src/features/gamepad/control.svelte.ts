@@ -13,7 +13,7 @@ export interface Hands {
   yaw_ned_rad: () => number | null;
   hoverThrust: () => number;
   send: (setpoint: AnySetpoint) => void;
-  /** The stream is closed after the last order. */
+  /** The last order has been sent. */
   release: () => void;
 }
 

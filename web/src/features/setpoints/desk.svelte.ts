@@ -24,6 +24,8 @@ const MOTION_S = 2;
 export const HAND_S = 0.5;
 export const HAND: Lasting = { valid_for_s: HAND_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
+const LAST_WORD_MS = 500;
+
 export interface DragTarget {
   position_ned_m: Vector3;
   yaw_ned_rad: number;
@@ -52,7 +54,7 @@ class Desk {
   show(facts: VehicleFacts): void {
     if (facts.id === this.vehicle) return;
     this.vehicle = facts.id;
-    this.closeStream();
+    this.leaveStream();
     this.forms = {};
     this.view = null;
     this.drag = null;
@@ -202,6 +204,14 @@ class Desk {
       if (state === 'closed' && why !== null) onEnd(why);
     };
     this.socket = { id, stream: new SetpointStream(url, () => performance.now() / 1000, (ack) => this.heard(ack, onEnd), ended) };
+  }
+
+  /** The last order is on its way: the connection ends once it has had its answer, or the time for one. */
+  leaveStream(): void {
+    const leaving = this.socket;
+    setTimeout(() => {
+      if (leaving !== null && this.socket === leaving) this.closeStream();
+    }, LAST_WORD_MS);
   }
 
   closeStream(): void {
