@@ -16,18 +16,25 @@ EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
 HOLD, TAKEOFF, LAND, RTL, POSITION, OFFBOARD = 0x3040000, 0x2040000, 0x6040000, 0x5040000, 0x30000, 0x60000
 
 
-class Station:
-    """Talks to vehicle 1 and keeps what it says, by time."""
+GCS, BOTH = (("gcs", "gcs"),), (("gcs", "gcs"), ("api", "api"))
 
-    def __init__(self, *, heartbeats: bool = True, **fleet: Any) -> None:
-        self.sim = VehicleSim(**fleet)
+
+class Station:
+    """Talks to vehicle 1 and keeps what it says, by time.
+
+    The offboard link carries half of all telemetry: it is there where `links=BOTH` asks for it.
+    """
+
+    def __init__(
+        self, *, heartbeats: bool = True, links: tuple[tuple[str, str], ...] = GCS, **fleet: Any
+    ) -> None:
+        self.sim = VehicleSim(links=links, **fleet)
         self.heartbeats = heartbeats
         self.last: dict[str, Message] = {}
         self._log: list[tuple[float, str, Message]] = []
         self._by_name: dict[tuple[str, str], list[tuple[float, Message]]] = {}
         """By link and name: a condition that reads texts at every tick must not search the telemetry."""
-        links = [name for name, _ in fleet.get("links", (("gcs", "gcs"), ("api", "api")))]
-        self._parsers = {name: FrameParser() for name in links}
+        self._parsers = {name: FrameParser() for name, _ in links}
         self._unread: list[tuple[float, str, bytes]] = []
         """Of links besides "gcs": parsed when somebody asks."""
         self._sequence = 0

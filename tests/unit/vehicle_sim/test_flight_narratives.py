@@ -3,14 +3,11 @@
 import math
 
 import pytest
-from sim_station import HOLD, LAND, NAN, OFFBOARD, POSITION, RTL, TAKEOFF, Station
-
-GCS = (("gcs", "gcs"),)
-"""Without the offboard link: its streams are a fifth of the work, and nothing here asks for them."""
+from sim_station import BOTH, HOLD, LAND, NAN, OFFBOARD, POSITION, RTL, TAKEOFF, Station
 
 
 def test_from_power_up_to_the_ground_again() -> None:
-    s = Station(links=GCS)
+    s = Station()
     assert s.run_until(lambda: s.ready, 10) < 10
 
     armed_at = s.now_s
@@ -74,7 +71,7 @@ def test_take_off_keeps_its_height_in_both_orders(armed_first: bool) -> None:
 
 
 def test_offboard_stream_lost_lands_disarms_and_says_offboard_again() -> None:
-    s = Station()
+    s = Station(links=BOTH)
     s.run_until(lambda: s.ready, 15)
 
     def stream() -> None:
@@ -132,7 +129,7 @@ def test_a_stream_that_comes_back_flies_on() -> None:
 
 @pytest.mark.parametrize(("action", "mode"), [(1, 0x20000), (3, RTL), (5, HOLD)])
 def test_offboard_loss_does_what_its_parameter_says(action: int, mode: int) -> None:
-    s = Station(parameters={"COM_OBL_RC_ACT": action}, links=GCS)
+    s = Station(parameters={"COM_OBL_RC_ACT": action})
     s.fly_to(4)
     s.run(1.1, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
     s.command(176, 1, 6)
@@ -143,7 +140,7 @@ def test_offboard_loss_does_what_its_parameter_says(action: int, mode: int) -> N
 
 
 def test_return_to_launch_climbs_flies_home_lands_and_stays_down() -> None:
-    s = Station(parameters={"RTL_RETURN_ALT": 10.0}, links=GCS)
+    s = Station(parameters={"RTL_RETURN_ALT": 10.0})
     s.fly_to(6)
     here = s.last["GLOBAL_POSITION_INT"]
     s.send(
@@ -164,7 +161,7 @@ def test_return_to_launch_climbs_flies_home_lands_and_stays_down() -> None:
 
 
 def test_nobody_takes_off_so_the_vehicle_disarms_itself() -> None:
-    s = Station(links=GCS)
+    s = Station()
     s.run_until(lambda: s.ready, 15)
     s.command(400, 1)
     s.run_until(lambda: not s.armed and bool(s.acks(400)), 13)
@@ -172,7 +169,7 @@ def test_nobody_takes_off_so_the_vehicle_disarms_itself() -> None:
 
 
 def test_kill_and_termination_fall() -> None:
-    s = Station(links=GCS)
+    s = Station()
     s.fly_to(4)
     s.command(400, 0)
     s.run(0.1)
@@ -184,7 +181,7 @@ def test_kill_and_termination_fall() -> None:
     s.run(2)
     assert s.height_m < 0.1
 
-    s = Station(links=GCS)
+    s = Station()
     s.fly_to(4)
     s.command(185, 1)
     s.run(2)
@@ -196,7 +193,7 @@ def test_kill_and_termination_fall() -> None:
 
 
 def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
-    s = Station(parameters={"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0}, links=GCS)
+    s = Station(parameters={"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
     s.fly_to(4)
     s.heartbeats = False
     s.run(3.2)
@@ -207,7 +204,7 @@ def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
 
 
 def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:
-    s = Station(parameters={"COM_FAIL_ACT_T": 1.0}, links=GCS)
+    s = Station(parameters={"COM_FAIL_ACT_T": 1.0})
     s.fly_to(4)
     s.sim.simulation.set_battery_remaining(0, 0.06)
     s.run(0.2)

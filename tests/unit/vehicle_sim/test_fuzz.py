@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_sim.sim_station import HOLD, Station
+from tests.unit.vehicle_sim.sim_station import BOTH, HOLD, Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, Layout, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -116,7 +116,7 @@ def is_well(sim: VehicleSim) -> bool:
 
 @pytest.fixture(scope="module")
 def flying() -> Station:
-    station = Station(camera=True)
+    station = Station(camera=True, links=BOTH)
     station.fly_to(5.0)
     return station
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.sim_station import Station
+from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.script import script_of
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
@@ -47,7 +47,8 @@ def test_above_a_height_a_motor_stops_on_one_vehicle_only():
 
 def test_a_cut_link_is_deaf_and_dumb_and_carries_again():
     station = Station(
-        script=script("at_s: 3, link: {name: gcs, up: false}", "at_s: 6, link: {name: gcs, up: true}")
+        script=script("at_s: 3, link: {name: gcs, up: false}", "at_s: 6, link: {name: gcs, up: true}"),
+        links=BOTH,
     )
     station.run(9.0)
     times = [t for t, link, m in station.log if link == "gcs" and m.name == "HEARTBEAT"]

@@ -6,7 +6,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_station import Station
+from sim_station import BOTH, Station
 
 from vehicle_sim.logger.topics import ARRAY_TOPICS
 from vehicle_sim.shell.commands import BUILT_IN
@@ -88,7 +88,8 @@ def test_long_answers_come_in_parts_of_seventy_bytes_one_a_step(terminal):
     assert b"".join(parts).decode().count("\n  ") == len(BUILT_IN)
 
 
-def test_each_link_has_a_console_of_its_own(terminal):
+def test_each_link_has_a_console_of_its_own():
+    terminal = Terminal(links=BOTH)
     terminal.shown("ver ", via="gcs")
     assert terminal.shown("ver hw\n", via="api") == "ver hw\nHW arch: PX4_SITL\npxh> "
     assert terminal.shown("hw\n", via="gcs") == "hw\nHW arch: PX4_SITL\npxh> "

@@ -9,7 +9,6 @@ from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.frames import euler_of
 
 WITHOUT_GPS = {"EKF2_GPS_CTRL": 0, "SYS_HAS_GPS": 0}
-GCS = (("gcs", "gcs"),)
 
 
 def truth(station):
@@ -45,19 +44,19 @@ def estimate(station):
 
 
 def test_without_gps_and_vision_there_is_no_position():
-    station = Station(parameters=WITHOUT_GPS, links=GCS)
+    station = Station(parameters=WITHOUT_GPS)
     station.run(10)
     assert not estimate(station).valid_position[0]
 
 
 def test_vision_is_not_heard_unless_the_parameter_says_so():
-    station = Station(parameters=WITHOUT_GPS, links=GCS)
+    station = Station(parameters=WITHOUT_GPS)
     station.run(10, lambda: see(station))
     assert not estimate(station).valid_position[0]
 
 
 def test_vision_gives_a_position_and_its_end_takes_it_away():
-    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 15}, links=GCS)
+    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 15})
     truth(station).position_ned_m[0] = (4.0, -3.0, 0.0)
     station.run(8, lambda: see(station))
     assert estimate(station).valid_position[0]
@@ -68,7 +67,7 @@ def test_vision_gives_a_position_and_its_end_takes_it_away():
 
 @pytest.mark.parametrize(("frame", "turned"), [(1, 0.0), (20, 1.2)])
 def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned):
-    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7}, links=GCS)
+    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7})
     station.run(4, lambda: odometry(station, frame, turned))
     truth(station).position_ned_m[0, 2] = -200.0
     truth(station).velocity_ned_m_s[0] = (6.0, 2.0, 0.0)
@@ -79,7 +78,7 @@ def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned):
 
 
 def test_an_outlier_is_not_believed():
-    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 3}, links=GCS)
+    station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 3})
     station.run(6, lambda: see(station))
     before = estimate(station).position_ned_m[0].copy()
     station.send("VISION_POSITION_ESTIMATE", x=500.0, y=0.0, z=0.0, covariance=[math.nan] * 21)
@@ -88,7 +87,7 @@ def test_an_outlier_is_not_believed():
 
 
 def test_while_gps_is_there_vision_changes_nothing():
-    station = Station(parameters={"EKF2_EV_CTRL": 15}, links=GCS)
+    station = Station(parameters={"EKF2_EV_CTRL": 15})
     station.run(10)
     station.send("VISION_POSITION_ESTIMATE", x=50.0, y=0.0, z=0.0, covariance=[math.nan] * 21)
     station.run(0.5)

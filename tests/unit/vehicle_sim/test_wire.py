@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_station import Station
+from sim_station import BOTH, Station
 
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
@@ -55,7 +55,7 @@ def test_a_broken_crc_and_an_unknown_message_are_counted_not_heard() -> None:
 
 
 def test_streams_have_the_rates_of_the_table() -> None:
-    s = Station()
+    s = Station(links=BOTH)
     s.run(6)
     start = s.now_s
     s.run(10)
@@ -107,7 +107,7 @@ def test_all_parameters_come_within_a_second_hash_first() -> None:
 
 
 def test_parameters_are_set_bytewise_and_nonsense_gets_no_reply() -> None:
-    s = Station()
+    s = Station(links=BOTH)
     s.run(0.5)
     as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
 
@@ -206,7 +206,7 @@ def test_modes_and_version_of_each_vehicle() -> None:
 
 
 def test_one_links_ground_station_is_heard_on_the_other() -> None:
-    s = Station()
+    s = Station(links=BOTH)
     s.run(0.1)
     raw = FrameParser()
     s.send("HEARTBEAT", type=6, autopilot=8)

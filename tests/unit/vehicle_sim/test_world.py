@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_sim.sim_station import Station
+from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.world.files import load_world, shipped, world_of
 from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
@@ -86,7 +86,7 @@ def test_flat_ground_is_bit_for_bit_what_it_was_without_a_world():
 
 
 def test_the_obstacle_scene_is_seen_flown_into_and_ends_the_flight():
-    station = Station(world=load_world("obstacle-box"))
+    station = Station(world=load_world("obstacle-box"), links=BOTH)
     station.fly_to(2.5)
     box_north = float(station.sim.simulation.truth.position_ned_m[0, 0])
     ahead = [m for m in station.heard("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
@@ -113,7 +113,7 @@ def test_the_obstacle_scene_is_seen_flown_into_and_ends_the_flight():
 
 
 def test_without_a_world_there_is_one_lidar_that_points_down():
-    station = Station()
+    station = Station(links=BOTH)
     station.fly_to(8.0)
     heard = station.heard("DISTANCE_SENSOR", via="api")
     assert {m.orientation for m in heard} == {25}
