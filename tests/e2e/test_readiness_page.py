@@ -1,0 +1,56 @@
+"""Why it cannot arm, as an operator finds out: from the status, from a refusal, by keyboard; live."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
+from tests.e2e.conftest import Station
+from tools import build_page
+
+pytestmark = pytest.mark.browser
+
+
+def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
+    build_page.build(REPOSITORY)
+    drone = station.drone
+    with chromium() as browser, opened(browser, station.url, scene=False) as page:
+        page.locator(".pill").get_by_role("button").click()
+        panel = page.get_by_role("region", name="Readiness")
+        expect(panel).to_contain_text("Ready to arm in Hold")
+        expect(panel).to_contain_text("In the vehicle’s own words.")
+        row = {name: panel.get_by_role("row", name=name) for name in ("Offboard", "Hold", "Position slow")}
+        expect(row["Offboard"]).to_contain_text("No offboard setpoints arrive.")
+        expect(row["Position slow"]).to_contain_text("No manual control.")
+        expect(row["Hold"].get_by_text("yes")).to_have_count(2)
+        expect(panel.get_by_role("listitem").filter(has_text="No offboard setpoints")).to_contain_text(
+            "Start an offboard stream"
+        )
+        assert in_both_themes(page) == []
+        page.set_viewport_size({"width": 1280, "height": 720})
+        hold = page.get_by_role("button", name="Hold", exact=True).bounding_box()
+        box = panel.bounding_box()
+        assert hold is not None
+        assert box is not None
+        assert box["y"] + box["height"] <= hold["y"], "Hold is never covered"
+        page.keyboard.press("Escape")
+        expect(panel).to_have_count(0)
+
+        drone.set_mode("position")
+        page.keyboard.press("y")
+        expect(panel).to_contain_text("Cannot arm in Position")
+        page.keyboard.press("y")
+        page.keyboard.press("Shift+A")
+        hold_space(page)
+        refusal = page.get_by_role("alert").filter(has_text="Arm")
+        refusal.get_by_role("button", name="Why, for every mode").click()
+        expect(panel).to_contain_text("Cannot arm in Position")
+        drone.set_mode("hold")
+        expect(panel).to_contain_text("Ready to arm in Hold")  # as it changes, with nothing pressed
+
+        start = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -2]}}
+        drone.request("POST", "/offboard/start", start)
+        expect(panel).to_contain_text("Ready to arm in Offboard")
+        drone.request("POST", "/offboard/stop")
+        expect(panel).to_contain_text("Ready to arm in Hold")
