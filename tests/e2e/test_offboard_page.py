@@ -1,0 +1,227 @@
+"""The offboard room as an operator uses it: by form, by a gamepad, by a handle dragged in 3D."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import (
+    REPOSITORY,
+    chromium,
+    hold_space,
+    in_both_themes,
+    number,
+    opened,
+    scene,
+    slide,
+    tab_to,
+)
+from tests.e2e.conftest import SPEED, Station
+from tests.station import free_port, server, vehicle, wait_until
+from tools import build_page
+
+pytestmark = pytest.mark.browser
+
+PAD = """
+window.testPad = { axes: [0, 0, 0, 0], held: false, there: true };
+const buttons = () => Array.from({ length: 17 }, (_, i) => {
+  const pressed = i === 5 && window.testPad.held;
+  return { pressed, touched: pressed, value: pressed ? 1 : 0 };
+});
+navigator.getGamepads = () => window.testPad.there
+  ? [{ index: 0, id: 'Test pad', connected: true, mapping: 'standard', timestamp: performance.now(),
+       axes: window.testPad.axes, buttons: buttons() }]
+  : [null];
+"""
+HANDLE = """
+(axis) => {
+  const { camera, nodeRefFromName } = window.__viserMutable;
+  const node = nodeRefFromName['/world/gizmo_ground'];
+  if (!camera || !node) return null;
+  const apply = (m, [x, y, z, w]) =>
+    [0, 1, 2, 3].map((r) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w);
+  const pixel = (at) => {
+    const seen = apply(camera.matrixWorldInverse.elements, at);
+    const [x, y, , w] = apply(camera.projectionMatrix.elements, seen);
+    return [((x / w + 1) / 2) * innerWidth, ((1 - y / w) / 2) * innerHeight];
+  };
+  const m = node.matrixWorld.elements;
+  const at = [...m.slice(12, 15), 1];
+  const end = at.map((c, i) => (i < 3 ? c + 0.01 * m[axis * 4 + i] : 1));
+  const [x, y] = pixel(at), [ex, ey] = pixel(end);
+  const long = Math.hypot(ex - x, ey - y);
+  return [x, y, (ex - x) / long, (ey - y) / long];
+}
+"""
+"""Where a handle is in the view, and which way an axis of it runs there."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def hovering() -> Iterator[Station]:
+    """One station whose vehicle hovers; each test leaves it in Hold."""
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, more=["--speed", str(SPEED)]),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        drone.takeoff(10)
+        yield Station(url, gcs, drone)
+
+
+@pytest.fixture(autouse=True)
+def held(hovering: Station) -> Iterator[None]:
+    """In Hold after each."""
+    yield
+    hovering.drone.hold()
+
+
+def pill(page: Page) -> Locator:
+    return page.locator(".pill b")
+
+
+def open_room(page: Page) -> Locator:
+    """By its key, as soon as the vehicle is there."""
+    expect(pill(page)).to_have_text(re.compile("Holding|Offboard"))
+    page.keyboard.press("p")
+    room = page.get_by_role("region", name="Offboard room")
+    expect(room.get_by_text("If the stream stops")).to_be_visible()
+    return room
+
+
+def streamed(drone: Any) -> dict[str, Any]:
+    return drone.request("GET", "/offboard")
+
+
+def speed_m_s(drone: Any) -> float:
+    north, east, _ = drone.topic("local_position")["velocity_ned_m_s"]
+    return math.hypot(north, east)
+
+
+def test_flown_by_form(browser: Browser, hovering: Station) -> None:
+    """Preview, start, another kind, what the limits left of it, and why two kinds cannot be flown."""
+    drone = hovering.drone
+    with opened(browser, hovering.url, scene=False) as page:
+        room = open_room(page)
+        north = room.get_by_label("Position, North")
+        north.fill("far")
+        room.get_by_role("button", name="Start…").click()
+        expect(room).to_contain_text("North: a number is needed.")
+        assert not streamed(drone)["streaming"]
+        north.fill("5")
+        room.get_by_label("Position, Up").fill("12")
+        expect(room).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
+        room.get_by_role("button", name="Start…").click()
+        expect(page.get_by_role("alertdialog")).to_contain_text("asks for: Position 5.0")
+        slide(page)
+        expect(pill(page)).to_have_text("Offboard")
+        assert streamed(drone)["setpoint"]["position_ned_m"][0] == 5
+        health = page.get_by_label("Stream health")
+        wait_until(lambda: number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the room", 15)
+        expect(health).to_contain_text("Position error")
+        wait_until(lambda: drone.topic("local_position")["position_ned_m"][0] > 4, "the place flown to", 20)
+        expect(page.get_by_label(re.compile("^North: target 5.0 m, actual"))).to_be_visible()
+
+        room.get_by_text("Limits", exact=True).click()
+        room.get_by_label("Speed over ground, limit").fill("1")
+        room.get_by_role("button", name="Set limits").click()
+        expect(room.get_by_text("speed over ground 1 m/s")).to_be_visible()
+        room.get_by_role("button", name="Position local").click()
+        expect(room.get_by_role("button", name=re.compile("^Thrust and torque"))).to_contain_text("MAVLink")
+        assert in_both_themes(page) == []
+        room.get_by_role("button", name=re.compile("^Velocity local")).click()
+        room.get_by_label("Velocity, East").fill("4")
+        room.get_by_role("button", name="Send").click()
+        sent = page.get_by_label("Sent setpoints").get_by_role("listitem").first
+        expect(sent).to_contain_text(re.compile("Velocity.*4.0.*taken:"))
+        wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the speed that the limit leaves", 20)
+        tab_to(page, "Stop")
+        page.keyboard.press("Enter")
+        expect(pill(page)).to_have_text("Holding")
+        drone.request("PUT", "/offboard/limits", {})
+
+
+def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hovering: Station) -> None:
+    drone = hovering.drone
+    with opened(browser, hovering.url, scene=False, script=PAD) as page:
+        room = open_room(page)
+        room.get_by_role("button", name="Gamepad").click()
+        expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
+        room.get_by_role("button", name="Start, standing still").click()
+        hold_space(page)
+        expect(pill(page)).to_have_text("Offboard")
+        room.get_by_role("button", name="Take the sticks").click()
+        expect(room).to_contain_text("Stands still")
+
+        page.evaluate("testPad.axes = [0, 0, 0, -1]")
+        expect(room.get_by_label("Right stick: along the ground").locator(".lever")).to_have_attribute(
+            "y2", "-38"
+        )
+        assert streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
+        page.evaluate("testPad.held = true")
+        expect(room).to_contain_text("Sticks fly")
+        wait_until(lambda: speed_m_s(drone) > 0.7, "the stick flown", 10)
+        assert in_both_themes(page) == []
+        page.evaluate("testPad.held = false")
+        expect(room).to_contain_text("Stands still")
+        wait_until(lambda: streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0], "zero asked for", 1)
+        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands", 10)
+        expect(page.get_by_label("Sent setpoints")).to_contain_text("Gamepad · taken")
+
+        page.evaluate("testPad.held = true")
+        expect(room).to_contain_text("Sticks fly")
+        page.evaluate("testPad.there = false")
+        expect(room.get_by_role("alert")).to_contain_text("The gamepad is gone.")
+        expect(pill(page)).to_have_text("Holding")  # nothing renewed it: held, then Hold
+        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands", 10)
+
+
+def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
+    """What is dragged is a preview until Go; by keys it is stepped."""
+    drone = hovering.drone
+    with opened(browser, hovering.url, size=(1280, 720)) as page:
+        room = open_room(page)
+        room.get_by_role("button", name="Drag in 3D").click()
+        frame = scene(page)
+        wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
+        room.get_by_role("button", name="North 1 m more").click()
+        before = drone.topic("local_position")["position_ned_m"]
+        box = page.get_by_title("3D view", exact=True).bounding_box()
+        assert box is not None
+
+        def shown() -> list[float]:
+            return [number(text) for text in room.locator(".cell b").all_inner_texts()]
+
+        stepped = shown()
+        x, y, dx, dy = frame.evaluate(HANDLE, 1)  # across the view: along it a pixel is long
+        at = (box["x"] + x + 70 * dx, box["y"] + y + 70 * dy)
+        page.mouse.move(*at)
+        page.mouse.down()
+        page.mouse.move(at[0] + 40 * dx, at[1] + 40 * dy, steps=6)
+        page.mouse.up()
+        wait_until(lambda: math.dist(shown()[:2], stepped[:2]) > 0.3, "the place dragged", 15)
+        assert shown()[2] == stepped[2]
+        assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
+        wanted = shown()
+        room.get_by_role("button", name="Start…").click()
+        hold_space(page)
+        expect(pill(page)).to_have_text("Offboard")
+        place = streamed(drone)["setpoint"]["position_ned_m"]
+        assert place[:2] == pytest.approx(wanted[:2], abs=0.1)
+        page.keyboard.press("p")
+        expect(room).to_be_hidden()
