@@ -22,6 +22,8 @@ from gcs_server.streamer.braking import (
     GUARD_M_S2,
     MARGIN_HEIGHT_M,
     MARGIN_M,
+    PUSH_MOST_M_S,
+    PUSH_PER_S,
     braking_speed,
 )
 from gcs_server.streamer.region import Ground
@@ -207,11 +209,13 @@ class _Limiter:
             place, speed = self._approach(self._placed(place), speed)
         if speed is not None:
             speed = self._held_ground(speed)
+            if place is None:
+                speed = self._pushed(speed)
         down, fall = position[2], velocity[2]
         if down is not None:
             down, fall = self._approach_height(self._at_height(down), fall)
         if fall is not None:
-            fall = self._held_height(fall)
+            fall = self._held_height(fall, pushed=down is None)
         if (place is None and speed is None) or (down is None and fall is None):
             self._guard(ground=place is None and speed is None, height=down is None and fall is None)
         push = self._held_push(_ground(acceleration))
@@ -318,6 +322,26 @@ class _Limiter:
         self.notes.append("speed cut to stop before the edge of the allowed space")
         return (n * most / speed, e * most / speed)
 
+    def _pushed(self, velocity: Ground) -> Ground:
+        """Back from an edge that is nearer than the margin."""
+        region = self._bounds.region
+        if self._here is None or not region.bounds_ground:
+            return velocity
+        n, e = velocity
+        for inside_m, out in region.edges((self._here.position_ned_m[0], self._here.position_ned_m[1])):
+            if inside_m >= MARGIN_M:
+                continue
+            most = -min(PUSH_PER_S * (MARGIN_M - inside_m), PUSH_MOST_M_S, self._bounds.speed_m_s)
+            excess = n * out[0] + e * out[1] - most
+            if excess > 0.0:
+                n, e = n - excess * out[0], e - excess * out[1]
+        if (n, e) != velocity:
+            self.notes.append("pushed back from the edge of the allowed space")
+            size = math.hypot(n, e)
+            scale = min(1.0, self._bounds.speed_m_s / size) if size > 0 else 1.0
+            n, e = n * scale, e * scale
+        return (n, e)
+
     def _runs_out(self, here: Ground) -> bool:
         """Whether the vehicle as it moves now could only just be stopped inside."""
         assert self._here is not None
@@ -328,21 +352,23 @@ class _Limiter:
         way_m = self._bounds.region.way_out_m(here, (n / speed, e / speed))
         return speed > braking_speed(way_m, GUARD_M_S2, GUARD_DELAY_S)
 
-    def _held_height(self, fall: float) -> float:
+    def _held_height(self, fall: float, *, pushed: bool) -> float:
         held = self._within_climb(fall)
         region = self._bounds.region
-        if not region.bounds_height or held == 0.0:
+        if not region.bounds_height:
             return held
         if self._here is None:
             self.notes.append("keeps its height: it is not known, and limited")
             return 0.0
         down_m = self._here.position_ned_m[2]
-        left_m = (region.down_max_m - down_m) if held > 0 else (down_m - region.down_min_m)
-        most = braking_speed(left_m - MARGIN_HEIGHT_M, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
-        if abs(held) <= most:
-            return held
-        self.notes.append("climbing or sinking cut to stop inside the limits of height")
-        return math.copysign(most, held)
+        left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
+        left_up_m = down_m - region.down_min_m - MARGIN_HEIGHT_M
+        most_down = _height_speed(left_down_m, self._bounds.climb_m_s if pushed else 0.0)
+        most_up = _height_speed(left_up_m, self._bounds.sink_m_s if pushed else 0.0)
+        kept = max(min(held, most_down), -most_up)
+        if kept != held:
+            self.notes.append("climbing or sinking cut to stay inside the limits of height")
+        return kept
 
     def _held_push(self, push: Ground | None) -> Ground | None:
         if push is None:
@@ -412,3 +438,10 @@ def _ground(vector: Partial3) -> Ground | None:
 
 def _joined(ground: Ground | None, down: float | None) -> Partial3:
     return (None, None, down) if ground is None else (*ground, down)
+
+
+def _height_speed(left_m: float, most_back_m_s: float) -> float:
+    """The speed towards a limit of height from which it is stopped in time; negative: back from it."""
+    if left_m >= 0.0:
+        return braking_speed(left_m, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
+    return max(PUSH_PER_S * left_m, -PUSH_MOST_M_S, -most_back_m_s)

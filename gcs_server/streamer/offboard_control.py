@@ -28,6 +28,8 @@ PRE_STREAM_S = 1.2
 PARAMETERS_WITHIN_S = 3.0
 """What the vehicle has not told by then stays unknown."""
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
+ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
+"""The mode that a stream asks for in each phase of its end."""
 MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so a setpoint has nowhere to go."
 FindVehicle = Callable[[str], Vehicle]
 
@@ -162,6 +164,10 @@ class OffboardControl:
         return self.status()
 
     # --- what the vehicle is configured to ----------------------------------------------------------
+
+    def asks_for(self) -> str | None:
+        """The mode that the ending stream asks the vehicle for by itself just now; None while it asks for none."""
+        return ENDS_IN.get(self._thread.state(self._vehicle.id).phase)
 
     async def read_failsafe(self) -> Failsafe:
         """Asks the vehicle for its limits and what it does when the stream stops; the rest stays unknown."""

@@ -72,6 +72,21 @@ class Region:
             way = min(way, _crossing(p, direction, polygon.corners))
         return way
 
+    def edges(self, p: Ground) -> list[tuple[float, Ground]]:
+        """Of each limit: how far inside its edge a place is (negative: outside), and the direction out."""
+        found: list[tuple[float, Ground]] = []
+        for disc in self.discs:
+            out = (p[0] - disc.centre[0], p[1] - disc.centre[1])
+            found.append((disc.radius_m - math.hypot(*out), _unit(out)))
+        for polygon in self.polygons:
+            q = _nearest_edge_point(p, polygon.corners)
+            far_m = math.dist(p, q)
+            if _within(p, polygon.corners):
+                found.append((far_m, _unit((q[0] - p[0], q[1] - p[1]))))
+            else:
+                found.append((-far_m, _unit((p[0] - q[0], p[1] - q[1]))))
+        return found
+
     def nearest(self, p: Ground) -> Ground | None:
         """A place inside, as near as can be had; None where none is found."""
         for _ in range(12):
@@ -144,8 +159,7 @@ def _into_disc(p: Ground, disc: Disc) -> Ground:
 def _into_polygon(p: Ground, corners: tuple[Ground, ...]) -> Ground:
     if _within(p, corners):
         return p
-    edge_points = [_nearest_on(p, a, b) for a, b in _edges(corners)]
-    q = min(edge_points, key=lambda point: math.dist(point, p))
+    q = _nearest_edge_point(p, corners)
     gone_m = math.dist(p, q)
     steps = [(q[0] - p[0], q[1] - p[1])] if gone_m > 1e-9 else []
     steps += [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)]
@@ -156,6 +170,16 @@ def _into_polygon(p: Ground, corners: tuple[Ground, ...]) -> Ground:
             if _within(tried, corners):
                 return tried
     return q
+
+
+def _unit(vector: Ground) -> Ground:
+    size = math.hypot(*vector)
+    return (0.0, 0.0) if size < 1e-9 else (vector[0] / size, vector[1] / size)
+
+
+def _nearest_edge_point(p: Ground, corners: tuple[Ground, ...]) -> Ground:
+    points = [_nearest_on(p, a, b) for a, b in _edges(corners)]
+    return min(points, key=lambda point: math.dist(point, p))
 
 
 def _nearest_on(p: Ground, a: Ground, b: Ground) -> Ground:

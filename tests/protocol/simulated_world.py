@@ -1,0 +1,73 @@
+"""The server but for its HTTP, with simulated PX4 vehicles at the other end of its links."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from gcs_server.links.memory import MemoryLink
+from gcs_server.vehicle.vehicle import Vehicle
+from tests.protocol.offboard_world import OffboardWorld
+from vehicle_sim.fleet import VehicleSim
+
+TICK_S = 0.02
+
+
+class SimulatedWorld(OffboardWorld):
+    """Vehicles "1", "2", … stand in a row to the east, 3 m apart.
+
+    Args:
+        count: how many.
+        parameters: of all of them, as if set before boot.
+    """
+
+    def __init__(self, count: int = 1, parameters: dict[str, float] | None = None) -> None:
+        super().__init__()
+        self.sim = VehicleSim(count, links=(("gcs", "gcs"),), parameters=parameters, seed=3)
+        self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feeder(row)) for row in range(count)]
+        for link in self._links:
+            self.router.add(link)
+        self.supervisor.start("simulator", self._simulate)
+
+    def _feeder(self, row: int) -> Any:
+        return lambda data, _peer: self.sim.feed(row, "gcs", data)
+
+    async def _rounds(self) -> None:
+        """As often as the vehicle steps: what is sent within a step arrives at its end anyway."""
+        while True:
+            self.streamer._thread.step()
+            await self.clock.sleep(TICK_S)
+
+    async def _simulate(self) -> None:
+        while True:
+            self.sim.step(TICK_S)
+            for row, link in enumerate(self._links):
+                if data := self.sim.drain(row, "gcs"):
+                    link.inject(data, "vehicle")
+            await self.clock.sleep(TICK_S)
+
+    async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
+        """The vehicle once it says that it can arm."""
+        vehicle = await self.ready(vehicle_id, patience_s=40)
+        await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
+        return vehicle
+
+    async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
+        """The vehicle, taken off and in Hold."""
+        vehicle = await self.ready_to_arm(vehicle_id)
+        await vehicle.command.takeoff(height_m)
+        await until(lambda: vehicle.status.mode == "hold", 40)
+        return vehicle
+
+
+async def until(condition: Any, patience_s: float) -> None:
+    """Looks ten times a second.
+
+    Raises:
+        AssertionError: it never held.
+    """
+    for _ in range(int(patience_s * 10)):
+        if condition():
+            return
+        await asyncio.sleep(0.1)
+    raise AssertionError(f"it did not happen within {patience_s:g} s")

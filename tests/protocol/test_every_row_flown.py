@@ -1,0 +1,271 @@
+"""Every kind of setpoint flown through the server by a simulated PX4, on simulated time."""
+
+import asyncio
+import math
+
+import pytest
+
+from gcs_server.errors import Refused
+from gcs_server.streamer.limit_values import CircleFence, OperatorLimits
+from gcs_server.streamer.setpoints import (
+    Acceleration,
+    Attitude,
+    Follow,
+    OnExpiry,
+    Order,
+    Path,
+    PathPoint,
+    Position,
+    PositionBody,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+from gcs_server.vehicle.gimbal_decoder import quaternion_of
+from tests.protocol.offboard_world import codes, seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+
+
+def flown(jump, story, count=1):
+    async def run():
+        world = SimulatedWorld(count)
+        try:
+            await story(world)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def local(vehicle):
+    return vehicle.topic("local_position").value
+
+
+def attitude(vehicle):
+    return vehicle.topic("attitude").value
+
+
+def order(setpoint, valid_for_s=60.0, **expiry):
+    return Order(setpoint, valid_for_s, OnExpiry(**expiry), "test")
+
+
+async def fly(vehicle, setpoint, duration_s):
+    """Sends it on the stream that runs, and lets it be flown."""
+    vehicle.offboard.setpoint(order(setpoint))
+    await seconds(duration_s)
+    status = vehicle.offboard.status()
+    assert status.state == "streaming", (setpoint, status.ended, codes(vehicle))
+    assert vehicle.status.mode == "offboard"
+    return status
+
+
+def off_m(vehicle, place):
+    return math.dist(local(vehicle).position_ned_m, place)
+
+
+def test_position_velocity_and_acceleration_rows(jump):
+    async def story(world):
+        vehicle = await world.in_the_air(height_m=8)
+        started = await vehicle.offboard.start(order(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
+        assert started.ordered_type == "position"
+        await seconds(6)
+        assert off_m(vehicle, (3.0, 2.0, -8.0)) < 0.6
+        assert attitude(vehicle).yaw_ned_rad == pytest.approx(1.0, abs=0.1)
+        health = vehicle.offboard.status().health
+        assert health.echo.position_ned_m == pytest.approx((3.0, 2.0, -8.0), abs=1e-3)
+        assert health.echo.yaw_ned_rad == pytest.approx(1.0, abs=1e-3)
+        assert health.position_error_m == pytest.approx(off_m(vehicle, (3.0, 2.0, -8.0)), abs=0.3)
+        assert health.rate_achieved_hz == pytest.approx(50, rel=0.05)
+        assert 0.9 < health.failsafe_in_s <= 1.0
+
+        home = vehicle.topic("home").value
+        target = PositionGlobal(home.lat_deg, home.lon_deg + 5e-5, alt_home_m=9.0, yaw_ned_rad=math.pi / 2)
+        await fly(vehicle, target, 6)
+        place = vehicle.topic("global_position").value
+        assert (place.lat_deg, place.lon_deg) == pytest.approx((home.lat_deg, target.lon_deg), abs=1e-5)
+        assert place.alt_home_m == pytest.approx(9.0, abs=0.6)
+
+        before = local(vehicle).position_ned_m
+        await fly(vehicle, PositionBody((4.0, 0.0, 1.0)), 6)  # it looks east: forward is east
+        assert off_m(vehicle, (before[0], before[1] + 4.0, before[2] + 1.0)) < 0.9
+
+        await fly(vehicle, Velocity((2.0, 0.0, 0.0), yaw_ned_rad=math.pi / 2), 4)
+        n, e, d = local(vehicle).velocity_ned_m_s
+        assert n == pytest.approx(1.75, abs=0.3)
+        assert (e, d) == pytest.approx((0.0, 0.0), abs=0.3)
+        await fly(vehicle, VelocityBody((2.0, 0.0, 0.0), yaw_ned_rad=math.pi / 2), 4)
+        n, e, d = local(vehicle).velocity_ned_m_s
+        assert e == pytest.approx(1.75, abs=0.3)
+        assert (n, d) == pytest.approx((0.0, 0.0), abs=0.3)
+
+        await fly(vehicle, Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.4), 2)
+        assert attitude(vehicle).rates_frd_rad_s[2] == pytest.approx(0.4, abs=0.1)
+
+        speed = local(vehicle).velocity_ned_m_s[0]
+        await fly(vehicle, Acceleration((-0.8, 0.0, 0.0)), 2)
+        assert -1.7 < local(vehicle).velocity_ned_m_s[0] - speed < -0.5  # drag and lag take their part
+
+        height = local(vehicle).position_ned_m[2]
+        mixed = Trajectory((None, None, height), (1.0, 0.0, None), (0.0, 0.0, None), yaw_ned_rad=0.0)
+        await fly(vehicle, mixed, 4)
+        assert local(vehicle).velocity_ned_m_s[0] == pytest.approx(0.9, abs=0.25)
+        assert local(vehicle).position_ned_m[2] == pytest.approx(height, abs=0.5)
+        await vehicle.offboard.stop()
+        assert vehicle.status.mode == "hold"
+
+    flown(jump, story)
+
+
+def test_attitude_and_rates_rows_and_how_they_expire(jump):
+    async def story(world):
+        vehicle = await world.in_the_air(height_m=12)
+        thrust = 0.49
+        await vehicle.offboard.start(order(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
+        await fly(vehicle, Attitude(quaternion_of(math.radians(6), 0.0, 0.0), thrust), 1.5)
+        assert math.degrees(attitude(vehicle).roll_rad) == pytest.approx(6, abs=1.5)
+        health = vehicle.offboard.status().health
+        assert health.attitude_error_rad < math.radians(3)
+        assert health.echo.thrust == pytest.approx(thrust, abs=0.01)
+        await fly(vehicle, Attitude((1.0, 0.0, 0.0, 0.0), thrust, yaw_rate_ned_rad_s=0.0), 1)
+        await fly(vehicle, Rates((0.0, 0.0, 0.6), thrust), 1.0)
+        assert attitude(vehicle).rates_frd_rad_s[2] == pytest.approx(0.6, abs=0.1)
+        short = order(Attitude((1.0, 0.0, 0.0, 0.0), thrust), 0.5, action="hold", hold_for_s=4.0)
+        vehicle.offboard.setpoint(short)
+        await seconds(0.8)
+        status = vehicle.offboard.status()
+        assert (status.state, status.setpoint["type"]) == ("holding", "position")
+        held = status.setpoint["position_ned_m"]
+        await seconds(3)
+        assert off_m(vehicle, held) < 1.0
+        await until(lambda: vehicle.status.mode == "hold", 5)
+
+    flown(jump, story)
+
+
+def test_thrust_and_torque_and_motors_go_past_mavlink_and_are_refused_by_it(jump):
+    """By the simulator's inner interface they fly; the server sees somebody else's Offboard and keeps off."""
+
+    async def story(world):
+        vehicle = await world.in_the_air(height_m=8)
+        offboard = world.sim.autopilots[0].offboard
+
+        async def stream(work, duration_s):
+            for _ in range(int(duration_s / 0.02)):
+                work()
+                await asyncio.sleep(0.02)
+
+        def hover():
+            offboard.thrust_torque((0.0, 0.0, -0.49), (0.0, 0.0, 0.0))
+
+        async with asyncio.TaskGroup() as group:
+            flying = group.create_task(stream(hover, 2.5))
+            await seconds(1.2)
+            await vehicle.command.set_mode("offboard")
+            with pytest.raises(Refused, match="somebody else"):
+                await vehicle.offboard.start(order(Position((0.0, 0.0, -8.0))))
+            await seconds(0.6)
+            assert abs(local(vehicle).position_ned_m[2] + 8) < 2
+            await flying
+        motors = group_of_four = (0.5, 0.5, 0.5, 0.5)
+        await stream(lambda: offboard.actuators(motors), 0.3)
+        assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120), group_of_four
+        await vehicle.command.hold()
+
+    flown(jump, story)
+
+
+def test_a_path_is_flown_in_time_though_its_client_says_nothing_more(jump):
+    async def story(world):
+        vehicle = await world.in_the_air(height_m=8)
+        begin = local(vehicle).position_ned_m
+        corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
+        points = tuple(
+            PathPoint(4.0 * index, (begin[0] + n, begin[1] + e, begin[2]))
+            for index, (n, e) in enumerate(corners)
+        )
+        started = await vehicle.offboard.start(order(Path(points), valid_for_s=1.0, hold_for_s=1.0))
+        assert started.valid_left_s == pytest.approx(17.0, abs=0.1)
+        worst = 0.0
+        for index in range(1, 5):
+            await seconds(4)
+            worst = max(worst, off_m(vehicle, points[index].position_ned_m))
+            assert vehicle.offboard.status().ordered_type == "path"
+        assert worst < 1.6  # it lags behind a moving place
+        await seconds(0.5)
+        assert off_m(vehicle, points[-1].position_ned_m) < 0.8
+        await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after its end
+        await seconds(0.3)
+        assert codes(vehicle) == ["expired", "held"]
+        with pytest.raises(Refused, match="begins 2"):
+            far = tuple(PathPoint(p.t_s, (p.position_ned_m[0] + 20.0, *p.position_ned_m[1:])) for p in points)
+            await vehicle.offboard.start(order(Path(far)))
+        with pytest.raises(Refused, match="m/s are allowed"):
+            fast = (PathPoint(0.0, local(vehicle).position_ned_m), PathPoint(1.0, points[2].position_ned_m))
+            vehicle.offboard.set_limits(OperatorLimits(speed_max_m_s=5.0))
+            await vehicle.offboard.start(order(Path(fast)))
+
+    flown(jump, story)
+
+
+def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
+    async def story(world):
+        vehicle = await world.in_the_air(height_m=8)
+        home = vehicle.topic("home").value
+        vehicle.offboard.set_limits(
+            OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0)
+        )
+        with pytest.raises(Refused, match="outside the operator's fence"):
+            await vehicle.offboard.start(order(Position((40.0, 0.0, -8.0))))
+        with pytest.raises(Refused, match="limits of height"):
+            await vehicle.offboard.start(order(Position((10.0, 0.0, -14.0))))
+        await vehicle.offboard.start(order(Velocity((6.0, 0.0, -1.0), yaw_ned_rad=0.0)))
+        farthest = highest = 0.0
+        for _ in range(160):
+            await seconds(0.1)
+            n, e, d = local(vehicle).position_ned_m
+            farthest, highest = max(farthest, math.hypot(n, e)), max(highest, -d)
+        assert 20 < farthest < 25.2
+        assert 10.5 < highest < 12.2
+        status = vehicle.offboard.status()
+        assert any("before the edge" in words for words in status.limited)
+        assert math.hypot(*local(vehicle).velocity_ned_m_s[:2]) < 0.4
+        assert "limited" in codes(vehicle)
+        # back, then by attitude, which steers no place: taken over in time
+        await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
+        vehicle.offboard.setpoint(order(Attitude(quaternion_of(0.0, math.radians(-12), 0.0), 0.505)))
+        farthest = 0.0
+        for _ in range(120):
+            await seconds(0.1)
+            n, e, _ = local(vehicle).position_ned_m
+            farthest = max(farthest, math.hypot(n, e))
+        assert "fence" in codes(vehicle)
+        assert farthest < 25.2
+        await until(lambda: vehicle.status.mode == "hold", 8)
+
+    flown(jump, story)
+
+
+def test_one_vehicle_follows_another_until_that_is_not_heard(jump):
+    async def story(world):
+        leader, follower = await world.in_the_air("1", 8), await world.in_the_air("2", 11)
+        await leader.offboard.start(order(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
+        beside = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
+        await follower.offboard.start(order(beside, valid_for_s=300, hold_for_s=2.0))
+        await seconds(4)
+        leader.offboard.setpoint(order(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
+        await seconds(8)
+        lead, own = leader.topic("global_position").value, follower.topic("global_position").value
+        north = (own.lat_deg - lead.lat_deg) * 111_195
+        east = (own.lon_deg - lead.lon_deg) * 111_195 * math.cos(math.radians(lead.lat_deg))
+        assert (north, east) == pytest.approx((0.0, 4.0), abs=1.3)
+        assert own.alt_amsl_m - lead.alt_amsl_m == pytest.approx(3.0, abs=0.8)
+        assert attitude(follower).yaw_ned_rad == pytest.approx(0.5, abs=0.15)
+        world.sim.set_link_up(0, "gcs", False)
+        await seconds(2.5)
+        assert "leader_lost" in codes(follower)
+        assert follower.offboard.status().state in ("holding", "to_hold", "idle")
+        await until(lambda: follower.status.mode == "hold", 6)
+
+    flown(jump, story, count=2)
