@@ -27,6 +27,8 @@ class OffboardPilot(FakeAutopilot):
         super().__init__(link, **options)
         self.params |= {"COM_OF_LOSS_T": (9, OF_LOSS_S), "COM_OBL_RC_ACT": (6, 0)}
         self.setpoints: list[tuple[float, Any]] = []
+        self.other_targets: list[tuple[float, Any]] = []
+        """By attitude, rates or a place on the earth."""
         self.ned = [0.0, 0.0, 0.0]
         self.velocity = (0.0, 0.0, 0.0)
         self.estimates = True
@@ -52,10 +54,13 @@ class OffboardPilot(FakeAutopilot):
     def handle(self, message: Any) -> None:
         if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
             self.setpoints.append((self.loop.time(), message))
+        if message.get_type() in ("SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"):
+            self.other_targets.append((self.loop.time(), message))
         super().handle(message)
 
     def has_stream(self) -> bool:
-        return bool(self.setpoints) and self.loop.time() - self.setpoints[-1][0] <= OF_LOSS_S
+        heard = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
+        return bool(heard) and self.loop.time() - max(heard) <= OF_LOSS_S
 
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24

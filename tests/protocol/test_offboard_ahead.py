@@ -1,0 +1,215 @@
+"""What is said before it is tried: what can be flown and why not, limits, and the vehicle's own failsafe."""
+
+import itertools
+
+import pytest
+
+from gcs_server.errors import InvalidRequest, Refused, Rejected
+from gcs_server.streamer.limit_values import CircleFence, OperatorLimits
+from gcs_server.streamer.setpoints import (
+    TYPES,
+    Actuators,
+    Attitude,
+    Follow,
+    OnExpiry,
+    Order,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+)
+from tests.protocol.conftest import OFFBOARD, sim
+from tests.protocol.offboard_world import codes, flight, order, seconds
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+ATTITUDE, VELOCITY, POSITION, HEIGHT = 1, 2 | 4, 8 | 16, 32
+
+
+def sends_flags(pilot, flags):
+    pilot.send(sim.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0))
+
+
+def cannot(vehicle):
+    return {name for name, available in vehicle.offboard.available().items() if not available.can}
+
+
+NEVER = {"thrust_torque", "actuators"}
+PLACES = {"position", "position_global", "position_body", "path", "follow", "trajectory"}
+
+
+@pytest.mark.parametrize(
+    ("flags", "impossible"),
+    [
+        (ATTITUDE | VELOCITY | POSITION | HEIGHT, NEVER),
+        (ATTITUDE | VELOCITY | HEIGHT, NEVER | PLACES),
+        (ATTITUDE | VELOCITY | POSITION, NEVER | PLACES),
+        (ATTITUDE, NEVER | PLACES | {"velocity", "velocity_body", "acceleration"}),
+        (0, set(TYPES)),
+    ],
+)
+def test_what_can_be_flown_follows_the_vehicles_own_estimates(jump, flags, impossible):
+    async def story(world, vehicle, pilot, link):
+        sends_flags(pilot, flags)
+        await seconds(0.1)
+        assert cannot(vehicle) == impossible
+        for name in impossible - NEVER:
+            assert "estimate" in vehicle.offboard.available()[name].why_not
+
+    flight(jump, story)
+
+
+def test_without_an_estimate_an_attitude_can_be_flown_and_a_place_is_refused_before_anything_is_sent(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.estimates = False
+        await seconds(1.5)
+        for setpoint, words in (
+            (Position((0.0, 0.0, -5.0)), "no fresh position"),
+            (Velocity((0.0, 0.0, 0.0)), "no fresh velocity"),
+            (Trajectory((None, None, None), (1.0, 0.0, 0.0)), "no fresh velocity"),
+        ):
+            with pytest.raises(Refused, match=words):
+                await vehicle.offboard.start(Order(setpoint))
+        assert pilot.commands(176) == []
+        await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5), 60.0))
+        assert pilot.mode == OFFBOARD
+
+    flight(jump, story)
+
+
+def test_what_can_never_be_flown_says_so_in_words(jump):
+    async def story(world, vehicle, pilot, link):
+        for setpoint, error, words in (
+            (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "nothing is controlled but"),
+            (Position((1.0, None, -5.0)), InvalidRequest, "north and east go together"),
+            (Actuators((0.5,)), Refused, "MAVLink link carries no actuators"),
+            (Follow("1", (3.0, 0.0, 0.0)), InvalidRequest, "cannot follow itself"),
+        ):
+            with pytest.raises(error, match=f"(?i){words}"):
+                await vehicle.offboard.start(Order(setpoint))
+        assert pilot.setpoints == []
+
+    flight(jump, story)
+
+
+def test_an_attitude_that_expires_without_any_estimate_stays_level_until_land_comes(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.estimates = False
+        pilot.params["MPC_THR_HOVER"] = (9, 0.44)
+        await seconds(1.5)
+        targets = pilot.other_targets
+        await vehicle.offboard.start(Order(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
+        assert targets[-1][1].type_mask == 128
+        pilot.silent_commands.add(176)
+        await seconds(1.0)
+        assert "expired" in codes(vehicle)
+        assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
+        assert abs(targets[-1][1].q[1]) < 1e-6
+        assert [int(m.param3) for m in pilot.commands(176)][-1] == 6  # Land is asked for
+
+    flight(jump, story)
+
+
+def test_a_loop_that_stalls_while_attitude_is_flown_leaves_no_gap_and_then_falls_silent(jump):
+    async def story(world, vehicle, pilot, link):
+        targets = pilot.other_targets
+        await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5), 60.0))
+        beat, world.streamer._thread.beat = world.streamer._thread.beat, lambda snapshots: None
+        await seconds(0.4)
+        assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
+        await seconds(1.6)
+        assert world.loop.time() - targets[-1][0] > 0.3
+        world.streamer._thread.beat = beat
+        await seconds(0.2)
+        assert "server_silent" in codes(vehicle)
+
+    flight(jump, story)
+
+
+def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.params |= {
+            "MPC_XY_VEL_MAX": (9, 4.0),
+            "MPC_TILTMAX_AIR": (9, 30.0),
+            "GF_MAX_HOR_DIST": (9, 60.0),
+        }
+        await vehicle.offboard.start(order(velocity=(9.0, 0.0, 0.0)))
+        await seconds(0.2)
+        status = vehicle.offboard.status()
+        assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
+        assert status.limited == ("speed held to 4 m/s",)
+        limits = vehicle.offboard.set_limits(OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0))
+        assert limits.vehicle.tilt_max_rad == pytest.approx(0.5236, abs=1e-3)
+        assert limits.vehicle.distance_max_m == 60.0
+        await seconds(0.5)
+        assert pilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
+        vehicle.offboard.setpoint(order(velocity=(-2.0, 0.0, 0.0)))
+        await seconds(1.0)
+        assert pilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slewed at 1 m/s²
+        with pytest.raises(Refused, match="limit of 60 m from home"):
+            vehicle.offboard.setpoint(order(position=(70.0, 0.0, -5.0)))
+
+    flight(jump, story)
+
+
+def test_limits_of_place_that_cannot_be_kept_are_said_before_anything_flies(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.estimates = False
+        vehicle.offboard.set_limits(OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)))
+        await seconds(1.5)
+        with pytest.raises(Refused, match="limits cannot be kept"):
+            await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5)))
+        assert pilot.commands(176) == []
+
+    flight(jump, story)
+
+
+def test_a_height_above_home_is_turned_into_one_above_the_sea(jump):
+    async def story(world, vehicle, pilot, link):
+        targets = pilot.other_targets
+        place = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
+        await vehicle.offboard.start(Order(place, 60.0))
+        assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
+        assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
+
+    flight(jump, story)
+
+
+def test_the_failsafe_is_told_before_the_start_and_set_verified(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.know()
+        before = vehicle.offboard.failsafe()
+        assert (before.action, before.after_s, before.transmitter) == ("position", 1.0, False)
+        assert "lands where it is" in before.words
+        after = await vehicle.offboard.set_failsafe("hold", 2.0)
+        assert (after.action, after.after_s) == ("hold", 2.0)
+        assert (pilot.params["COM_OBL_RC_ACT"][1], pilot.params["COM_OF_LOSS_T"][1]) == (5, 2.0)
+        assert "after 2 s the vehicle holds its position" in vehicle.offboard.status().if_stream_stops
+        with pytest.raises(InvalidRequest, match="no action"):
+            await vehicle.offboard.set_failsafe("disarm", None)
+        await vehicle.offboard.start(order(), rate_hz=3.0)
+        with pytest.raises(Refused, match="too few"):
+            await vehicle.offboard.set_failsafe(None, 0.5)
+        pilot.stored = lambda message: 2.0  # it keeps its own
+        with pytest.raises(Rejected, match="keeps COM_OF_LOSS_T"):
+            await vehicle.offboard.set_failsafe(None, 5.0)
+
+    flight(jump, story)
+
+
+def test_health_says_how_long_until_the_vehicle_fails_safe(jump):
+    async def story(world, vehicle, pilot, link):
+        assert vehicle.offboard.status().health.failsafe_in_s is None
+        pilot.params["COM_OF_LOSS_T"] = (9, 0.5)
+        await vehicle.offboard.start(order(valid_for_s=3.0))
+        await seconds(1.0)
+        health = vehicle.offboard.status().health
+        assert health.rate_achieved_hz == pytest.approx(50, rel=0.05)
+        assert 0.45 < health.failsafe_in_s <= 0.5
+        assert health.setpoint_age_s == pytest.approx(1.0, abs=0.05)
+        assert health.valid_left_s == pytest.approx(2.0, abs=0.05)
+        assert health.sent_age_s < 0.03
+        assert health.echo is None  # this one tells none
+        assert health.position_error_m == pytest.approx(0.0, abs=0.01)
+
+    flight(jump, story)
