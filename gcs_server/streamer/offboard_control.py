@@ -166,7 +166,7 @@ class OffboardControl:
     # --- what the vehicle is configured to ----------------------------------------------------------
 
     def asks_for(self) -> str | None:
-        """The mode that the ending stream asks the vehicle for by itself just now; None while it asks for none."""
+        """The mode that the ending stream asks the vehicle for just now; None while it asks for none."""
         return ENDS_IN.get(self._thread.state(self._vehicle.id).phase)
 
     async def read_failsafe(self) -> Failsafe:

@@ -89,7 +89,9 @@ def cause_of(
         who = f"station {foreign.system}/{foreign.component}"
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
     old, new = (_name(facts.custom_mode) for facts in (before, after))
-    if after.intended_custom_mode not in (None, after.custom_mode) or after.system_status in (
+    # a heartbeat brings the mode alone: what was intended is then that of before
+    with_intention = after.heartbeat_s == before.heartbeat_s
+    if (with_intention and is_overruled(after)) or after.system_status in (
         d.MAV_STATE_CRITICAL,
         d.MAV_STATE_EMERGENCY,
     ):
@@ -99,6 +101,11 @@ def cause_of(
     if new in BY_HAND and hears_transmitter:
         return ModeCause("pilot", None, "its transmitter", unix_s)
     return ModeCause("unknown", None, "not this server: its pilot, another station or itself", unix_s)
+
+
+def is_overruled(facts: Facts) -> bool:
+    """Whether the vehicle says that it flies another mode than was asked for."""
+    return facts.intended_custom_mode not in (None, facts.custom_mode)
 
 
 def _name(custom_mode: int) -> str | None:

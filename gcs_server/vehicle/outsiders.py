@@ -5,6 +5,8 @@ It is told to everyone and respected: nothing here, and nobody who hears of it, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.gimbal_decoder import control_of
@@ -14,6 +16,7 @@ from gcs_server.vehicle.mode_cause import (
     ForeignAck,
     ModeCause,
     cause_of,
+    is_overruled,
 )
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.reducers import Facts
@@ -30,11 +33,15 @@ class Outsiders:
     Args:
         vehicle: whose messages are heard.
         command: knows which modes were asked for by us.
+        stream_asks: the mode that the setpoint stream is asking for just now, at its end.
     """
 
-    def __init__(self, vehicle: VehiclePort, command: CommandService) -> None:
+    def __init__(
+        self, vehicle: VehiclePort, command: CommandService, stream_asks: Callable[[], str | None]
+    ) -> None:
         self._vehicle = vehicle
         self._command = command
+        self._stream_asks = stream_asks
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: tuple[int, int] | None = None
         self.mode_cause: ModeCause | None = None
@@ -43,21 +50,40 @@ class Outsiders:
     def mode(self, before: Facts, after: Facts) -> ModeCause | None:
         """Who changed the mode; None where it did not change, or is heard for the first time."""
         vehicle = self._vehicle
+        self._second_thoughts(before, after)
         if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):
             return None
         if after.autopilot != d.MAV_AUTOPILOT_PX4:
             return None
-        asked = self._command.asked_for(name_and_label(after.custom_mode, after.autopilot)[0])
+        name, label = name_and_label(after.custom_mode, after.autopilot)
+        ours = self._command.asked_for(name)
+        asked = None if ours is None else (ours.what, ours.by)
+        if asked is None and self._stream_asks() == name:
+            asked = (label, None)
         self.mode_cause = cause_of(
             before,
             after,
-            asked=None if asked is None else (asked.what, asked.by),
+            asked=asked,
             foreign=self._foreign_ack,
             hears_transmitter=self._hears_transmitter(),
             now_s=vehicle.clock.monotonic_s(),
             unix_s=vehicle.clock.unix_s(),
         )
         return self.mode_cause
+
+    def _second_thoughts(self, before: Facts, after: Facts) -> None:
+        """The mode came with a heartbeat; what was intended instead is told a moment later."""
+        cause = self.mode_cause
+        told = after.mode_s > before.mode_s and after.heartbeat_s == before.heartbeat_s
+        if (
+            told
+            and cause is not None
+            and cause.from_outside
+            and cause.source != "station"
+            and after.custom_mode == before.custom_mode
+            and is_overruled(after)
+        ):
+            self.mode_cause = ModeCause("failsafe", None, "its own failsafe", cause.since_unix_s)
 
     def ack(self, payload: bytes) -> None:
         """COMMAND_ACK: what the vehicle answers to others tells that they command it."""

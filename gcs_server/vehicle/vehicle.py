@@ -89,7 +89,9 @@ class Vehicle:
         self.metadata = MetadataService(self, self.ftp)
         self.params = ParamService(self, self.metadata)
         self.health = HealthService(self, self._narrator.event)
-        self._outsiders = Outsiders(self, self.command)
+        self._outsiders = Outsiders(
+            self, self.command, lambda: None if self.offboard is None else self.offboard.asks_for()
+        )
 
     @property
     def identity(self) -> Identity:

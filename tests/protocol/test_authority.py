@@ -22,12 +22,12 @@ START = StartRequest.model_validate(
 YES = control_models.TakeControl(force=True)
 
 
-def desk(jump, story, *, flying=True):
-    """A flying vehicle, the station's routes, and who sits there."""
+def desk(jump, story, *, flying=True, loss=0.0, seed=0):
+    """A flying vehicle and the station's routes, on simulated time."""
 
     async def run():
         world = OffboardWorld()
-        pilot = world.offboard_pilot(world.link())
+        pilot = world.offboard_pilot(world.link(), loss=loss, seed=seed)
         if flying:
             pilot.fly()
         try:
@@ -290,6 +290,20 @@ def test_a_failsafe_is_called_one(jump):
         at.pilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Return: its own failsafe", 4, "failsafe")
+
+    desk(jump, story)
+
+
+def test_a_failsafe_that_a_heartbeat_tells_first_is_understood_a_moment_later(jump):
+    async def story(at):
+        await seconds(10)
+        at.pilot.mode = RTL
+        at.pilot.heartbeat()
+        await seconds(0.1)
+        assert mode_lines(at.vehicle)[-1][2] == "unknown"
+        at.pilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
+        await seconds(0.1)
+        assert at.vehicle.mode_cause.source == "failsafe"
 
     desk(jump, story)
 

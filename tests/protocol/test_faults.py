@@ -1,0 +1,216 @@
+"""What dies in flight, told as a whole: what everybody hears, in order, and where the vehicle ends.
+
+Each narrative is the list of what the vehicle's feed says, from the first command to long after the fault.
+"""
+
+import pytest
+from pydantic import TypeAdapter
+
+from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
+from gcs_server.api.offboard_models import AnyOrder, StartRequest
+from gcs_server.errors import NotInControl, Refused
+from tests.protocol.conftest import HOLD, LAND, OFFBOARD, sim
+from tests.protocol.offboard_world import POSITION, asks, seconds, silent
+from tests.protocol.test_authority import ANNA, BOB, MISSION, YES, desk
+from tests.unit.gcs_server.streamer.test_silence import Bench
+
+ORDER = TypeAdapter(AnyOrder)
+PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
+FIRST = StartRequest.model_validate(
+    {"setpoint": PLACE, "valid_for_s": 1.0, "on_expiry": {"action": "hold", "hold_for_s": 2.0}}
+)
+LONG = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 3600.0})
+AGAIN = ORDER.validate_python({**PLACE, "valid_for_s": 1.0})
+LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
+
+
+def narrative(vehicle):
+    """The feed in short: who has control, which mode by whom, what the stream says, the link."""
+    said = []
+    for event in vehicle.events.since():
+        data = event.data
+        if event.kind == "control":
+            said.append(f"control {data['action']}")
+        elif event.kind == "mode_changed":
+            said.append(f"mode {data['mode']} by {data['cause']}")
+        elif data.get("source") == "offboard":
+            said.append(f"stream {data['code']}")
+        elif event.kind == "link":
+            said.append(event.text)
+    return said
+
+
+async def setpoints(at, client, duration_s, every_s=0.3):
+    for _ in range(round(duration_s / every_s)):
+        await offboard_routes.setpoint("1", AGAIN, at.station, client)
+        await seconds(every_s)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSSES)
+def test_a_killed_client_leaves_the_vehicle_in_hold_and_control_free(jump, loss, seed):
+    async def story(at):
+        await offboard_routes.start("1", FIRST, at.station, ANNA)
+        await setpoints(at, ANNA, 3.0)
+        await seconds(1.0 + 2.0 + 6.0)  # validity, the place held, and Hold as it is asked for under loss
+        assert at.pilot.mode == HOLD
+        await silent(at.pilot, None, seconds_=30.0)
+        assert narrative(at.vehicle) == [
+            "control taken",
+            "mode offboard by command",
+            "stream expired",
+            "mode hold by command",
+            "stream held",
+            "control expired",
+        ]
+        assert at.pilot.failsafes == 0
+        await vehicle_routes.rtl("1", at.station, BOB)  # who comes next has it
+
+    desk(jump, story, loss=loss, seed=seed)
+
+
+def test_a_browser_tab_asleep_keeps_control_but_not_the_stream(jump):
+    async def story(at):
+        with at.station.authority.connected(ANNA):  # the browser keeps its socket, the page does not run
+            await offboard_routes.start("1", FIRST, at.station, ANNA)
+            await setpoints(at, ANNA, 3.0)
+            await seconds(8.0)
+            assert at.pilot.mode == HOLD
+            await silent(at.pilot, None, seconds_=300.0)
+            with pytest.raises(Refused, match="no setpoint stream"):
+                await offboard_routes.setpoint("1", AGAIN, at.station, ANNA)
+            with pytest.raises(NotInControl):
+                await offboard_routes.start("1", FIRST, at.station, BOB)
+        assert narrative(at.vehicle) == [
+            "control taken",
+            "mode offboard by command",
+            "stream expired",
+            "mode hold by command",
+            "stream held",
+        ]
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("agreed", ["nothing", "hold"])
+def test_network_pulled_in_a_mission_the_vehicle_does_what_was_agreed(jump, agreed):
+    async def story(at):
+        with at.station.authority.connected(ANNA):
+            await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=agreed))
+            await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), at.station, ANNA)
+            await seconds(100)
+        await seconds(29)  # the socket is found dead; its client's time begins
+        assert at.pilot.mode == MISSION
+        await seconds(4)
+        await silent(at.pilot, None, seconds_=60.0)
+        ends = ["control taken", "mode mission by command", "control expired"]
+        if agreed == "hold":
+            ends.append("mode hold by command")
+        assert narrative(at.vehicle) == ends
+        assert at.pilot.mode == (HOLD if agreed == "hold" else MISSION)
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize(("stall_s", "goes_on"), [(0.4, True), (2.0, False)])
+def test_a_stalled_loop_of_0_4_s_is_nothing_and_of_2_s_ends_the_stream(stall_s, goes_on):
+    bench = Bench()
+    bench.run(1.0, beats=True)
+    bench.run(stall_s, beats=False)
+    bench.run(3.0, beats=True)
+    sending = bench.clock.now_s - bench.sent[-1] < 0.05
+    assert sending == goes_on
+    assert bench.codes() == ([] if goes_on else ["server_silent"])
+    if not goes_on:  # it stopped within the limit, and PX4 fails safe by itself
+        assert bench.clock.now_s - bench.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)
+
+
+def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_when_it_is_back(jump):
+    async def story(at):
+        await offboard_routes.start("1", LONG, at.station, ANNA)
+        at.pilot.loss = 1.0
+        await seconds(15)
+        assert not at.vehicle.offboard.status().streaming
+        assert at.pilot.mode == POSITION, "PX4's own failsafe"
+        at.pilot.loss = 0.0
+        await silent(at.pilot, None, seconds_=30.0, settle_s=0.5)
+        assert narrative(at.vehicle) == [
+            "control taken",
+            "mode offboard by command",
+            "Link lost",
+            "stream lost",
+            "stream not_confirmed",
+            "mode position by unknown",
+            "Link is back",
+            "control expired",
+        ]
+
+    desk(jump, story)
+
+
+def test_a_second_client_takes_over_and_the_first_one_moves_nothing_any_more(jump):
+    async def story(at):
+        with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
+            await offboard_routes.start("1", LONG, at.station, ANNA)
+            await control_routes.request("1", at.station, BOB)
+            await seconds(15.5)
+            await control_routes.take("1", at.station, BOB, YES)
+            assert at.pilot.mode == OFFBOARD, "it flies on as it did"
+            sent = at.pilot.setpoints[-1][1].z
+            moved = ORDER.validate_python({"type": "position", "position_ned_m": [9, 0, -9]})
+            for work in (
+                lambda: offboard_routes.setpoint("1", moved, at.station, ANNA),
+                lambda: offboard_routes.stop("1", at.station, ANNA),
+            ):
+                with pytest.raises(NotInControl, match="bob has control"):
+                    await work()
+            await seconds(1)
+            assert at.pilot.setpoints[-1][1].z == sent
+            await offboard_routes.setpoint("1", moved, at.station, BOB)
+            await seconds(0.1)
+            assert at.pilot.setpoints[-1][1].z == -9
+            await offboard_routes.stop("1", at.station, BOB)
+            await silent(at.pilot, None)
+            assert at.pilot.mode == HOLD
+        assert narrative(at.vehicle) == [
+            "control taken",
+            "mode offboard by command",
+            "control requested",
+            "control forced",
+            "mode hold by command",
+        ]
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSSES)
+def test_a_pilot_flips_to_position_and_has_the_vehicle(jump, loss, seed):
+    async def story(at):
+        await offboard_routes.start("1", LONG, at.station, ANNA)
+        held = len(asks(at.pilot, HOLD)) + len(asks(at.pilot, OFFBOARD))
+        at.pilot.mode = at.pilot.asked_mode = POSITION
+        at.pilot.current_mode()
+        await silent(at.pilot, None, seconds_=60.0, settle_s=2.5)
+        assert len(asks(at.pilot, HOLD)) + len(asks(at.pilot, OFFBOARD)) == held
+        assert at.pilot.mode == POSITION
+        told = narrative(at.vehicle)
+        assert sorted(told[2:4]) == ["mode position by unknown", "stream left_offboard"]
+        assert (told[:2], told[4:]) == (["control taken", "mode offboard by command"], ["control expired"])
+
+    desk(jump, story, loss=loss, seed=seed)
+
+
+def test_an_estimate_that_is_lost_ends_as_the_vehicle_decides(jump):
+    async def story(at):
+        await offboard_routes.start("1", LONG, at.station, ANNA)
+        at.pilot.estimates = False
+        await seconds(2.0)
+        at.pilot.mode = LAND
+        at.pilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
+        await silent(at.pilot, None, seconds_=20.0, settle_s=0.1)
+        assert at.pilot.mode == LAND
+        with pytest.raises(Refused):
+            await offboard_routes.start("1", FIRST, at.station, ANNA)
+        told = narrative(at.vehicle)
+        assert sorted(told[2:]) == ["mode land by failsafe", "stream left_offboard"]
+
+    desk(jump, story)
