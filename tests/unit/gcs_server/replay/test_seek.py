@@ -64,7 +64,8 @@ def fleet_after(records, until_us, begin_us, *, ticks):
 def picture(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
-    return vehicle.identity, vehicle.facts, topics, sorted(e for e in events if e[1] != "link")
+    story = sorted(e for e in events if e[1] != "link")
+    return vehicle.identity, vehicle.facts, vehicle.health.report, topics, story
 
 
 def everything(file):
@@ -121,7 +122,7 @@ def test_in_flights_of_a_real_px4(shared, name, share):
     vehicles, before, fed = compare(shared / "px4" / "tlogs" / name, share)
     assert len(vehicles) == 1
     assert before > 10 * fed
-    ((identity, facts, topics, events),) = vehicles.values()
+    ((identity, facts, _, topics, events),) = vehicles.values()
     assert identity.replayed
     assert facts.custom_mode
     assert topics["gimbal"] is not None
