@@ -34,7 +34,7 @@ async (shot) => {
   return [...ctx.getImageData(0, 0, 1, 1).data].slice(0, 3);
 }
 """
-MIDDLE = (610, 476)
+MIDDLE = (642, 476)
 """Where a followed vehicle is on the large map of a window of 1440 by 900."""
 
 
