@@ -65,7 +65,10 @@ async def show_limits(vehicle: VehicleDep) -> Response:
 async def set_limits(v: str, body: models.LimitsRequest, station: StationDep, client: ClientDep) -> Response:
     """Replaces the operator's limits, for the stream that runs too; what is left out is no limit."""
     with journaled(station, client, "offboard/limits", v, body.model_dump(exclude_none=True)):
-        return answer(station.fleet.get(v).offboard.set_limits(body.to_limits()))
+        offboard = station.fleet.get(v).offboard
+        offboard.set_limits(body.to_limits())  # in force at once
+        await offboard.know()
+        return answer(offboard.limits())
 
 
 @router.put("/failsafe", response_model=views.FailsafeModel)

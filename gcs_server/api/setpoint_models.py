@@ -357,7 +357,9 @@ class PathSetpoint(SetpointBody):
     )
 
     type: Literal["path"]
-    points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000)]
+    points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000)] = Field(
+        description="In the order of their times; the last is held."
+    )
 
     @model_validator(mode="after")
     def _in_time(self) -> PathSetpoint:

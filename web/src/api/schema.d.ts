@@ -3904,7 +3904,10 @@ export interface components {
              * @enum {string}
              */
             type: "path";
-            /** Points */
+            /**
+             * Points
+             * @description In the order of their times; the last is held.
+             */
             points: components["schemas"]["PathPointBody"][];
         };
         /**
@@ -3974,7 +3977,10 @@ export interface components {
              * @enum {string}
              */
             type: "path";
-            /** Points */
+            /**
+             * Points
+             * @description In the order of their times; the last is held.
+             */
             points: components["schemas"]["PathPointBody"][];
         };
         /**

@@ -1,0 +1,72 @@
+"""The Python client by every way in, against real processes: blocks, live orders, a path, limits."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import Any
+
+import pytest
+
+from gcs_server.client import Gcs, Invalid, Refused, setpoints
+from tests.e2e.conftest import Station
+from tests.e2e.test_deaths import airborne
+
+
+def distance_m(a: Any, b: Any) -> float:
+    return math.dist(tuple(a), tuple(b))
+
+
+def test_blocks_live_orders_a_path_and_limits(station: Station) -> None:
+    airborne(station.drone)
+    asyncio.run(flight(station.url))
+
+
+async def flight(url: str) -> None:
+    async with Gcs(url, client="path", client_id="e2e") as gcs:
+        drone = gcs.vehicle("101")
+        limits = await drone.set_offboard_limits(speed_max_m_s=6, distance_max_m=60)
+        assert limits["vehicle"]["speed_max_m_s"] == 12.0
+        assert limits["operator"]["distance_max_m"] == 60.0
+        failsafe = await drone.set_offboard_failsafe("hold", after_s=1.5)
+        assert (failsafe["action"], failsafe["after_s"]) == ("hold", 1.5)
+
+        place = await drone.position_ned_m()
+        async with drone.offboard(valid_for_s=5) as offboard:  # stays where it is
+            assert offboard.started["ordered_type"] == "position_body"
+            assert distance_m(offboard.started["setpoint"]["position_ned_m"], place) < 2
+            with pytest.raises(Refused, match="limit of 60 m from home"):
+                await offboard.position_ned(100, 0, -10)
+            with pytest.raises(Refused, match="MAVLink link carries no actuators"):
+                await offboard.actuators([0.5] * 4)
+            with pytest.raises(Invalid, match="north and east go together"):
+                await offboard.send({"type": "position", "position_ned_m": [1, None, -5]})
+
+            async with offboard.live() as live:
+                for step in range(60):
+                    answer = await live.velocity_body(9.0, 0.0, 0.0, yaw_rate_ned_rad_s=0.3)
+                    assert answer["applied"]["type"] == "velocity_body", step
+                    await asyncio.sleep(0.01)
+                assert math.hypot(*answer["applied"]["velocity_frd_m_s"]) == pytest.approx(6.0, abs=0.01)
+                assert "speed held to 6 m/s" in answer["limited"]
+                with pytest.raises(Invalid, match="length 1"):
+                    await live.attitude(0.5, q_ned_frd=(1, 1, 0, 0))
+                begin = await drone.position_ned_m()
+                await live.position_body(0, 0, 0)
+
+            await asyncio.sleep(1.5)
+            begin = await drone.position_ned_m()
+            corners = ((0, 0), (4, 0), (4, 4))
+            points = [(3.0 * i, (begin[0] + n, begin[1] + e, begin[2])) for i, (n, e) in enumerate(corners)]
+            await offboard.follow_path(points)
+            await asyncio.sleep(0.7)
+            assert distance_m(await drone.position_ned_m(), points[-1][1]) < 1.5
+            status = await offboard.status()
+            assert status["ordered_type"] == "path"
+            assert status["available"]["attitude"] == {"can": True, "why_not": None, "needs": ["heading"]}
+            assert "MAVLink link" in status["available"]["thrust_torque"]["why_not"]
+            assert status["health"]["position_error_m"] < 1.5
+            assert status["failsafe"]["action"] == "hold"
+        assert (await drone.status())["mode"] == "hold"
+        with pytest.raises(Refused, match="no setpoint stream"):
+            await drone.request("POST", "/offboard/setpoint", setpoints.position_ned(0, 0, -10))
