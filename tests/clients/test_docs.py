@@ -12,7 +12,7 @@ import pytest
 
 from gcs_server.api.schema import bare_app
 from gcs_server.client import SyncGcs
-from tests.station import free_port, running, server
+from tests.station import free_port, running, server, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEED = 3
@@ -75,8 +75,11 @@ def test_the_page_of_the_api_has_every_call_that_there_is() -> None:
     assert shown == {(method.upper(), path) for path, methods in paths.items() for method in methods}
 
 
-@pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
+@pytest.mark.parametrize("document", ["docs/api.md", "docs/offboard.md", "README.md"])
 def test_every_program_of_the_document_runs(document: str, address: str, tmp_path: Path) -> None:
+    with SyncGcs(f"http://{address}", client="docs") as gcs:  # whoever flew before is done
+        control = gcs.vehicle("1").control
+        wait_until(lambda: control.show()["holder"] is None, "control to be free", 40)
     for number, program in enumerate(blocks(document, "python", "localhost:8080")):
         file = tmp_path / f"program{number}.py"
         file.write_text(program.replace("localhost:8080", address), encoding="utf-8")
