@@ -75,6 +75,11 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
+def same_client(client_id: str) -> str:
+    """A script by which a page is the client of that id."""
+    return f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}"
+
+
 class Watched:
     """Everything a page asked for and complained of."""
 
@@ -133,7 +138,7 @@ def opened(
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
-    page.add_init_script(f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}")
+    page.add_init_script(same_client(client_id))
     if script:
         page.add_init_script(script)
     watched = Watched(page, url)

@@ -22,7 +22,7 @@ from typing import Any
 from playwright.sync_api import Browser, Page
 
 from gcs_server.client import SyncGcs, SyncVehicle
-from tests.e2e.browser import REPOSITORY, chromium, hold_space
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
@@ -34,6 +34,8 @@ SIZE, TABLET = (1440, 900), (1024, 768)
 SETTLE_S = 1.6
 """Both views draw themselves anew after a change of theme, in software."""
 SPEED = 3
+CLIENT_ID = "pictures"
+"""Page and programs are one client, in control of what they fly."""
 
 
 @dataclass
@@ -128,6 +130,50 @@ def offboard(at: Set) -> None:
     shoot(page, at.folder, "offboard", ahead)
 
 
+def room(at: Set) -> None:
+    """Setpoints by form: what is streamed and flown, what is not sent yet."""
+    page = at.page
+    page.keyboard.press("m")
+    page.keyboard.press("p")
+    dock = page.get_by_role("region", name="Offboard room")
+    north, east, up = (dock.get_by_label(f"Position, {axis}") for axis in ("North", "East", "Up"))
+    north.fill("12")
+    east.fill("6")
+    up.fill("12")
+    dock.get_by_role("button", name="Start…").click()
+    hold_space(page)
+    until_pill(page, "Offboard")
+    time.sleep(4)
+    north.fill("2")
+    east.fill("14")
+    up.fill("10")
+    dock.get_by_role("button", name="Send").click()
+    time.sleep(5)
+    north.fill("16")
+    east.fill("4")
+    up.fill("14")
+    shoot(page, at.folder, "room")
+    page.keyboard.press("Tab")
+    dock.get_by_role("button", name="Stop", exact=True).click()
+    page.get_by_role("button", name="Close the offboard room").click()
+    page.keyboard.press("m")
+
+
+def drag(at: Set) -> None:
+    """A place dragged by handles in 3D, not sent yet."""
+    page = at.page
+    until_pill(page, "Holding")
+    page.keyboard.press("p")
+    dock = page.get_by_role("region", name="Offboard room")
+    dock.get_by_role("button", name="Drag in 3D").click()
+    dock.get_by_role("button", name="Back to vehicle").click()
+    for name in ("North 1 m more", "East 1 m less", "Yaw 15 ° more", "Yaw 15 ° more"):
+        dock.get_by_role("button", name=name).click()
+    time.sleep(5)
+    shoot(page, at.folder, "drag")
+    page.get_by_role("button", name="Close the offboard room").click()
+
+
 def gimbal(at: Set) -> None:
     """The camera is steered from here."""
     page = at.page
@@ -159,6 +205,7 @@ def tablet(at: Set) -> None:
             viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme=theme
         )
         page = context.new_page()
+        page.add_init_script(same_client(CLIENT_ID))
         page.goto(at.url)
         until_pill(page, "Holding")
         time.sleep(6)  # its 3D view loads anew
@@ -171,7 +218,7 @@ def tablet(at: Set) -> None:
 def two(at: Set) -> None:
     """A second vehicle is heard and flies."""
     at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", "--speed", str(SPEED)]))
-    with SyncGcs(at.url, client="pictures") as gcs:
+    with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
         second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         second.takeoff(8)
         time.sleep(4)
@@ -212,6 +259,8 @@ STATES: tuple[Callable[[Set], None], ...] = (
     gimbal,
     tablet,
     offboard,
+    room,
+    drag,
     refused,
     two,
     lost,
@@ -226,11 +275,12 @@ def airborne(folder: Path) -> Generator[Set]:
     with contextlib.ExitStack() as stack:
         url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{port}"]))
         simulator = stack.enter_context(vehicle(port, more=["--speed", str(SPEED)]))
-        gcs = stack.enter_context(SyncGcs(url, client="pictures"))
+        gcs = stack.enter_context(SyncGcs(url, client="pictures", client_id=CLIENT_ID))
         browser = stack.enter_context(chromium())
         page = browser.new_context(
             viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme="dark"
         ).new_page()
+        page.add_init_script(same_client(CLIENT_ID))
         page.goto(url)
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=60)
         drone.takeoff(12)

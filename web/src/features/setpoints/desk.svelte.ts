@@ -17,7 +17,7 @@ import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
 /** Kinds that ask for a place: said again for as long as this page is open, unless that is switched off. */
-const PLACES: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory'];
+const PLACES: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const PLACE_S = 10;
 const MOTION_S = 2;
 /** While a hand is on it (gamepad, handle), a setpoint is good for this long [s]. */

@@ -11,6 +11,7 @@ export interface Field {
 
 export type AltReference = 'alt_home_m' | 'alt_amsl_m';
 export type YawChoice = 'angle' | 'rate' | 'none';
+export type FollowYaw = 'keep' | 'same' | 'face';
 
 export interface Form {
   kind: Kind;
@@ -20,6 +21,9 @@ export interface Form {
   yawChoice: YawChoice;
   yaw: string;
   altReference: AltReference;
+  /** Whom to follow; empty: not chosen. */
+  other: string;
+  followYaw: FollowYaw;
 }
 
 export type SetpointJson = Readonly<Record<string, unknown>> & { type: Kind };
@@ -41,6 +45,11 @@ function shown(value: number, step: number): string {
   return Number(text) === 0 ? (0).toFixed(decimals) : text;
 }
 
+/** Where one follows from at first: behind and above. */
+const BEHIND = { o0: -5, o1: 0, o2: 2 };
+/** Nearer than this nobody is followed [m]. */
+const FOLLOW_MIN_M = 2;
+
 /** The form that asks for what is: where it stands still if that can be said. `hoverThrust` null: not known. */
 export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
@@ -52,6 +61,7 @@ export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | 
     p0: local?.[0] ?? null, p1: local?.[1] ?? null, p2: local === null ? null : -local[2],
     lat: global?.lat_deg ?? null, lon: global?.lon_deg ?? null, alt: global?.alt_home_m ?? null,
     yaw: heading === '' ? null : Number(heading), thrust: hoverThrust,
+    ...(kind === 'follow' ? BEHIND : {}),
   };
   const fields: Record<string, Field> = {};
   for (const axis of spec.groups.flatMap((g) => g.axes)) {
@@ -60,7 +70,7 @@ export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | 
   }
   return {
     kind, fields, without: spec.groups.filter((g) => g.optional).map((g) => g.field), altReference: 'alt_home_m',
-    yawChoice: spec.yaw === 'none' ? 'none' : 'angle', yaw: spec.yaw === 'offset' ? '0' : heading,
+    other: '', followYaw: 'keep', yawChoice: spec.yaw === 'none' ? 'none' : 'angle', yaw: spec.yaw === 'offset' ? '0' : heading,
   };
 }
 
@@ -92,7 +102,12 @@ export function build(form: Form): Built {
     setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);
   }
   if (form.kind === 'trajectory') controlled(spec.groups, form, errors);
-  if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
+  if (form.kind === 'follow') {
+    if (form.other === '') errors['other'] = 'Which vehicle is followed?';
+    const offset = setpoint['offset_frd_m'] as (number | null)[];
+    if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M) errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
+    Object.assign(setpoint, { vehicle: form.other, yaw: form.followYaw });
+  } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = typed(form.yaw);
     if (value === null) errors['yaw'] = 'Yaw: a number is needed, or leave it uncontrolled.';
     else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD);

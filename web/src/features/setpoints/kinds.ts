@@ -5,7 +5,7 @@
 
 export type Kind =
   | 'position' | 'position_global' | 'position_body' | 'velocity' | 'velocity_body' | 'acceleration' | 'trajectory'
-  | 'attitude' | 'rates' | 'thrust_torque' | 'actuators';
+  | 'attitude' | 'rates' | 'follow' | 'thrust_torque' | 'actuators';
 
 export interface Axis {
   /** Unique within its kind. */
@@ -33,7 +33,7 @@ export interface Group {
 }
 
 /** What may be said of the yaw beside the rest. */
-export type YawWays = 'angle_or_rate' | 'offset' | 'none';
+export type YawWays = 'angle_or_rate' | 'offset' | 'follow' | 'none';
 
 export interface KindSpec {
   kind: Kind;
@@ -110,6 +110,7 @@ export const KINDS: readonly KindSpec[] = [
       THRUST,
     ],
   },
+  { kind: 'follow', name: 'Follow a vehicle', frame: 'an offset along its heading', care: null, groups: [group('offset_frd_m', 'Offset from it', axes('o', FRU, 'm', 0.5, UP))], yaw: 'follow' },
   {
     kind: 'thrust_torque', name: 'Thrust and torque', frame: 'its own axes, −1 to 1', care: FT_HIGH, yaw: 'none',
     groups: [

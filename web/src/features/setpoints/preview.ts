@@ -46,7 +46,7 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   const place = three(setpoint['position_ned_m']);
   if (place !== undefined) return { position_ned_m: at.map((v, i) => place[i] ?? v) as Vector3, yaw_ned_rad, leads: false };
   if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, at, yaw_ned_rad);
-  const offset = three(setpoint['offset_frd_m']);
+  const offset = setpoint.type === 'follow' ? undefined : three(setpoint['offset_frd_m']);
   if (offset !== undefined) return yaw === null ? null : shifted(fromHeading(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
   const velocity = three(setpoint['velocity_ned_m_s']);
   if (velocity !== undefined) return shifted(velocity, AHEAD_S, true);

@@ -70,6 +70,7 @@ export function setpointWords(s: Readonly<Record<string, unknown>>): string {
     triple(s['velocity_ned_m_s'] ?? s['velocity_frd_m_s'], 'm/s', true), triple(s['acceleration_ned_m_s2'], 'm/s²', true),
     number(s['roll_rad'], (v) => `roll ${fixed(v * DEG, 0)}°`), number(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG, 0)}°`),
     Array.isArray(s['rates_frd_rad_s']) ? triple((s['rates_frd_rad_s'] as number[]).map((v) => v * DEG), '°/s', false) : null,
+    typeof s['vehicle'] === 'string' ? `of ${s['vehicle']}` : null,
     number(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
     number(s['yaw_ned_rad'], (v) => `yaw ${fixed(((v * DEG) % 360 + 360) % 360, 0)}°`), number(s['yaw_offset_rad'], (v) => `turns ${fixed(v * DEG, 0, true)}°`),
     number(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),

@@ -38,7 +38,7 @@ describe('forms', () => {
 
   it('build every kind that has a form once its numbers are there', () => {
     for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
-      const built = good(formHere(kind, FACTS, 0.5));
+      const built = good({ ...formHere(kind, FACTS, 0.5), other: '2' });
       expect(built['type']).toBe(kind);
       for (const g of groups) if (!g.optional && g.field !== 'alt') expect(built).toHaveProperty(g.field);
     }
@@ -66,6 +66,14 @@ describe('forms', () => {
     expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: a number is needed.' });
     expect(bad(formHere('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
     expect(typed(' 1e400 ')).toBeNull();
+  });
+
+  it('follow somebody, not nobody, and not too near', () => {
+    const form = formHere('follow', FACTS, null);
+    expect(bad(form)).toEqual({ other: 'Which vehicle is followed?' });
+    expect(good({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
+    expect(bad({ ...put(put(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
+    expect(previewOf({ type: 'follow', offset_frd_m: [-5, 0, -2] }, FACTS)).toBeNull();
   });
 
   it('feed forward only what is asked for', () => {
