@@ -18,10 +18,12 @@ KEY_LENGTH = 12
 class Client(str):
     """A client's name, which knows whose it is. Equal names may be two clients: compare `key`."""
 
-    __slots__ = ("key",)
+    __slots__ = ("identified", "key")
 
     key: str
     """Made of the id or the address, never showing the id itself."""
+    identified: bool
+    """Whether it gave an id of its own: it means to be told from others."""
 
     @classmethod
     def of(cls, name: str, client_id: str = "", address: str = "") -> Client:
@@ -36,13 +38,18 @@ class Client(str):
         own = _printable(client_id)[:LONGEST_ID]
         client = cls(shown)
         secret = f"id {own}" if own else f"name {shown} at {address}"
+        client.identified = bool(own)
         client.key = sha256(secret.encode()).hexdigest()[:KEY_LENGTH]
         return client
 
     @classmethod
     def named(cls, name: str) -> Client:
         """The one that a name says, where only a name is known."""
-        return name if isinstance(name, Client) else cls.of(name)
+        if isinstance(name, Client):
+            return name
+        client = cls.of(name)
+        client.identified = True
+        return client
 
     def __reduce__(self) -> tuple[object, ...]:
         return (str, (str(self),))  # a copy is a name: journal and samples keep no keys

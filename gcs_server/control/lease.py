@@ -3,7 +3,8 @@
 A lease is taken by asking for it or by commanding a vehicle that nobody holds. It lasts `lease_s` from the
 holder's last request; while the holder's telemetry socket is open it does not run out. Another client asks;
 the holder grants or denies. Who was denied, or got no answer within `answer_s`, or faces a holder who cannot
-be asked, may force it.
+be asked, may force it. Who gave no id of its own (a call from a shell) and only commanded holds nobody up:
+the next who commands has control.
 """
 
 from __future__ import annotations
@@ -70,6 +71,8 @@ class _Holding:
     since_unix_s: float
     heard_s: float
     on_expiry: OnControlLost
+    asked_for: bool
+    """Whether it was taken as such, not by a command alone."""
 
 
 @dataclass(slots=True)
@@ -155,6 +158,11 @@ class Lease:
             )
         elif self._holding.client.key == client.key:
             self.heard(client)
+        elif self._yields(self._holding):
+            text = (
+                f"{client} commands vehicle {self.vehicle_id} and has control after {self._holding.client}."
+            )
+            self._give(client, "taken", client, text)
         else:
             raise self._not_in_control(self._holding)
 
@@ -180,13 +188,21 @@ class Lease:
         if holding is None:
             self._give(client, "taken", client, f"{client} has taken control of vehicle {self.vehicle_id}.")
         elif holding.client.key != client.key:
-            if not force:
+            if not force and not self._yields(holding):
                 raise self._not_in_control(holding)
-            self._may_force(client, holding)
-            text = f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client} by force."
-            self._give(client, "forced", client, text)
+            if self._yields(holding):
+                text = f"{client} has taken control of vehicle {self.vehicle_id} after {holding.client}."
+                self._give(client, "taken", client, text)
+            else:
+                self._may_force(client, holding)
+                text = (
+                    f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client} by force."
+                )
+                self._give(client, "forced", client, text)
         self.heard(client)
-        if on_expiry is not None and self._holding is not None:
+        assert self._holding is not None
+        self._holding.asked_for = True
+        if on_expiry is not None:
             self._holding.on_expiry = on_expiry
 
     def grant(self, client: Client, to: str) -> None:
@@ -234,7 +250,7 @@ class Lease:
         """Asks the holder; what nobody holds is taken at once."""
         self.settle()
         holding = self._holding
-        if holding is None:
+        if holding is None or (self._yields(holding) and holding.client.key != client.key):
             self.take(client)
             return
         if holding.client.key == client.key:
@@ -284,7 +300,7 @@ class Lease:
     def _give(self, client: Client, action: str, by: Client, text: str) -> None:
         previous = None if self._holding is None else self._holding.client
         now_s = self.clock.monotonic_s()
-        self._holding = _Holding(client, self.clock.unix_s(), now_s, "nothing")
+        self._holding = _Holding(client, self.clock.unix_s(), now_s, "nothing", asked_for=action != "taken")
         self._asking.pop(client.key, None)
         for key, asking in list(self._asking.items()):  # the new holder is asked anew
             if asking.denied:
@@ -299,6 +315,10 @@ class Lease:
         if waiting is not None:
             text = f"{waiting.client} asked for control of vehicle {self.vehicle_id} and has it now."
             self._give(waiting.client, "taken", waiting.client, text)
+
+    def _yields(self, holding: _Holding) -> bool:
+        """A holder that nobody could tell from another at its address, and that never asked to be one."""
+        return not (holding.asked_for or holding.client.identified or self.reachable(holding.client))
 
     def _own(self, client: Client) -> _Holding:
         self.settle()

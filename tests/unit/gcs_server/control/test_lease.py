@@ -82,6 +82,23 @@ def test_a_command_takes_what_nobody_holds_and_others_are_refused_in_words(desk)
     assert desk.actions() == ["taken"]
 
 
+def test_a_call_from_a_shell_holds_nobody_up_unless_it_asked_for_control(desk):
+    shell, other = Client.of("", "", "127.0.0.1"), Client.of("script", "", "127.0.0.1")
+    desk.lease.command(shell)
+    assert desk.lease.holder == "127.0.0.1"
+    desk.lease.command(other)
+    assert desk.lease.holder == "script"
+    desk.lease.command(ANNA)
+    for client in (shell, other):
+        with pytest.raises(NotInControl):
+            desk.lease.command(client)
+    desk.lease.release(ANNA)
+    desk.lease.take(shell)
+    with pytest.raises(NotInControl):
+        desk.lease.command(ANNA)
+    assert desk.actions() == ["taken", "taken", "taken", "released", "taken"]
+
+
 def test_it_runs_out_when_the_holder_is_not_heard_and_is_free_then(desk):
     desk.lease.take(ANNA, on_expiry="hold")
     desk.after(29)
