@@ -3,6 +3,7 @@
 import { sheet } from '../features/help/sheet.svelte';
 import { choice } from '../features/instruments/choice.svelte';
 import { panel } from '../features/messages/panel.svelte';
+import { params } from '../features/params/panel.svelte';
 import { readiness } from '../features/readiness/panel.svelte';
 import { room } from '../features/setpoints/room.svelte';
 import { stage } from '../features/stage/stage.svelte';
@@ -32,6 +33,7 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'O', what: 'Start offboard where it is', inScene: true },
   { keys: 'P', what: 'Offboard room: setpoints, plots, gamepad', inScene: true },
   { keys: 'Y', what: 'Why it cannot arm or fly a mode', inScene: true },
+  { keys: 'I', what: 'Parameters: search, read, set', inScene: true },
   { keys: 'N', what: 'All messages, or the newest few', inScene: true },
   { keys: 'V', what: 'Choose the values shown', inScene: true },
   { keys: 'M', what: 'Swap map and 3D', inScene: true },
@@ -65,6 +67,7 @@ function plain(key: string): boolean {
     case 'f': stage.map?.follow(); return true;
     case 'z': stage.map?.near(); return true;
     case 'u': stage.map?.northUp(); return true;
+    case 'i': params.toggle(); return true;
     case 'y': readiness.toggle(); return true;
     case 'n': panel.open = !panel.open; return true;
     case 'v': choice.editing = !choice.editing; return true;
@@ -88,6 +91,7 @@ function escape(): boolean {
   if (actions.asked !== null) actions.cancel();
   else if (sheet.open) sheet.open = false;
   else if (readiness.open) readiness.close();
+  else if (params.open) params.close();
   else if (control.open) control.open = false;
   else if (choice.editing) choice.editing = false;
   else if (spotMenu.spot !== null) spotMenu.close();

@@ -34,6 +34,7 @@ export const ICONS = {
   hand: 'M12 3v18M3 12h18M9.5 5.5L12 3l2.5 2.5M9.5 18.5L12 21l2.5-2.5M5.5 9.5L3 12l2.5 2.5M18.5 9.5L21 12l-2.5 2.5',
   pad: 'M7 8h10a4 4 0 014 4v3a3 3 0 01-5.5 1.5L14 15h-4l-1.5 1.5A3 3 0 013 15v-3a4 4 0 014-4zM8 10.5v3M6.5 12h3M16 11h.01M17.5 13h.01',
   target: 'M12 5v14M5 12h14M12 8a4 4 0 100 8 4 4 0 000-8z',
+  sliders: 'M6 4v7M6 15v5M12 4v3M12 11v9M18 4v9M18 17v3M4 13h4M10 9h4M16 15h4',
 } as const;
 
 export type IconName = keyof typeof ICONS;

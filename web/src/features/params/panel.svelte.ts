@@ -1,0 +1,89 @@
+/** The parameter panel: what is known of one vehicle's parameters, and setting one. */
+
+import type { ApiClient, Outcome } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import { NO_FILTER, type Filter, type Parameter, type Parameters } from './params';
+
+/** While they are read the page looks this often [ms]. */
+const LOOK_MS = 500;
+
+class ParamPanel {
+  open = $state(false);
+  filter = $state.raw<Filter>(NO_FILTER);
+  content = $state.raw<Parameters | null>(null);
+  problem = $state.raw<Problem | null>(null);
+  /** The one whose editor is open. */
+  chosen = $state<string | null>(null);
+  busy = $state(false);
+  private looks = 0;
+
+  toggle(): void {
+    this.open = !this.open;
+  }
+
+  close(): void {
+    this.open = false;
+    this.looks += 1; // what still looks, stops
+  }
+
+  /** Reads them where they are not known, and follows until they are. */
+  async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
+    const mine = ++this.looks;
+    this.problem = null;
+    if (this.content?.vehicle !== vehicle) {
+      this.content = null;
+      this.chosen = null;
+    }
+    await this.look(api, vehicle, mine);
+    if (mine !== this.looks) return;
+    if (again || this.content?.list.state !== 'ready') {
+      const begun = await api.post(`${base(vehicle)}/params/refresh`);
+      if (mine !== this.looks) return;
+      if (!begun.ok) {
+        this.problem = begun.problem;
+        return;
+      }
+    }
+    do {
+      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+      if (mine !== this.looks) return;
+      await this.look(api, vehicle, mine);
+    } while (mine === this.looks && this.unfinished());
+  }
+
+  /** Sets one; the answer is what the vehicle then reports. */
+  async set(api: ApiClient, vehicle: string, name: string, value: number, force = false): Promise<boolean> {
+    if (this.busy) return false;
+    this.busy = true;
+    this.problem = null;
+    const outcome: Outcome<Parameter> = await api.put(`${base(vehicle)}/params/${name}`, force ? { value, force } : { value });
+    this.busy = false;
+    if (!outcome.ok) {
+      this.problem = outcome.problem;
+      return false;
+    }
+    const content = this.content;
+    if (content?.vehicle === vehicle) {
+      this.content = { ...content, params: content.params.map((p) => (p.name === name ? outcome.value : p)) };
+    }
+    return true;
+  }
+
+  private unfinished(): boolean {
+    const list = this.content?.list;
+    return list === undefined || list.state === 'reading' || (list.state === 'ready' && !list.facts && list.facts_problem === null);
+  }
+
+  private async look(api: ApiClient, vehicle: string, mine: number): Promise<void> {
+    const outcome = await api.get<Parameters>(`${base(vehicle)}/params`);
+    if (mine !== this.looks) return;
+    if (outcome.ok) this.content = outcome.value;
+    else this.problem = outcome.problem;
+  }
+}
+
+function base(vehicle: string): string {
+  return `/vehicles/${encodeURIComponent(vehicle)}`;
+}
+
+export const params = new ParamPanel();

@@ -1,0 +1,47 @@
+import { expect, test } from 'vitest';
+import { found, groupsOf, NO_FILTER, numberText, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
+
+const facts = (more: Partial<Facts>): Facts => ({
+  name: '', is_integer: false, group: 'G', category: 'Standard', title: null, details: null, default: null, min: null, max: null, unit: null, decimals: null,
+  increment: null, choices: [], bits: [], reboot_required: false, volatile: false, ...more,
+});
+const one = (name: string, value: number | null, of: Partial<Facts> | null = {}, is_default: boolean | null = true): Parameter =>
+  ({ name, value, is_integer: Number.isInteger(value), is_default, facts: of === null ? null : facts(of) });
+const all = [
+  one('MPC_XY_VEL_MAX', 12, { title: 'Maximum speed', group: 'Position' }), one('COM_OBL_RC_ACT', 0, { title: 'Offboard loss', group: 'Commander' }, false),
+  one('A_MPC', 1, null, null),
+];
+
+test('a search looks at names and meanings, names that begin so first', () => {
+  expect(found(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
+  expect(found(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
+  expect(found(all, { ...NO_FILTER, changedOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
+  expect(found(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
+  expect(found(all, NO_FILTER)).toHaveLength(3);
+  expect(groupsOf(all)).toEqual(['Commander', 'Position']);
+});
+
+test('a value is told as it is meant', () => {
+  expect(valueText(one('A', 0.10000000149011612, { unit: 's', decimals: 2 }))).toBe('0.10 s');
+  expect(valueText(one('A', 1, { choices: [{ value: 1, label: 'Land' }] }))).toBe('Land');
+  expect(valueText(one('A', 5, { bits: [{ value: 0, label: 'a' }, { value: 1, label: 'b' }, { value: 2, label: 'c' }] }))).toBe('a, c');
+  expect(valueText(one('A', null))).toBe('–');
+  expect(valueText(one('A', -1.5, null))).toBe('−1.5');
+  expect(numberText(0.12345, 1)).toBe('0.12345');
+  expect(numberText(4, 2)).toBe('4.00');
+  expect(rangeText(facts({ min: 0, max: 20, unit: 'm/s' }))).toBe('0 to 20 m/s');
+  expect(rangeText(facts({ min: -1 }))).toBe('at least −1');
+  expect(rangeText(facts({}))).toBe('');
+});
+
+test('what is typed is a number, or it is not sent', () => {
+  expect([typed('12,5', false), typed(' −3 ', true), typed('.5', false), typed('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
+  expect([typed('', false), typed('1.5', true), typed('abc', false), typed('1e999', false), typed('0x10', true)]).toEqual([null, null, null, null, null]);
+});
+
+test('how far they are known is said', () => {
+  const list = { state: 'reading', received: 3, count: 929, source: null, hash: null, read_unix_s: null, problem: null, facts: false, facts_problem: null } as const;
+  expect(stateText(null)).toBe('not read yet');
+  expect(stateText(list)).toBe('reading 3 of 929 …');
+  expect(stateText({ ...list, state: 'ready', received: 929, source: 'cache' })).toContain('unchanged');
+});

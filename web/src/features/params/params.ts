@@ -1,0 +1,96 @@
+/** The vehicle's parameters as a person reads and edits them. Pure. */
+
+import type { components } from '../../api/schema';
+
+export type Parameters = components['schemas']['ParametersView'];
+export type Parameter = components['schemas']['ParameterView'];
+export type Facts = NonNullable<Parameter['facts']>;
+
+export interface Filter {
+  text: string;
+  /** Empty: all. */
+  group: string;
+  changedOnly: boolean;
+}
+
+export const NO_FILTER: Filter = { text: '', group: '', changedOnly: false };
+/** More rows than this are counted, not drawn: nobody reads them, and a search finds them. */
+export const MOST_ROWS = 120;
+
+/** Of which groups there are any, in order. */
+export function groupsOf(params: readonly Parameter[]): string[] {
+  return [...new Set(params.map((p) => p.facts?.group ?? '').filter((g) => g !== ''))].sort((a, b) => a.localeCompare(b));
+}
+
+/** Every word must be in the name or in what it means; a name that begins with the text comes first. */
+export function found(params: readonly Parameter[], filter: Filter): Parameter[] {
+  const words = filter.text.toLowerCase().split(/\s+/).filter((w) => w !== '');
+  const matching = params.filter((p) => {
+    if (filter.group !== '' && p.facts?.group !== filter.group) return false;
+    if (filter.changedOnly && p.is_default !== false) return false;
+    const text = `${p.name} ${p.facts?.title ?? ''}`.toLowerCase();
+    return words.every((w) => text.includes(w));
+  });
+  const first = words[0];
+  if (first === undefined) return matching;
+  const begins = (p: Parameter): number => Number(!p.name.toLowerCase().startsWith(first));
+  return matching.sort((a, b) => begins(a) - begins(b) || a.name.localeCompare(b.name));
+}
+
+/** A number without the noise of 32 bits. */
+export function numberText(value: number | null, decimals: number | null = null): string {
+  if (value === null) return '–';
+  if (Number.isInteger(value) && decimals === null) return String(value).replace('-', '−');
+  const short = Number(value.toPrecision(7));
+  const least = decimals === null ? String(short) : trimmed(value, Math.max(decimals, 0));
+  return least.replace('-', '−');
+}
+
+/** As many decimals as are meant, and more where the value has them. */
+function trimmed(value: number, decimals: number): string {
+  const exact = String(Number(value.toPrecision(7)));
+  const given = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
+  return given > decimals ? exact : value.toFixed(decimals);
+}
+
+/** What a value is called: a choice's label, the bits that are set, or the number with its unit. */
+export function valueText(parameter: Parameter): string {
+  const { facts, value } = parameter;
+  if (facts === null || value === null) return numberText(value);
+  const choice = facts.choices.find((c) => c.value === value);
+  if (choice !== undefined) return choice.label;
+  if (facts.bits.length > 0 && value > 0) {
+    const set = facts.bits.filter((b) => Math.floor(value / 2 ** b.value) % 2 === 1).map((b) => b.label);
+    if (set.length > 0) return set.join(', ');
+  }
+  const number = numberText(value, facts.decimals);
+  return facts.unit === null ? number : `${number} ${facts.unit}`;
+}
+
+/** The range in words; empty where none is told. */
+export function rangeText(facts: Facts): string {
+  const unit = facts.unit === null ? '' : ` ${facts.unit}`;
+  if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${numberText(facts.max)}${unit}`;
+  if (facts.min !== null) return `at least ${numberText(facts.min)}${unit}`;
+  return facts.max === null ? '' : `at most ${numberText(facts.max)}${unit}`;
+}
+
+/** What was typed as a number; null where it is none, or not whole where it must be. */
+export function typed(text: string, isInteger: boolean): number | null {
+  const plain = text.trim().replace('−', '-').replace(',', '.');
+  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain)) return null;
+  const value = Number(plain);
+  return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
+}
+
+/** How far they are known, in words. */
+export function stateText(list: Parameters['list'] | null): string {
+  if (list === null || list.state === 'unknown') return 'not read yet';
+  const share = list.count === null ? '' : ` ${list.received} of ${list.count}`;
+  switch (list.state) {
+    case 'reading': return `reading${share} …`;
+    case 'failed': return `not all:${share}`;
+    case 'outdated': return `${list.received}, read before the link was away`;
+    default: return `${list.received}${list.source === 'cache' ? ', unchanged since they were read' : ''}`;
+  }
+}
