@@ -1,0 +1,86 @@
+"""Control by the Python client, against a real server: who has it, who gets it, what a program is told."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+
+import pytest
+
+from gcs_server.client import Gcs, NotInControl, Refused, SyncGcs
+from tests.station import free_port, server, vehicle
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    """A server with a vehicle that has been heard."""
+    port = free_port()
+    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), vehicle(port):
+        with SyncGcs(url) as gcs:
+            gcs.wait_for_vehicle("101", timeout_s=20)
+        yield url
+
+
+def test_asked_for_and_granted_denied_and_forced(url: str) -> None:
+    with (
+        SyncGcs(url, client="anna", client_id="a") as one,
+        SyncGcs(url, client="bob", client_id="b") as two,
+    ):
+        anna, bob = one.vehicle("101").control, two.vehicle("101").control
+        with anna.held(on_expiry="hold") as status:
+            assert (status["holder"], status["yours"], status["on_expiry"]) == ("anna", True, "hold")
+            with pytest.raises(NotInControl, match="anna has control") as refused:
+                two.vehicle("101").set_mode("position")
+            assert refused.value.holder == "anna"
+            assert bob.request("I see it better")["requests"][0]["reason"] == "I see it better"
+            assert anna.grant("bob")["holder"] == "bob"
+            assert bob.show()["yours"]
+            bob.release()
+            anna.take()
+            bob.request()
+            anna.deny("bob", "landing first")
+            assert bob.take(force=True)["yours"]
+            with pytest.raises(Refused):
+                anna.grant("bob")
+        assert bob.show()["holder"] == "bob", "who lost control releases nothing at the end of its block"
+
+
+def test_a_program_that_waits_for_its_answer_gets_it(url: str) -> None:
+    async def story() -> None:
+        async with (
+            Gcs(url, client="anna", client_id="a2") as one,
+            Gcs(url, client="bob", client_id="b2") as two,
+        ):
+            anna, bob = one.vehicle("101").control, two.vehicle("101").control
+            await anna.take()
+
+            async def answer(give: bool) -> None:
+                for _ in range(200):
+                    if (await anna.show())["requests"]:
+                        break
+                    await asyncio.sleep(0.05)
+                await (anna.grant("bob") if give else anna.deny("bob"))
+
+            async with asyncio.TaskGroup() as group:
+                group.create_task(answer(False))
+                with pytest.raises(NotInControl):
+                    await bob.request(wait_s=10)
+            async with asyncio.TaskGroup() as group:
+                group.create_task(answer(True))
+                assert (await bob.request(wait_s=10))["yours"]
+
+    asyncio.run(story())
+
+
+def test_the_end_of_a_program_leaves_control_to_the_next(url: str) -> None:
+    for name in ("first", "second"):
+        with SyncGcs(url, client=name, client_id=name) as gcs:
+            gcs.vehicle("101").set_mode("hold")
+            assert gcs.vehicle("101").control.show()["holder"] == name
+
+
+def test_an_error_in_the_block_is_the_one_to_see_and_control_is_released(url: str) -> None:
+    with SyncGcs(url, client="anna", client_id="a3") as gcs:
+        with pytest.raises(ZeroDivisionError), gcs.vehicle("101").control.held():
+            _ = 1 / 0
+        assert gcs.vehicle("101").control.show()["holder"] is None
