@@ -27,11 +27,13 @@ from gcs_server.replay.records import (
     system_id,
 )
 
-HEARTBEAT, EXTENDED_SYS_STATE, STATUSTEXT, EVENT, CURRENT_MODE = 0, 245, 253, 410, 436
+HEARTBEAT, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT, EVENT, CURRENT_MODE = 0, 77, 245, 253, 410, 436
 AUTOPILOT_INVALID = 8
 STATES = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, CURRENT_MODE})
 """Told again and again; only what differs from the time before is part of the story."""
-STORY = STATES | {STATUSTEXT, EVENT}
+STORY = STATES | {STATUSTEXT, EVENT, COMMAND_ACK}
+MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
+"""Whose acknowledgement tells who changed the mode; without the dialect, which takes a second to load."""
 CHANGES_TOLD, TEXTS_TOLD = 2000, 500
 """Told again after a jump, at most: what a feed of messages shows, and more."""
 NICENESS = 10
@@ -114,6 +116,8 @@ class _Story:
             if len(payload) < 9 or payload[5] == AUTOPILOT_INVALID or not system_id(key):
                 return
             self.first_heartbeats.setdefault(system_id(key), (record.time_us, record.offset))
+        if kind == COMMAND_ACK and int.from_bytes(payload[:2], "little") not in MODE_COMMANDS:
+            return
         if kind in STATES:
             is_new = self._states.get(key) != payload
             self._states[key] = payload
@@ -125,7 +129,8 @@ class _Story:
                 self._modes[sender] = mode
             if not is_new:
                 return
-        (self.changes if kind in STATES else self.texts).extend((record.time_us, record.offset))
+        told = self.texts if kind in (STATUSTEXT, EVENT) else self.changes
+        told.extend((record.time_us, record.offset))
 
 
 def make_index(file: BinaryIO) -> Index:

@@ -13,6 +13,7 @@ from gcs_server.replay.records import open_log, read_at
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.narrator import Narrator
+from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
 from gcs_server.vehicle.reducers import REDUCERS, Facts
 
 MESSAGES_AT_MOST = 1000
@@ -70,6 +71,8 @@ class _Teller:
     feed: EventFeed = field(default_factory=lambda: EventFeed(length=100_000))
     facts: Facts = field(default_factory=Facts)
     changes: list[tuple[float, Facts]] = field(default_factory=list[tuple[float, Facts]])
+    in_report: bool = False
+    """Between the two summaries that enclose the findings of its checks."""
 
     def __post_init__(self) -> None:
         self.narrator = Narrator(self.feed, self.clock)
@@ -107,8 +110,12 @@ def _tell(teller: _Teller, msg_id: int, payload: bytes, clock: ReplayClock) -> N
     if msg_id == STATUSTEXT:
         teller.narrator.text(payload, teller)
     elif msg_id == EVENT:
-        teller.narrator.event(payload)
-    else:
+        event = decode_event(payload)
+        in_report = event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID) or teller.in_report
+        teller.in_report = event.id == ARMING_SUMMARY_ID or (in_report and event.id != HEALTH_SUMMARY_ID)
+        if not in_report:
+            teller.narrator.event(event)
+    elif msg_id in REDUCERS:
         teller.facts = REDUCERS[msg_id](teller.facts, payload, clock.monotonic_s())
         teller.changes.append((clock.unix_s(), teller.facts))
 

@@ -7,9 +7,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gcs_server.links.base import Link, Peer
-from gcs_server.replay.index import make_index
+from gcs_server.replay.index import MODE_COMMANDS, make_index
 from gcs_server.replay.playback import ReplayClock, condense, moment
 from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
+from gcs_server.vehicle import mode_cause
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.conftest import World
 from tests.unit.gcs_server.replay.made_logs import flight, log_bytes
@@ -141,3 +142,7 @@ def test_condensed_playing_leaves_out_nothing_that_lasts(tmp_path):
     end_us = records[-1].time_us
     whole = fleet_after(records, end_us, records[0].time_us, ticks=False)
     assert fleet_after(thinned, end_us, records[0].time_us, ticks=False) == whole
+
+
+def test_the_acknowledgements_in_the_story_are_those_that_tell_who_changed_a_mode():
+    assert MODE_COMMANDS == mode_cause.MODE_COMMANDS

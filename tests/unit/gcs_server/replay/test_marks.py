@@ -1,0 +1,25 @@
+"""What the time bar tells of flights of a real PX4."""
+
+import pytest
+
+from gcs_server.replay.index import make_index
+from gcs_server.replay.marks import make_marks
+from gcs_server.replay.records import open_log
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("offboard-api.tlog.gz", ["Armed", "Take-off detected", "Failsafe active", "Disarmed"]),
+        ("failsafe-battery.tlog", ["Armed", "Takeoff detected", "Low battery", "Critical battery"]),
+    ],
+)
+def test_what_was_said_in_its_order_without_the_findings_of_reports(shared, name, told):
+    path = shared / "px4" / "tlogs" / name
+    with open_log(path) as file:
+        index = make_index(file)
+    (vehicle,) = make_marks(path, index)
+    texts = [message.text for message in vehicle.messages]
+    assert [text for text in texts if text in told] == told
+    assert len(texts) < 20
+    assert vehicle.armed and vehicle.modes[-1].end_unix_s == index.end_us / 1e6
