@@ -5,10 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from . import consumers, latency, page, reference_flights, simulator, slow_browser, stream
+from . import consumers, latency, page, reference_flights, setpoints, simulator, slow_browser, stream
 
 SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "latency": ("Round trips and latency", latency.table),
+    "setpoints": ("Setpoint to datagram", setpoints.table),
     "stream": ("Offboard stream, lateness", stream.table),
     "simulator": ("Simulated PX4", simulator.table),
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),

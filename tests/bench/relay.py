@@ -1,4 +1,4 @@
-"""A wire tap between a simulated vehicle and the server: passes datagrams on, notes when setpoints pass."""
+"""A wire tap between simulated vehicles and a station: passes datagrams on, notes when setpoints pass."""
 
 from __future__ import annotations
 
@@ -8,51 +8,77 @@ import socket
 import threading
 import time
 
-SET_POSITION_TARGET_LOCAL_NED = 84
+SETPOINT_IDS = (82, 84, 86)
+"""SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT."""
+LOCAL_NED = 84
+LOCAL_TARGET_AT = 10 + 50
+"""Where a frame of SET_POSITION_TARGET_LOCAL_NED names the vehicle."""
+
+Seen = tuple[float, bytes]
+"""Monotonic arrival time [s], frame."""
 
 
 class Relay:
-    """Vehicle → `vehicle_port` → server's `server_port`, and back; runs in a thread of its own."""
+    """Vehicles → `vehicle_port` → station's `server_port`, and back; runs in a thread of its own.
+
+    Each vehicle has a way of its own, so that the station sees as many peers.
+    """
 
     def __init__(self, server_port: int) -> None:
         self._vehicle_side = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._vehicle_side.bind(("127.0.0.1", 0))
-        self._server_side = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._server_side.bind(("127.0.0.1", 0))
         self._server = ("127.0.0.1", server_port)
-        self._vehicle: tuple[str, int] | None = None
+        self._ways: dict[tuple[str, int], socket.socket] = {}
+        self._vehicles: dict[socket.socket, tuple[str, int]] = {}
         self._running = True
+        self._selector = selectors.DefaultSelector()
         self.vehicle_port: int = self._vehicle_side.getsockname()[1]
-        self.setpoints: list[tuple[float, bytes]] = []
-        """(monotonic arrival time [s], frame) of each setpoint on its way to the vehicle."""
+        self.setpoints: list[Seen] = []
+        """Of each setpoint on its way to a vehicle."""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Relay:
+        self._selector.register(self._vehicle_side, selectors.EVENT_READ)
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._running = False
         self._thread.join(2)
-        self._vehicle_side.close()
-        self._server_side.close()
+        self._selector.close()
+        for own in (self._vehicle_side, *self._ways.values()):
+            own.close()
+
+    def arrivals_s(self) -> dict[int, list[float]]:
+        """Of the local setpoints noted so far, by the vehicle that they are for."""
+        by_vehicle: dict[int, list[float]] = {}
+        for arrival_s, frame in self.setpoints:
+            if int.from_bytes(frame[7:10], "little") == LOCAL_NED:
+                by_vehicle.setdefault(frame[LOCAL_TARGET_AT], []).append(arrival_s)
+        return by_vehicle
 
     def _run(self) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._vehicle_side, selectors.EVENT_READ)
-            selector.register(self._server_side, selectors.EVENT_READ)
-            while self._running:
-                for key, _ in selector.select(0.1):
-                    with contextlib.suppress(OSError):
-                        self._pass_on(key.fileobj is self._server_side)
+        while self._running:
+            for key, _ in self._selector.select(0.1):
+                with contextlib.suppress(OSError):
+                    if key.fileobj is self._vehicle_side:
+                        self._to_server()
+                    else:
+                        assert isinstance(key.fileobj, socket.socket)
+                        self._to_vehicle(key.fileobj)
 
-    def _pass_on(self, from_server: bool) -> None:
-        if from_server:
-            data = self._server_side.recv(2048)
-            if data[:1] == b"\xfd" and int.from_bytes(data[7:10], "little") == SET_POSITION_TARGET_LOCAL_NED:
-                self.setpoints.append((time.monotonic(), data))
-            if self._vehicle is not None:
-                self._vehicle_side.sendto(data, self._vehicle)
-        else:
-            data, self._vehicle = self._vehicle_side.recvfrom(2048)
-            self._server_side.sendto(data, self._server)
+    def _to_server(self) -> None:
+        data, vehicle = self._vehicle_side.recvfrom(2048)
+        own = self._ways.get(vehicle)
+        if own is None:
+            own = self._ways[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            own.bind(("127.0.0.1", 0))
+            self._vehicles[own] = vehicle
+            self._selector.register(own, selectors.EVENT_READ)
+        own.sendto(data, self._server)
+
+    def _to_vehicle(self, own: socket.socket) -> None:
+        data = own.recv(2048)
+        if data[:1] == b"\xfd" and int.from_bytes(data[7:10], "little") in SETPOINT_IDS:
+            self.setpoints.append((time.monotonic(), data))
+        self._vehicle_side.sendto(data, self._vehicles[own])

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import math
+import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+
+from playwright.sync_api import sync_playwright
 
 from gcs_server.client import SyncGcs
 from tests.station import free_port, running, server, vehicle
+from tools.ensure_browser import installed_chromium
 
-from .process import quantiles_ms
+from .page import FLAGS
+from .process import load_average, quantiles_ms
 from .relay import Relay
 
 RATE_HZ = 50.0
 WINDOW_S = 12.0
+MAVSDK_RATE_HZ = 20.0
 
 
 def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], int]:
@@ -42,31 +49,110 @@ def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], in
     return late, left_out
 
 
-def measure(other_vehicles: int) -> tuple[list[float], int]:
-    """`lateness_s` over the window while `other_vehicles` × 100 msg/s arrive on a second link."""
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What goes on while the streams run."""
+
+    words: str
+    streams: int = 1
+    other_vehicles: int = 0
+    """Each sends 100 messages a second on a second link."""
+    watchers: int = 0
+    """WebSocket clients that read all telemetry."""
+    page: bool = False
+    """One Chromium with the page's 3D view."""
+
+
+SCENES = (
+    Scene("idle"),
+    Scene("5,000 msg/s from 50 other vehicles", other_vehicles=50),
+    Scene("ten streams, 5,000 msg/s from 50 others, ten WebSocket clients", 10, 50, 10),
+    Scene("the same and one Chromium with the 3D view", 10, 50, 10, page=True),
+)
+
+
+def measure(scene: Scene) -> list[list[float]]:
+    """Each stream's arrivals over the window."""
     feed_port, link_port = free_port(), free_port()
     links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
     with contextlib.ExitStack() as running_now:
         relay = running_now.enter_context(Relay(link_port))
         url, _ = running_now.enter_context(server(links))
-        running_now.enter_context(vehicle(relay.vehicle_port))
-        if other_vehicles:
-            command = [sys.executable, "-m", "tests.bench.feed", str(feed_port), str(other_vehicles), "60"]
+        running_now.enter_context(vehicle(relay.vehicle_port, instances=scene.streams))
+        if scene.other_vehicles:
+            command = [
+                sys.executable,
+                "-m",
+                "tests.bench.feed",
+                str(feed_port),
+                str(scene.other_vehicles),
+                "120",
+            ]
+            running_now.enter_context(running(command))
+        if scene.watchers:
+            command = [sys.executable, "-m", "tests.bench.watchers", url, str(scene.watchers), "120"]
             running_now.enter_context(running(command))
         gcs = running_now.enter_context(SyncGcs(url, client="bench"))
-        drone = gcs.wait_for_vehicle("101", ready=True)
-        with drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=60):
+        for number in range(scene.streams):
+            drone = gcs.wait_for_vehicle(str(101 + number), ready=True)
+            running_now.enter_context(
+                drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
+            )
+        if scene.page:
+            running_now.enter_context(watching(url))
+        time.sleep(1)
+        relay.setpoints.clear()
+        time.sleep(WINDOW_S)
+        return list(relay.arrivals_s().values())
+
+
+@contextlib.contextmanager
+def watching(url: str) -> Generator[None]:
+    """The page in a real browser, its 3D view open."""
+    executable = installed_chromium()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=str(executable) if executable else None, args=list(FLAGS)
+        )
+        try:
+            page = browser.new_page()
+            page.goto(f"{url}/scene/?view=bench&mode=free")
+            time.sleep(5)
+            yield
+        finally:
+            browser.close()
+
+
+def mavsdk_arrivals_s() -> list[float]:
+    """MAVSDK's own streamer (20 Hz, fixed) on the same wire, in this run, nothing else going on."""
+    port = free_port()
+    with Relay(port) as relay, vehicle(relay.vehicle_port):
+        command = [sys.executable, "-W", "ignore", "-m", "tests.bench.mavsdk_streamer", str(port)]
+        with running(command, stdout=subprocess.PIPE) as streamer:
+            assert streamer.stdout is not None
+            streamer.stdout.readline()  # it streams
             time.sleep(1)
             relay.setpoints.clear()
             time.sleep(WINDOW_S)
-            arrivals = [arrival for arrival, _ in relay.setpoints]
-    return lateness_s(arrivals, RATE_HZ)
+            arrivals = relay.arrivals_s()
+    return max(arrivals.values(), key=len, default=[])
+
+
+def row(words: str, streams: list[list[float]], rate_hz: float) -> str:
+    """One row of Markdown."""
+    late: list[float] = []
+    left_out = 0
+    for arrivals in streams:
+        each, missed = lateness_s(arrivals, rate_hz)
+        late += each
+        left_out += missed
+    return f"| {words} | {load_average()} | {len(late)} | {left_out} | {quantiles_ms(late)} |"
 
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    yield "| load | setpoints | left out | lateness ms: p50 / p99 / max |"
-    yield "|---|---|---|---|"
-    for other_vehicles, words in ((0, "idle"), (50, "5,000 msg/s from 50 other vehicles")):
-        late, missed = measure(other_vehicles)
-        yield f"| {words} | {len(late)} | {missed} | {quantiles_ms(late)} |"
+    yield "| when | load average | setpoints | left out | lateness ms: p50 / p99 / max |"
+    yield "|---|---|---|---|---|"
+    for scene in SCENES:
+        yield row(scene.words, measure(scene), RATE_HZ)
+    yield row("MAVSDK's streamer at its 20 Hz, idle", [mavsdk_arrivals_s()], MAVSDK_RATE_HZ)

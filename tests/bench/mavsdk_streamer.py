@@ -1,0 +1,28 @@
+"""MAVSDK streaming a position: `python -m tests.bench.mavsdk_streamer UDP_PORT`; says so once it does."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from mavsdk import System
+from mavsdk.offboard import PositionNedYaw
+
+from tests.station import free_port
+
+
+async def main(port: str) -> None:
+    """Until it is ended."""
+    drone = System(port=free_port())
+    await drone.connect(system_address=f"udpin://127.0.0.1:{port}")
+    async for state in drone.core.connection_state():
+        if state.is_connected:
+            break
+    await drone.offboard.set_position_ned(PositionNedYaw(0.0, 0.0, -5.0, 0.0))
+    await drone.offboard.start()
+    print("streaming", flush=True)
+    await asyncio.Event().wait()
+
+
+if __name__ == "__main__":
+    asyncio.run(main(sys.argv[1]))
