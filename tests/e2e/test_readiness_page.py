@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, serious_violations
 from tests.e2e.conftest import Station
 from tools import build_page
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
 
 
 def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
@@ -54,3 +54,25 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         expect(panel).to_contain_text("Ready to arm in Offboard")
         drone.request("POST", "/offboard/stop")
         expect(panel).to_contain_text("Ready to arm in Hold")
+
+        page.keyboard.press("Escape")
+        page.keyboard.press("i")
+        params = page.get_by_role("region", name="Parameters")
+        expect(params.get_by_role("status")).to_contain_text("929")
+        params.get_by_label("Search parameters").fill("xy_cruise")
+        line = params.get_by_role("button", name="MPC_XY_CRUISE")
+        expect(line).to_contain_text("m/s")
+        line.click()
+        value = params.get_by_label("New value of MPC_XY_CRUISE")
+        value.fill("99")
+        value.press("Enter")
+        expect(params.get_by_role("alert")).to_contain_text("meant to be 3 to 20 m/s")
+        expect(line).to_contain_text("5 m/s")
+        value.fill("4")
+        value.press("Enter")
+        expect(line).to_contain_text("4 m/s")
+        params.get_by_label("Search parameters").fill("")
+        params.get_by_label("Changed only").check()
+        expect(params.get_by_role("button", name="MPC_XY_CRUISE")).to_have_count(1)
+        assert serious_violations(page) == []
+        assert drone.param("MPC_XY_CRUISE") == 4.0

@@ -1,5 +1,5 @@
 import { expect, test } from 'vitest';
-import { found, groupsOf, NO_FILTER, numberText, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
+import { found, groupsOf, NO_FILTER, numberText, objection, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
 
 const facts = (more: Partial<Facts>): Facts => ({
   name: '', is_integer: false, group: 'G', category: 'Standard', title: null, details: null, default: null, min: null, max: null, unit: null, decimals: null,
@@ -37,6 +37,18 @@ test('a value is told as it is meant', () => {
 test('what is typed is a number, or it is not sent', () => {
   expect([typed('12,5', false), typed(' −3 ', true), typed('.5', false), typed('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
   expect([typed('', false), typed('1.5', true), typed('abc', false), typed('1e999', false), typed('0x10', true)]).toEqual([null, null, null, null, null]);
+});
+
+test('what is not meant is said before it is sent', () => {
+  const speed = facts({ min: 3, max: 20, unit: 'm/s' });
+  expect([objection(speed, 99), objection(speed, 2.9)]).toEqual(['It is meant to be 3 to 20 m/s.', 'It is meant to be 3 to 20 m/s.']);
+  expect([objection(speed, 20), objection(speed, 3), objection(null, 1e9), objection(facts({ min: 0.1 }), Math.fround(0.1))]).toEqual([null, null, null, null]);
+  const action = facts({ choices: [{ value: 1, label: 'Land' }] });
+  expect([objection(action, 1), objection(action, 2)]).toEqual([null, 'It is none of the values that have a meaning.']);
+  const mask = facts({ bits: [{ value: 0, label: 'a' }, { value: 4, label: 'b' }] });
+  expect([objection(mask, 17), objection(mask, 0)]).toEqual([null, null]);
+  expect(objection(mask, 2)).not.toBeNull();
+  expect(objection(mask, -1)).not.toBeNull();
 });
 
 test('how far they are known is said', () => {

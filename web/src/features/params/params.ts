@@ -83,6 +83,25 @@ export function typed(text: string, isInteger: boolean): number | null {
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
+/** What speaks against a value, before it is sent; null where nothing does. The server looks at the same. */
+export function objection(facts: Facts | null, value: number): string | null {
+  if (facts === null) return null;
+  if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'It is none of the values that have a meaning.';
+  if (facts.bits.length > 0) {
+    const known = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
+    const rest = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(known / 2 ** bit) % 2 === 0);
+    return value < 0 || rest ? 'It has bits that have no meaning.' : null;
+  }
+  const low = facts.min !== null && value < facts.min && !same(value, facts.min);
+  const high = facts.max !== null && value > facts.max && !same(value, facts.max);
+  return low || high ? `It is meant to be ${rangeText(facts)}.` : null;
+}
+
+/** As the vehicle holds them: 32 bits. */
+function same(a: number, b: number): boolean {
+  return Math.fround(a) === Math.fround(b);
+}
+
 /** How far they are known, in words. */
 export function stateText(list: Parameters['list'] | null): string {
   if (list === null || list.state === 'unknown') return 'not read yet';
