@@ -25,6 +25,7 @@ test('a value is told as it is meant', () => {
   expect(valueText(one('A', 0.10000000149011612, { unit: 's', decimals: 2 }))).toBe('0.10 s');
   expect(valueText(one('A', 1, { choices: [{ value: 1, label: 'Land' }] }))).toBe('Land');
   expect(valueText(one('A', 5, { bits: [{ value: 0, label: 'a' }, { value: 1, label: 'b' }, { value: 2, label: 'c' }] }))).toBe('a, c');
+  expect(valueText(one('A', 1310988, { is_integer: true, decimals: 3 }))).toBe('1310988');
   expect(valueText(one('A', null))).toBe('–');
   expect(valueText(one('A', -1.5, null))).toBe('−1.5');
   expect(numberText(0.12345, 1)).toBe('0.12345');

@@ -63,7 +63,7 @@ export function valueText(parameter: Parameter): string {
     const set = facts.bits.filter((b) => Math.floor(value / 2 ** b.value) % 2 === 1).map((b) => b.label);
     if (set.length > 0) return set.join(', ');
   }
-  const number = numberText(value, facts.decimals);
+  const number = numberText(value, facts.is_integer ? null : facts.decimals);
   return facts.unit === null ? number : `${number} ${facts.unit}`;
 }
 
