@@ -63,13 +63,22 @@ class Station:
         return notices
 
 
-def get_station(connection: HTTPConnection) -> Station:
+# Dependencies are coroutines: FastAPI would call plain functions in other threads, which costs a setpoint
+# milliseconds, and nothing here is made for other threads.
+
+
+async def get_station(connection: HTTPConnection) -> Station:
     """Dependency: the station of this application."""
     return connection.app.state.station
 
 
+async def get_client(connection: HTTPConnection) -> Client:
+    """Dependency: who asks."""
+    return client_of(connection)
+
+
 def client_of(connection: HTTPConnection) -> Client:
-    """Dependency: who asks, by `X-Client` and `X-Client-Id`, else by its address.
+    """Who asks, by `X-Client` and `X-Client-Id`, else by its address.
 
     WebSockets of browsers carry no headers: they give `?client=` and `&client_id=`.
     """
@@ -92,15 +101,15 @@ def _says_of_itself(connection: HTTPConnection) -> tuple[str, str]:
 
 
 StationDep = Annotated[Station, Depends(get_station)]
-ClientDep = Annotated[Client, Depends(client_of)]
+ClientDep = Annotated[Client, Depends(get_client)]
 
 
-def heard(station: StationDep, client: ClientDep) -> None:
+async def heard(station: StationDep, client: ClientDep) -> None:
     """Dependency of all routes: any request of a client renews what it holds."""
     station.authority.heard(client)
 
 
-def get_vehicle(v: str, station: StationDep) -> Vehicle:
+async def get_vehicle(v: str, station: StationDep) -> Vehicle:
     """Dependency of reading routes: raises UnknownVehicle."""
     return station.fleet.get(v)
 

@@ -1,5 +1,6 @@
 """The API without a vehicle: bad input is named, refusals are problem+json, foreign pages are kept out."""
 
+import asyncio
 import json
 
 import pytest
@@ -124,3 +125,15 @@ def test_every_model_and_field_of_the_schema_is_described():
     ]
     assert bare == []
     assert responses.VehicleModel.__name__ in ours
+
+
+def test_what_routes_depend_on_runs_in_the_event_loop_not_in_other_threads(client, monkeypatch):
+    seen = []
+
+    def heard(asking):
+        asyncio.get_running_loop()  # raises in another thread
+        seen.append(asking)
+
+    monkeypatch.setattr(client.app.state.station.authority, "heard", heard)
+    assert client.get("/api/v1/me", headers={"X-Client": "anna"}).json()["name"] == "anna"
+    assert seen == ["anna"]
