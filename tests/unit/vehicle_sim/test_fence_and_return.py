@@ -35,6 +35,11 @@ def fly_out(s: PlanStation, speed_m_s: float = 4.0) -> None:
     s.run_until(lambda: s.flown_mode != OFFBOARD, 12, stream)
 
 
+def amsl(s: PlanStation, height_m: float) -> float:
+    """A height above home as DO_REPOSITION takes it."""
+    return s.sim.autopilots[0].home.alt_amsl_m + height_m
+
+
 def test_inside_and_outside_of_zones_and_the_cylinder() -> None:
     square = ((0.0, 0.0), (0.0, 1e-3), (1e-3, 1e-3), (1e-3, 0.0))
     hole = Zone(False, ((5e-4, 5e-4),), 20.0)
@@ -52,8 +57,8 @@ def test_beyond_the_fence_the_vehicle_holds_then_returns() -> None:
     s = flying(GF_ACTION=3, RTL_RETURN_ALT=5.0, RTL_DESCEND_ALT=4.0)
     assert s.upload([s.item(5001, *corner, p=(4, 0, 0, 0)) for corner in SQUARE], kind=1) == 0
     s.send(
-        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
-        param4=NAN, x=s.item(16, 30)["x"], y=s.item(16, 30)["y"], z=3.0,
+        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
+        param4=NAN, x=s.item(16, 30)["x"], y=s.item(16, 30)["y"], z=amsl(s, 3.0),
     )  # fmt: skip
     s.run(0.1)
     assert (s.acks(192), s.texts()[-1]) == ([0], "Reposition is outside geofence\t")
@@ -100,8 +105,8 @@ def test_the_nearest_rally_point_is_returned_to() -> None:
     s = flying(RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=3.0)
     assert s.upload([s.item(5100, 14, 0, 0, frame=3), s.item(5100, 0, 40, 0, frame=3)], kind=2) == 0
     s.send(
-        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
-        param4=NAN, x=s.item(16, 10)["x"], y=s.item(16, 10)["y"], z=3.0,
+        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
+        param4=NAN, x=s.item(16, 10)["x"], y=s.item(16, 10)["y"], z=amsl(s, 3.0),
     )  # fmt: skip
     s.run(6)
     s.command(20)

@@ -32,9 +32,11 @@ def test_from_power_up_to_the_ground_again() -> None:
     assert s.last["EXTENDED_SYS_STATE"].landed_state == 2
 
     here = s.last["GLOBAL_POSITION_INT"]
+    # The frame is that of heights above home; PX4 takes the altitude as above the sea all the same.
     s.send(
         "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
-        param4=NAN, x=here.lat + round(20 / 111195 * 1e7), y=here.lon, z=12.0,
+        param4=NAN, x=here.lat + round(20 / 111195 * 1e7), y=here.lon,
+        z=(here.alt - here.relative_alt) / 1000 + 12.0,
     )  # fmt: skip
     s.run(18)
     assert s.acks(192) == [0]

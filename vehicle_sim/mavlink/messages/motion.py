@@ -174,7 +174,35 @@ class MotionMessages(Family):
                 q, rates = offboard.no_attitude, (NAN, NAN, NAN)
         return _TARGET_ATTITUDE(self._body.time_boot_ms(), *q, *rates, float(thrust), 0)
 
+    def hil_state_quaternion(self) -> bytes:
+        """The simulation's own truth, which no autopilot could know: PX4's simulator tells it too."""
+        simulation, i = self._body.simulation, self._body.row
+        truth, home = simulation.truth, simulation.home
+        north, east, down = truth.position_ned_m[i].tolist()
+        lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)  # type: ignore[arg-type]
+        vn, ve, vd = (i16(100.0 * speed) for speed in truth.velocity_ned_m_s[i].tolist())
+        p, q, r = truth.rates_frd_rad_s[i].tolist()
+        ax, ay, az = (i16(value) for value in truth.acceleration_ned_m_s2[i].tolist())
+        return pack(
+            "HIL_STATE_QUATERNION", time_usec=self._body.time_boot_us(),
+            attitude_quaternion=truth.q_ned_frd[i].tolist(), rollspeed=p, pitchspeed=q, yawspeed=r,
+            lat=round(float(lat) * 1e7), lon=round(float(lon) * 1e7),
+            alt=round((home.alt_amsl_m - down) * 1000),
+            vx=vn, vy=ve, vz=vd, xacc=ax, yacc=ay, zacc=az,
+        )[1]  # fmt: skip
+
+    def actuator_output_status(self) -> bytes:
+        outputs = [float(value) for value in self._outputs_us()]
+        return pack(
+            "ACTUATOR_OUTPUT_STATUS", time_usec=self._body.time_boot_us(), active=OUTPUTS,
+            actuator=outputs + [0.0] * OUTPUTS,
+        )[1]  # fmt: skip
+
     def servo_output_raw(self) -> bytes:
+        values, port = self._outputs_us(), 0
+        return _SERVO(self._body.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
+
+    def _outputs_us(self) -> list[int]:
         motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
         functions = self._output_functions()
         servos = self._servos_us() if max(functions) >= FIRST_GIMBAL_FUNCTION else {}
@@ -184,8 +212,7 @@ class MotionMessages(Family):
             values.append(
                 motors[motor] if 0 <= motor < len(motors) else servos.get(function, UNUSED_OUTPUT_US)
             )
-        port = 0
-        return _SERVO(self._body.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
+        return values
 
     def _output_functions(self) -> list[int]:
         if self._functions_at != self._body.parameter_changes:

@@ -35,9 +35,6 @@ GRIPPER_S = 1.0
 """PD_GRIPPER_TO: a gripper that tells nothing is taken to be done after it."""
 ALTITUDE_LIMIT_M = 100_000.0
 """Beyond it no message could carry the altitude."""
-ROI_COMMANDS = frozenset({195, 201})
-"""Their altitude is AMSL whatever the frame says."""
-GLOBAL_RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
 INT32_MAX = 0x7FFFFFFF
 REPOSITION_CHANGE_MODE = 1
@@ -97,17 +94,13 @@ class CommandService:
             )  # fmt: skip
 
     def command_int(self, link: Link, m: Message) -> None:
-        """COMMAND_INT; 1e7 degrees become degrees, altitudes above home become AMSL."""
+        """COMMAND_INT; 1e7 degrees become degrees. Altitudes are AMSL whatever the frame says, as in PX4."""
         if not self._context.is_for_me(m):
             return
         scale = 1.0 if m.frame in LOCAL_FRAMES else 1e-7
         x = math.nan if m.x == INT32_MAX else m.x * scale
         y = math.nan if m.y == INT32_MAX else m.y * scale
-        z = m.z
-        above_home = m.frame in GLOBAL_RELATIVE_FRAMES and m.command not in ROI_COMMANDS
-        if above_home and self._context.autopilot.home.valid:
-            z += self._context.autopilot.home.alt_amsl_m
-        self._run(Command(m.command, m.param1, m.param2, m.param3, m.param4, x, y, z, m.sender, link.name))
+        self._run(Command(m.command, m.param1, m.param2, m.param3, m.param4, x, y, m.z, m.sender, link.name))
 
     def set_mode_message(self, link: Link, m: Message) -> None:
         """The old SET_MODE: one acknowledgement that says nothing."""

@@ -255,9 +255,13 @@ class MissionService:
             self._say("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
 
     def acknowledged(self, link: Link, message: Message) -> None:
-        """The other side ends a download, or cancels an upload."""
+        """The other side ends a download, cancels an upload, or does not know the form it is asked in."""
         exchange = self._exchange(link)
         if not self._context.is_for_me(message) or message.sender != exchange.partner:
+            return
+        if exchange.state is _State.RECEIVING and message.type == items.UNSUPPORTED:
+            exchange.as_int = not exchange.as_int
+            self._ask(exchange)
             return
         if exchange.state is _State.SENDING or message.type == items.CANCELLED:
             exchange.end()

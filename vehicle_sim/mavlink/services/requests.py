@@ -20,7 +20,6 @@ LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
 STORAGE_READY, STORAGE_MIB = 2, 32_768.0
 """The card the simulated vehicle carries; nothing is stored on it."""
 MAG_CAL_SUCCESS = 4
-OUTPUTS, UNUSED_OUTPUT_US = 16, 900.0
 CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
@@ -28,6 +27,18 @@ UID = 0x4954_414C_4449_4E4F
 """What every PX4 built for Linux reports, on every instance: it tells no two vehicles apart."""
 SILENT_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
 """Configured, though nothing on board ever gives them a value to send."""
+SILENT_STREAMS = frozenset(
+    BY_NAME[name].id
+    for name in (
+        "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE2", "SCALED_PRESSURE3", "GPS2_RAW",
+        "HIL_ACTUATOR_CONTROLS", "RC_CHANNELS", "MANUAL_CONTROL", "OPTICAL_FLOW_RAD",
+        "NAMED_VALUE_FLOAT", "DEBUG", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY", "NAV_CONTROLLER_OUTPUT",
+        "CAMERA_TRIGGER", "CAMERA_IMAGE_CAPTURED", "ADSB_VEHICLE", "UTM_GLOBAL_POSITION",
+        "COLLISION", "WIND_COV", "ESC_INFO", "ESC_STATUS", "RAW_RPM", "EFI_STATUS", "GPS_RTCM_DATA",
+        "SMART_BATTERY_INFO", "ATT_POS_MOCAP",
+    )
+)  # fmt: skip
+"""PX4 takes intervals for them; nothing on board, as on its own simulation, has anything to say there."""
 NOT_ON_REQUEST = frozenset({"GPS_RAW_INT", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"})
 """PX4 denies these although it streams them: no newer sample at the moment of the request."""
 
@@ -47,7 +58,6 @@ class RequestService:
             BY_NAME["COMPONENT_INFORMATION"].id: self._component_information,
             BY_NAME["TIMESYNC"].id: self._timesync,
             BY_NAME["MAG_CAL_REPORT"].id: self._mag_cal_report,
-            BY_NAME["ACTUATOR_OUTPUT_STATUS"].id: self._actuator_output_status,
             BY_NAME["STORAGE_INFORMATION"].id: self._storage_information,
         }
         self.commands: dict[int, Callable[[Command], int | None]] = {
@@ -97,7 +107,8 @@ class RequestService:
         }
         if layout is None or layout.name in EVENT_DRIVEN:
             return FAILED
-        if msg_id not in self._context.telemetry.ids and msg_id not in streamable:
+        known = msg_id in self._context.telemetry.ids or msg_id in streamable or msg_id in SILENT_STREAMS
+        if not known:
             return FAILED
         link, now_us = self._link(command), self._context.body.time_boot_us()
         interval = command.p2
@@ -161,16 +172,6 @@ class RequestService:
         link.send(
             "MAG_CAL_REPORT", cal_status=MAG_CAL_SUCCESS, diag_x=1.0, diag_y=1.0, diag_z=1.0,
             orientation_confidence=1.0, scale_factor=1.0,
-        )  # fmt: skip
-        return True
-
-    def _actuator_output_status(self, link: Link, command: Command) -> bool:
-        body = self._context.body
-        motors = [float(round(value)) for value in body.simulation.motors_us[body.row].tolist()]
-        outputs = motors + [UNUSED_OUTPUT_US] * (OUTPUTS - len(motors))
-        link.send(
-            "ACTUATOR_OUTPUT_STATUS", time_usec=body.time_boot_us(), active=OUTPUTS,
-            actuator=outputs + [0.0] * (32 - OUTPUTS),
         )  # fmt: skip
         return True
 
