@@ -27,6 +27,7 @@ PRE_STREAM_S = 1.2
 """PX4 wants more than a second of setpoints before it takes Offboard."""
 PARAMETERS_WITHIN_S = 3.0
 """What the vehicle has not told by then stays unknown."""
+ASK_AGAIN_S = 10.0
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
 """The mode that a stream asks for in each phase of its end."""
@@ -51,8 +52,9 @@ class OffboardControl:
         self._find = find
         self._observer = Observer(vehicle)
         self._availability = Availability(self._observer, self._protocol)
-        self._parameters: dict[str, float] = {}
-        self._failsafe: Failsafe | None = None
+        self._read: dict[str, float] = {}
+        """Parameters that were asked for by name."""
+        self._read_s: float | None = None
         self._limits = OperatorLimits()
         self._bounds = UNBOUNDED
         self._bounds_of: tuple[object, ...] = ()
@@ -187,14 +189,31 @@ class OffboardControl:
             pass  # what came in time counts
         except ExceptionGroup as several:
             raise several.exceptions[0] from several
-        self._parameters = values
-        action = values.get("COM_OBL_RC_ACT")
-        self._failsafe = Failsafe(
-            values.get("COM_OF_LOSS_T"),
+        self._read = values
+        self._read_s = self._clock.monotonic_s()
+        return self._failsafe_of(self._parameters())
+
+    def _parameters(self) -> dict[str, float]:
+        """As the vehicle last told them: whoever changes one changes what holds here."""
+        values = dict(self._read)
+        for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
+            known = self._vehicle.params.known(name)
+            if known is not None:
+                values[name] = known.value
+        return values
+
+    def _failsafe_of(self, parameters: dict[str, float]) -> Failsafe:
+        action = parameters.get("COM_OBL_RC_ACT")
+        return Failsafe(
+            parameters.get("COM_OF_LOSS_T"),
             None if action is None else int(action),
             self._observer.hears_transmitter(),
         )
-        return self._failsafe
+
+    def _failsafe(self) -> Failsafe | None:
+        """None before the vehicle was asked."""
+        parameters = self._parameters()
+        return self._failsafe_of(parameters) if parameters or self._read_s is not None else None
 
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
         """Sets what the vehicle does by itself when the stream stops, each value verified.
@@ -219,7 +238,9 @@ class OffboardControl:
 
     async def know(self) -> None:
         """Asks the vehicle for what is not known of it and can be."""
-        if self._failsafe is None:
+        now_s = self._clock.monotonic_s()
+        asked_lately = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
+        if "COM_OBL_RC_ACT" not in self._parameters() and not asked_lately:
             try:
                 self._vehicle.require_commandable()
                 await self.read_failsafe()
@@ -234,7 +255,7 @@ class OffboardControl:
 
     def limits(self) -> Limits:
         """What setpoints are held to."""
-        return Limits(vehicle_limits(self._parameters), self._limits)
+        return Limits(vehicle_limits(self._parameters()), self._limits)
 
     def set_limits(self, limits: OperatorLimits) -> Limits:
         """The operator's limits from now on, for the stream that runs too."""
@@ -243,7 +264,7 @@ class OffboardControl:
 
     def failsafe(self) -> FailsafeView | None:
         """What the vehicle does by itself when the stream stops; None before it told."""
-        return self._failsafe_view(self._failsafe)
+        return self._failsafe_view(self._failsafe())
 
     @staticmethod
     def _failsafe_view(failsafe: Failsafe | None) -> FailsafeView | None:
@@ -256,7 +277,7 @@ class OffboardControl:
     def status(self) -> OffboardStatus:
         """How the stream stands, now."""
         state = self._thread.state(self._vehicle.id)
-        order = state.order
+        order, failsafe = state.order, self._failsafe()
         return OffboardStatus(
             streaming=state.phase != "idle",
             state=state.phase,
@@ -270,10 +291,10 @@ class OffboardControl:
             valid_for_s=order.valid_for_s if order else None,
             valid_left_s=state.valid_left_s,
             on_expiry=expiry_view(order.on_expiry) if order else None,
-            if_stream_stops=self._failsafe.words() if self._failsafe else None,
+            if_stream_stops=failsafe.words() if failsafe else None,
             sends_failed=state.sends_failed,
             ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
-            health=health_of(state, self._observer, self._failsafe),
+            health=health_of(state, self._observer, failsafe),
         )
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
@@ -283,7 +304,7 @@ class OffboardControl:
         return self._observer.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
             bounds=self._current_bounds(),
-            hover_thrust=self._parameters.get("MPC_THR_HOVER"),
+            hover_thrust=self._parameters().get("MPC_THR_HOVER"),
             leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
         )
 
@@ -295,7 +316,7 @@ class OffboardControl:
 
     def _current_bounds(self) -> Bounds:
         """Made anew only where their sources have changed: whether they are the same tells the thread."""
-        made_of = (self._parameters, self._limits, self._observer.home(), self._observer.origin())
+        made_of = (self._parameters(), self._limits, self._observer.home(), self._observer.origin())
         if made_of != self._bounds_of:
             parameters, operator, home, origin = made_of
             gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))

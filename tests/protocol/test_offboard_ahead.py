@@ -1,6 +1,7 @@
 """What is said before it is tried: what can be flown and why not, limits, and the vehicle's own failsafe."""
 
 import itertools
+from types import SimpleNamespace
 
 import pytest
 
@@ -211,5 +212,17 @@ def test_health_says_how_long_until_the_vehicle_fails_safe(jump):
         assert health.sent_age_s < 0.03
         assert health.echo is None  # this one tells none
         assert health.position_error_m == pytest.approx(0.0, abs=0.01)
+
+    flight(jump, story)
+
+
+def test_a_limit_that_somebody_changes_in_flight_holds_from_then_on(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(velocity=(9.0, 0.0, 0.0)))
+        known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
+        vehicle.params.known = lambda name: SimpleNamespace(value=known[name]) if name in known else None
+        await seconds(0.3)
+        assert pilot.setpoints[-1][1].vx == pytest.approx(3.0)
+        assert vehicle.offboard.failsafe().action == "land"
 
     flight(jump, story)

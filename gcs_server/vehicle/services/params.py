@@ -103,6 +103,10 @@ class ParamService:
         """Those that are known, by name."""
         return self._table.all()
 
+    def known(self, name: str) -> Param | None:
+        """The newest value that was heard of one; None before the list was read."""
+        return self._table.get(name)
+
     def facts(self, name: str) -> ParamFacts | None:
         """What the vehicle's metadata says of one; None where they are not at hand or say nothing."""
         return None if self._facts is None else self._facts.get(name)
