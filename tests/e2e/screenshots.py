@@ -167,7 +167,7 @@ def drag(at: Set) -> None:
     dock = page.get_by_role("region", name="Offboard room")
     dock.get_by_role("button", name="Drag in 3D").click()
     dock.get_by_role("button", name="Back to vehicle").click()
-    for name in ("North 1 m more", "East 1 m less", "Yaw 15 ° more", "Yaw 15 ° more"):
+    for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
     time.sleep(5)
     shoot(page, at.folder, "drag")

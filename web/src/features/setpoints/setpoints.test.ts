@@ -211,7 +211,7 @@ describe('traces', () => {
     traces.add(seen(50, 2, 3));
     traces.add(seen(50, 9, 9));
     traces.add(seen(100, 4, null));
-    expect(traces.columns('position', 2, 100)).toEqual([[-50, 0], [3, null], [2, 4]]);
+    expect(traces.columns('position', 2, 100)).toEqual([[-50, -49, 0], [3, null, null], [2, null, 4]]);
     expect(traces.columns('position', 2, 100 + WINDOW_S + 1)[0]).toEqual([]);
     traces.clear();
     expect(traces.columns('position', 2, 100)[0]).toEqual([]);

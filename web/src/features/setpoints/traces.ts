@@ -5,6 +5,8 @@ import type { OffboardStatus } from '../offboard/view';
 import { fromHeading } from './preview';
 
 export const WINDOW_S = 60;
+/** Nothing heard for longer than this is a gap, not a line [s]. */
+const GAP_S = 2;
 /** Room for a minute at the rate the page is told at. */
 const MOST = 60 * 30;
 const DEG = 180 / Math.PI;
@@ -87,6 +89,7 @@ export class Traces {
     const rows = this.rows[quantity];
     const last = rows.at(-1);
     if (last !== undefined && t_s <= last.t_s) return;
+    if (last !== undefined && t_s - last.t_s > GAP_S) rows.push({ t_s: last.t_s + GAP_S / 2, target: NOTHING, actual: NOTHING });
     rows.push({ t_s, target, actual });
     if (rows.length > MOST) rows.splice(0, rows.length - MOST);
   }
