@@ -63,6 +63,8 @@ class StreamCore:
         self._target = (target_system, target_component)
         self._silent_limit_s = server_silent_limit_s
         self._aimer = Aimer(self._target)
+        self._why = ""
+        """What made the stream end the flight by itself, for who asks afterwards."""
         self.phase = "idle"
         self.order: Order | None = None
         self.rate_hz = 50.0
@@ -235,6 +237,7 @@ class StreamCore:
 
     def _take(self, now_s: float, order: Order, snapshot: Snapshot) -> None:
         self._aimer.take(now_s, order.setpoint, snapshot)
+        self._why = ""
         self.order, self._since_s = order, now_s
         self._next_send_s = now_s
 
@@ -263,7 +266,8 @@ class StreamCore:
         if snapshot.mode == self._asked_mode:
             mode = snapshot.mode
             code = "held" if mode == "hold" else "landing"
-            self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended.")
+            because = f" ({self._why[0].lower()}{self._why[1:]})" if self._why else ""
+            self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended{because}.")
         elif snapshot.mode_asked_by is not None:
             self.end("commanded", f"{snapshot.mode_asked_by}; the setpoint stream has ended.", INFO)
         else:
@@ -327,6 +331,7 @@ class StreamCore:
     def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Does what the order says for its end, with the place held where that can be."""
         assert self.order is not None
+        self._why = why
         if self.order.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
             hold_for_s = self.order.on_expiry.hold_for_s
             self._report(code, f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
@@ -338,6 +343,7 @@ class StreamCore:
     def _give_up(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Ends the flight as the order says, where setpoints of ours cannot hold its place."""
         assert self.order is not None
+        self._why = why
         action = self.order.on_expiry.action
         if action == "stop_stream":
             self.end(code, f"{why}: the stream stopped, the vehicle fails safe.", WARNING)

@@ -226,3 +226,15 @@ def test_a_limit_that_somebody_changes_in_flight_holds_from_then_on(jump):
         assert vehicle.offboard.failsafe().action == "land"
 
     flight(jump, story)
+
+
+def test_an_order_after_the_expiry_is_told_that_it_was_one(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
+        await seconds(3)
+        with pytest.raises(
+            Refused, match=r"no setpoint stream.*in Hold.*the setpoint of anna expired after 0.5 s"
+        ):
+            vehicle.offboard.setpoint(order())
+
+    flight(jump, story)

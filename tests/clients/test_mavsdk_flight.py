@@ -1,0 +1,183 @@
+"""What MAVSDK's action, follow-me, manual-control and failure plug-ins do in the air."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import pytest
+from mavsdk import System
+from mavsdk.action import ActionError, ActionResult, OrbitYawBehavior
+from mavsdk.failure import FailureError, FailureResult, FailureType, FailureUnit
+from mavsdk.follow_me import Config, TargetLocation
+from mavsdk.telemetry import FlightMode, LandedState, Position
+
+from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, land, take_off, until
+
+METRES_A_DEGREE = 111_195.0
+
+pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+
+
+def offset(at: Position, north_m: float, east_m: float) -> tuple[float, float]:
+    """Latitude and longitude this far away."""
+    per_degree = METRES_A_DEGREE * math.cos(math.radians(at.latitude_deg))
+    return at.latitude_deg + north_m / METRES_A_DEGREE, at.longitude_deg + east_m / per_degree
+
+
+def distance_m(at: Position, lat_deg: float, lon_deg: float) -> float:
+    per_degree = METRES_A_DEGREE * math.cos(math.radians(lat_deg))
+    return math.hypot(
+        (at.latitude_deg - lat_deg) * METRES_A_DEGREE, (at.longitude_deg - lon_deg) * per_degree
+    )
+
+
+async def _mode(drone: System, mode: FlightMode) -> None:
+    await until(drone.telemetry.flight_mode(), lambda now: now is mode, f"mode {mode}")
+
+
+def test_goto_orbit_and_return() -> None:
+    asyncio.run(_goto_orbit_and_return())
+
+
+async def _goto_orbit_and_return() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        with pytest.raises(ActionError) as refused:
+            await drone.action.terminate()
+        assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
+        home = await first(drone.telemetry.home())
+        await take_off(drone, 8.0)
+        await until(drone.telemetry.landed_state(), lambda state: state is LandedState.IN_AIR, "in the air")
+        with pytest.raises(ActionError) as refused:
+            await drone.action.disarm()
+        assert refused.value._result.result in (
+            ActionResult.Result.COMMAND_DENIED, ActionResult.Result.COMMAND_DENIED_NOT_LANDED,
+        )  # fmt: skip
+
+        lat, lon = offset(home, 15.0, 5.0)
+        await drone.action.goto_location(lat, lon, home.absolute_altitude_m + 10.0, 90.0)
+        there = await until(drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "there")
+        assert there.relative_altitude_m == pytest.approx(10.0, abs=1.5)
+        await until(drone.telemetry.heading(), lambda h: abs(h.heading_deg - 90.0) < 5.0, "nose to the east")
+
+        await drone.action.set_current_speed(4.0)
+        await drone.action.do_orbit(
+            6.0, 3.0, OrbitYawBehavior.HOLD_FRONT_TO_CIRCLE_CENTER, lat, lon, home.absolute_altitude_m + 10.0
+        )
+        seen: set[int] = set()
+
+        def around(position: Position) -> bool:
+            away_m = distance_m(position, lat, lon)
+            if abs(away_m - 6.0) < 1.0:
+                angle = math.atan2(position.longitude_deg - lon, position.latitude_deg - lat)
+                seen.add(round(angle / math.radians(45.0)) % 8)
+            return len(seen) == 8
+
+        await until(drone.telemetry.position(), around, "a whole circle at 6 m")
+
+        await drone.action.hold()
+        await _mode(drone, FlightMode.HOLD)
+        await drone.action.set_return_to_launch_altitude(14.0)
+        assert await drone.action.get_return_to_launch_altitude() == pytest.approx(14.0)
+        await drone.action.return_to_launch()
+        await _mode(drone, FlightMode.RETURN_TO_LAUNCH)
+        await until(drone.telemetry.position(), lambda p: p.relative_altitude_m > 12.5, "the return's height")
+        await until(drone.telemetry.armed(), lambda armed: not armed, "home and disarmed")
+        end = await first(drone.telemetry.position())
+        assert distance_m(end, home.latitude_deg, home.longitude_deg) < 1.5
+
+
+def test_follow_me_keeps_its_distance_from_a_target_that_moves() -> None:
+    asyncio.run(_follow())
+
+
+async def _follow() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        home = await first(drone.telemetry.home())
+        config = Config(8.0, 6.0, 0.1, Config.FollowAltitudeMode.CONSTANT, 5.0, 180.0)
+        await drone.follow_me.set_config(config)
+        assert (await drone.follow_me.get_config()).follow_distance_m == pytest.approx(6.0)
+        await take_off(drone, 8.0)
+        await drone.follow_me.start()
+        await _mode(drone, FlightMode.FOLLOW_ME)
+        assert await drone.follow_me.is_active()
+
+        async def lead() -> None:
+            north_m = 0.0
+            while True:
+                lat, lon = offset(home, north_m, 0.0)
+                location = TargetLocation(lat, lon, home.absolute_altitude_m, 1.0, 0.0, 0.0)
+                await drone.follow_me.set_target_location(location)
+                await asyncio.sleep(0.3)
+                north_m = min(25.0, north_m + 0.9)
+
+        leader = asyncio.ensure_future(lead())
+        lat, lon = offset(home, 25.0, 0.0)
+        await until(
+            drone.telemetry.position(),
+            lambda p: abs(distance_m(p, lat, lon) - 6.0) < 1.5 and p.latitude_deg < lat,
+            "6 m behind the target at its end",
+            60,
+        )
+        last = await drone.follow_me.get_last_location()
+        assert last.latitude_deg == pytest.approx(lat, abs=1e-6)
+        leader.cancel()
+        await drone.follow_me.stop()
+        await _mode(drone, FlightMode.HOLD)
+        await land(drone)
+
+
+def test_manual_control_flies_position_and_altitude() -> None:
+    asyncio.run(_manual())
+
+
+async def _manual() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        wanted = [0.0, 0.0, 0.5, 0.0]
+
+        async def sticks() -> None:
+            while True:
+                await drone.manual_control.set_manual_control_input(*wanted)
+                await asyncio.sleep(0.03)
+
+        pilot = asyncio.ensure_future(sticks())
+        await asyncio.sleep(0.3)
+        await take_off(drone, 5.0)
+        await drone.manual_control.start_position_control()
+        await _mode(drone, FlightMode.POSCTL)
+        wanted[:] = [0.6, 0.0, 0.5, 0.0]
+        ned = drone.telemetry.position_velocity_ned
+        await until(ned(), lambda n: n.velocity.north_m_s > 1.5, "forward by the stick")
+        wanted[:] = [0.0, 0.0, 0.5, 0.0]
+        await until(ned(), lambda n: abs(n.velocity.north_m_s) < 0.4, "a stop where the stick is let go")
+        await drone.manual_control.start_altitude_control()
+        await _mode(drone, FlightMode.ALTCTL)
+        wanted[:] = [0.0, 0.0, 1.0, 0.0]
+        await until(ned(), lambda n: n.velocity.down_m_s < -1.5, "up by the throttle")
+        wanted[:] = [0.0, 0.0, 0.5, 0.0]
+        await until(ned(), lambda n: abs(n.velocity.down_m_s) < 0.3, "a height that is held")
+        await land(drone)
+        pilot.cancel()
+
+
+def test_failures_are_injected_only_where_that_is_switched_on() -> None:
+    asyncio.run(_fail())
+
+
+async def _fail() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        # On in simulation, off on a real vehicle.
+        assert await drone.param.get_param_int("SYS_FAILURE_EN") == 1
+        await drone.param.set_param_int("SYS_FAILURE_EN", 0)
+        with pytest.raises(FailureError) as refused:
+            await drone.failure.inject(FailureUnit.SENSOR_GPS, FailureType.OFF, 0)
+        assert refused.value._result.result is FailureResult.Result.DISABLED
+        await drone.param.set_param_int("SYS_FAILURE_EN", 1)
+        await take_off(drone, 6.0)
+        await drone.failure.inject(FailureUnit.SENSOR_GPS, FailureType.OFF, 0)
+        await until(
+            drone.telemetry.gps_info(), lambda gps: gps.num_satellites == 0, "a receiver without a fix"
+        )
+        await until(drone.telemetry.health(), lambda h: not h.is_global_position_ok, "no global position")
+        # Without a position PX4 goes down level, without hands on sticks.
+        await until(drone.telemetry.armed(), lambda armed: not armed, "down by itself")

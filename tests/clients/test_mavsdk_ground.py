@@ -1,0 +1,191 @@
+"""What MAVSDK asks of a vehicle on the ground: parameters, console, files, streams, calibration, gimbal."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mavsdk import System
+from mavsdk.action import ActionError, ActionResult
+from mavsdk.calibration import CalibrationError, CalibrationResult
+from mavsdk.ftp import FtpError, FtpResult
+from mavsdk.gimbal import ControlMode, GimbalMode, SendMode
+from mavsdk.param import ParamError, ParamResult
+from mavsdk.telemetry import TelemetryError
+from mavsdk.tune import SongElement, TuneDescription
+from pyulog import ULog
+
+from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, until
+
+pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+
+
+async def all_of(stream: AsyncIterator[Any]) -> list[Any]:
+    return [value async for value in stream]
+
+
+def test_parameters_console_files_and_logs(tmp_path: Path) -> None:
+    asyncio.run(_stores(tmp_path))
+
+
+async def _stores(folder: Path) -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        await _parameters(drone)
+        await _console(drone)
+        await _files(drone, folder)
+        (entry,) = await drone.log_files.get_entries()
+        log = folder / "log.ulg"
+        await all_of(drone.log_files.download_log_file(entry, str(log)))
+        assert log.stat().st_size == entry.size_bytes
+        assert "vehicle_local_position" in {data.name for data in ULog(str(log)).data_list}
+
+
+async def _parameters(drone: System) -> None:
+    param = drone.param
+    assert await param.get_param_int("SYS_AUTOSTART") == 10040
+    await param.set_param_float("MPC_XY_P", 0.9)
+    assert await param.get_param_float("MPC_XY_P") == pytest.approx(0.9)
+    everything = await param.get_all_params()
+    assert len(everything.int_params) + len(everything.float_params) == 929
+    with pytest.raises(ParamError) as refused:
+        await param.get_param_int("MPC_XY_P")
+    assert refused.value._result.result is ParamResult.Result.WRONG_TYPE
+
+
+async def _console(drone: System) -> None:
+    answer = asyncio.ensure_future(
+        until(drone.shell.receive(), lambda text: "HW arch" in text, "an answer", 30)
+    )
+    await asyncio.sleep(0.5)
+    await drone.shell.send("ver all")
+    assert "SITL" in await answer
+
+
+async def _files(drone: System, folder: Path) -> None:
+    ftp = drone.ftp
+    sent = folder / "note.txt"
+    sent.write_text("as it was\n" * 300, encoding="utf-8")
+    await ftp.create_directory("/notes")
+    await all_of(ftp.upload(str(sent), "/notes"))
+    assert await ftp.are_files_identical(str(sent), "/notes/note.txt")
+    for burst in (False, True):
+        back = folder / f"back-{burst}"
+        back.mkdir()
+        await all_of(ftp.download("/notes/note.txt", str(back), burst))
+        assert (back / "note.txt").read_bytes() == sent.read_bytes()
+    await ftp.rename("/notes/note.txt", "/notes/other.txt")
+    assert [name for name in (await ftp.list_directory("/notes")).files if "other.txt" in name]
+    await ftp.remove_file("/notes/other.txt")
+    await ftp.remove_directory("/notes")
+    with pytest.raises(FtpError) as refused:
+        await ftp.list_directory("/notes")
+    assert refused.value._result.result is FtpResult.Result.FILE_DOES_NOT_EXIST
+
+
+STREAMS = (
+    "position", "home", "in_air", "landed_state", "armed", "vtol_state", "attitude_quaternion",
+    "attitude_euler", "attitude_angular_velocity_body", "velocity_ned", "gps_info", "raw_gps",
+    "battery", "flight_mode", "health", "rc_status", "actuator_output_status", "odometry",
+    "position_velocity_ned", "ground_truth", "fixedwing_metrics", "imu", "scaled_imu", "health_all_ok",
+    "unix_epoch_time", "distance_sensor", "scaled_pressure", "heading", "altitude",
+)  # fmt: skip
+RATES = (
+    "position", "home", "in_air", "landed_state", "vtol_state", "attitude_quaternion", "attitude_euler",
+    "velocity_ned", "gps_info", "raw_gps", "battery", "rc_status", "actuator_output_status", "odometry",
+    "position_velocity_ned", "ground_truth", "fixedwing_metrics", "imu", "scaled_imu",
+    "unix_epoch_time", "distance_sensor", "altitude", "health",
+)  # fmt: skip
+NOT_IN_PX4 = ("actuator_control_target", "raw_imu")
+
+
+def test_every_stream_of_telemetry_and_what_is_said_about_the_vehicle() -> None:
+    asyncio.run(_streams())
+
+
+async def _streams() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        for name in RATES:
+            await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
+        for name in NOT_IN_PX4:
+            with pytest.raises(TelemetryError):
+                await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
+        await drone.transponder.set_rate_transponder(1.0)
+        values = {name: await first(getattr(drone.telemetry, name)(), 20) for name in STREAMS}
+        truth = values["ground_truth"]
+        assert truth.latitude_deg == pytest.approx(values["position"].latitude_deg, abs=2e-5)
+        assert values["gps_info"].num_satellites == 10
+        assert values["imu"].acceleration_frd.down_m_s2 == pytest.approx(-9.8, abs=0.8)
+        origin = await drone.telemetry.get_gps_global_origin()
+        assert origin.latitude_deg == pytest.approx(truth.latitude_deg, abs=2e-5)
+        version = await drone.info.get_version()
+        assert (version.flight_sw_major, version.flight_sw_minor) == (1, 16)
+        assert (await drone.info.get_identification()).legacy_uid == 0x4954_414C_4449_4E4F
+        await drone.tune.play_tune(TuneDescription([SongElement.DURATION_4, SongElement.NOTE_G], 200))
+        with pytest.raises(ActionError) as refused:
+            await drone.action.reboot()
+        assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
+
+
+def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
+    asyncio.run(_calibrate())
+
+
+async def _calibrate() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        for what in ("calibrate_gyro", "calibrate_level_horizon"):
+            steps = await all_of(getattr(drone.calibration, what)())
+            assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
+        begun = asyncio.ensure_future(all_of(drone.calibration.calibrate_magnetometer()))
+        await asyncio.sleep(2.0)
+        await drone.calibration.cancel()
+        with pytest.raises(CalibrationError) as cancelled:
+            await begun
+        assert cancelled.value._result.result is CalibrationResult.Result.CANCELLED
+
+
+def test_the_gimbal_is_taken_turned_and_given_back() -> None:
+    asyncio.run(_gimbal())
+
+
+async def _gimbal() -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+        gimbal = drone.gimbal
+        listed = await until(gimbal.gimbal_list(), lambda found: found.gimbals, "a gimbal", 40)
+        number = listed.gimbals[0].gimbal_id
+        await gimbal.take_control(number, ControlMode.PRIMARY)
+        owner = await until(
+            gimbal.control_status(),
+            lambda status: status.control_mode is ControlMode.PRIMARY,
+            "control of it",
+        )
+        assert owner.sysid_primary_control == 245
+        await gimbal.set_angles(number, 0.0, -20.0, 30.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
+        await until(
+            gimbal.attitude(),
+            lambda a: (
+                abs(a.euler_angle_forward.pitch_deg + 20.0) < 2.0
+                and abs(a.euler_angle_forward.yaw_deg - 30.0) < 2.0
+            ),
+            "the angles asked for",
+        )
+        await gimbal.set_angular_rates(number, 0.0, 10.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
+        await until(
+            gimbal.attitude(), lambda a: a.euler_angle_forward.pitch_deg > -5.0, "upwards by its rate"
+        )
+        home = await first(drone.telemetry.home())
+        await gimbal.set_roi_location(
+            number, home.latitude_deg, home.longitude_deg + 1e-3, home.absolute_altitude_m
+        )
+        await until(
+            gimbal.attitude(),
+            lambda a: not math.isclose(a.euler_angle_forward.yaw_deg, 30.0, abs_tol=5.0),
+            "a look",
+        )
+        await gimbal.release_control(number)
+        await until(
+            gimbal.control_status(), lambda status: status.control_mode is ControlMode.NONE, "its release"
+        )

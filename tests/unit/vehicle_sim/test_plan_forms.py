@@ -1,0 +1,32 @@
+"""Who knows one form of mission items only is asked in that form."""
+
+from __future__ import annotations
+
+from plan_station import PlanStation
+
+UNSUPPORTED = 3
+
+
+def test_an_upload_goes_on_in_the_form_the_sender_knows() -> None:
+    s = PlanStation()
+    s.run(1.0)
+    s.send("MISSION_COUNT", target_system=1, target_component=1, count=1, mission_type=0)
+    s.run(0.1)
+    assert len(s.heard("MISSION_REQUEST")) == 1
+    s.send("MISSION_ACK", target_system=1, target_component=1, type=UNSUPPORTED, mission_type=0)
+    s.run(0.1)
+    assert (len(s.heard("MISSION_REQUEST")), len(s.heard("MISSION_REQUEST_INT"))) == (1, 1)
+
+
+def test_intervals_are_taken_for_streams_that_stay_silent_and_for_the_simulations_truth() -> None:
+    s = PlanStation()
+    s.run(1.0)
+    for message in (65, 115, 375):
+        s.command(511, message, 100_000)
+    s.run(1.0)
+    assert s.acks(511) == [0, 0, 0]
+    truth, outputs = s.heard("HIL_STATE_QUATERNION"), s.heard("ACTUATOR_OUTPUT_STATUS")
+    assert len(truth) in (9, 10)
+    assert truth[-1].alt == 489400
+    assert outputs[-1].actuator[:5] == [900.0] * 5
+    assert s.heard("RC_CHANNELS") == []
