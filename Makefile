@@ -83,9 +83,10 @@ SUITE = tests/e2e tests/contract tests/unit tests/protocol tests/api
 test: $(VENV)/.tested $(VENV)/.browser web lint
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
-	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(SUITE)
+	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not realtime" $(SUITE)
 
 test-clients: $(VENV)/.clients web
+	@$(BIN)/python -m pytest -n 2 -m realtime tests/e2e
 	@$(BIN)/python -m pytest tests/clients
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 tests/contract

@@ -14,8 +14,9 @@ from vehicle_sim.lockstep import Lockstep
 from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
 
 TURN_S = 0.008
-"""How often the sockets are looked at: two simulation steps."""
+"""How often the sockets are looked at: in real time every second simulation step."""
 FLAT_OUT_TURN_S = 0.02
+"""Simulated time between two looks, at most: the beat of the fastest streams."""
 LOCKSTEP_WAIT_S = 0.05
 MAX_TURN_S = 0.1
 """Simulated time a turn may catch up at once; a machine too slow falls behind instead of freezing."""
@@ -166,7 +167,7 @@ class SimServer:
                 self.fleet.step(steps * self.fleet.simulation.dt_s)
             self._send()
             used_s = time.monotonic() - started
-            due_s = (self.fleet.time_s + TURN_S * min(1.0, speed) - begun_s) / speed - used_s
+            due_s = (self.fleet.time_s + min(TURN_S * speed, FLAT_OUT_TURN_S) - begun_s) / speed - used_s
             wait_s = max(0.0, min(TURN_S, due_s))
 
     def close(self) -> None:

@@ -28,6 +28,9 @@ ARGUMENTS = [
 PATIENCE_MS = 20_000
 """Chromium draws in software here, and the machine may do other things besides."""
 
+COARSE = 0.5
+"""Device pixels a CSS pixel: the layout is the same, map and 3D view cost the processor a fourth."""
+
 MOST_TABS = 80
 
 SAME_CLIENT = """
@@ -127,15 +130,21 @@ def opened(
     scene: bool = True,
     script: str = "",
     client_id: str = "e2e",
+    coarse: bool = True,
 ) -> Iterator[Page]:
     """The page in a fresh window, watched until it is closed.
 
     Without `scene` the page finds no 3D view, as on a server without one: drawing it in software takes most
-    of a small machine, and most tests are about something else. The page is the same client as the test's
+    of a small machine, and most tests are about something else; what is drawn is `coarse`, but for pictures
+    that somebody looks at. The page is the same client as the test's
     programs, and so in control of what they fly, unless it has a `client_id` of its own. `script` runs before
     any of its own.
     """
-    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
+    context = browser.new_context(
+        viewport={"width": size[0], "height": size[1]},
+        color_scheme=theme,
+        device_scale_factor=COARSE if coarse else 1,
+    )
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     page.add_init_script(same_client(client_id))

@@ -15,6 +15,8 @@ from gcs_server.client import SyncGcs, Unreachable
 from tests.e2e.conftest import SPEED
 from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
 
+pytestmark = pytest.mark.realtime
+
 FLY_NORTH = """
 import sys, time
 from gcs_server.client import SyncGcs

@@ -18,6 +18,8 @@ from gcs_server.client import Gcs, SyncGcs, Unreachable
 from tests.e2e.test_deaths import airborne
 from tests.station import end, free_port, running, server, vehicle, wait_until
 
+pytestmark = pytest.mark.realtime
+
 SYNC = """
 import sys, time
 from gcs_server.client import SyncGcs

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize(("example", "height_m"), [("first_flight", 5.0), ("hover_and_land", 1.0)])
 def test_example_flies_and_ends_disarmed_on_the_ground(station: Any, example: str, height_m: float) -> None:
