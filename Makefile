@@ -80,7 +80,7 @@ lint: $(VENV)/.tested
 # What waits most comes first, so that what computes fills the waiting.
 SUITE = tests/e2e tests/contract tests/unit tests/protocol tests/api
 
-test: $(VENV)/.tested $(VENV)/.browser web lint
+test: $(VENV)/.tested $(VENV)/.browser web
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
 	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not realtime" $(SUITE)

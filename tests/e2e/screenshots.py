@@ -23,6 +23,7 @@ from playwright.sync_api import Browser, Page
 
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
+from tests.e2e.conftest import FAST
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
@@ -33,7 +34,6 @@ SCHEMES: tuple[Any, ...] = ("dark", "light")
 SIZE, TABLET = (1440, 900), (1024, 768)
 SETTLE_S = 1.6
 """Both views draw themselves anew after a change of theme, in software."""
-SPEED = 3
 CLIENT_ID = "pictures"
 """Page and programs are one client, in control of what they fly."""
 
@@ -217,7 +217,7 @@ def tablet(at: Set) -> None:
 
 def two(at: Set) -> None:
     """A second vehicle is heard and flies."""
-    at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", "--speed", str(SPEED)]))
+    at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", *FAST]))
     with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
         second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         second.takeoff(8)
@@ -274,7 +274,7 @@ def airborne(folder: Path) -> Generator[Set]:
     port = free_port()
     with contextlib.ExitStack() as stack:
         url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{port}"]))
-        simulator = stack.enter_context(vehicle(port, more=["--speed", str(SPEED)]))
+        simulator = stack.enter_context(vehicle(port, more=FAST))
         gcs = stack.enter_context(SyncGcs(url, client="pictures", client_id=CLIENT_ID))
         browser = stack.enter_context(chromium())
         page = browser.new_context(

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import SyncGcs, Unreachable
-from tests.e2e.conftest import SPEED
+from tests.e2e.conftest import FAST
 from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
@@ -71,7 +71,7 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
     port, http_port = free_port(), free_port()
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, more=["--speed", str(SPEED)]):
+    with vehicle(port, more=FAST):
         with running(command) as first:
             wait_until(lambda: answers(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:

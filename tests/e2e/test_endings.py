@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import Gcs, SyncGcs, Unreachable
+from tests.e2e.conftest import FAST
 from tests.e2e.test_deaths import airborne
 from tests.station import end, free_port, running, server, vehicle, wait_until
 
@@ -38,7 +39,7 @@ def flying() -> Iterator[Any]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, more=["--speed", "3"]),
+        vehicle(port, more=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
@@ -138,7 +139,7 @@ def test_a_stop_that_fails_says_so_beside_the_blocks_own_error() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, more=["--speed", "3"]),
+        vehicle(port, more=FAST),
         SyncGcs(url) as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
@@ -156,7 +157,7 @@ def test_a_stop_that_fails_says_so_beside_the_blocks_own_error() -> None:
 def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Path) -> None:
     port = free_port()
     log = tmp_path / "server.log"
-    with vehicle(port, more=["--speed", "3"]):
+    with vehicle(port, more=FAST):
         with server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
             with SyncGcs(url) as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)

@@ -22,7 +22,7 @@ from tests.e2e.browser import (
     slide,
     tab_to,
 )
-from tests.e2e.conftest import SPEED, Station
+from tests.e2e.conftest import FAST, Station
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
@@ -76,7 +76,7 @@ def hovering() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, more=["--speed", str(SPEED)]),
+        vehicle(port, more=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)

@@ -25,7 +25,7 @@ from tests.e2e.browser import (
     slide,
     tab_to,
 )
-from tests.e2e.conftest import SPEED, Station
+from tests.e2e.conftest import FAST, Station
 from tests.station import answers, end, free_port, running, server, server_command, vehicle, wait_until
 from tools import build_page
 
@@ -49,7 +49,7 @@ def field() -> Iterator[Station]:
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         # a return waits above home, however slow the page is with its next click
-        vehicle(port, more=["--speed", str(SPEED), "--param", "RTL_LAND_DELAY=-1"]),
+        vehicle(port, more=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.vehicle("101"))
@@ -297,7 +297,7 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     context = browser.new_context()
     page = context.new_page()
-    with vehicle(port, more=["--speed", str(SPEED)]):
+    with vehicle(port, more=FAST):
         with running(command) as first:
             wait_until(lambda: answers(url), "the first server")
             page.goto(url)

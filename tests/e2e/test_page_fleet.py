@@ -11,13 +11,13 @@ from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, slide
-from tests.e2e.conftest import SPEED
+from tests.e2e.conftest import FAST
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
 pytestmark = pytest.mark.browser
 
-SECOND = ["--first-instance", "101", "--speed", str(SPEED)]
+SECOND = ["--first-instance", "101", *FAST]
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, more=["--speed", str(SPEED)]),
+        vehicle(port, more=FAST),
         vehicle(port, more=SECOND) as second,
         SyncGcs(url, client="e2e") as gcs,
         opened(browser, url, scene=False) as page,

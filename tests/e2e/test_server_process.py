@@ -17,6 +17,7 @@ import httpx
 import pytest
 
 from gcs_server.client import SyncGcs
+from tests.e2e.conftest import FAST
 from tests.station import (
     answers,
     end,
@@ -193,7 +194,7 @@ def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: 
 def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_hold(tmp_path: Path) -> None:
     port = free_port()
     command = bare([f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, more=["--speed", "3"]), serving(command) as server:
+    with vehicle(port, more=FAST), serving(command) as server:
         with SyncGcs(server.url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
             drone.takeoff(5)
