@@ -46,10 +46,11 @@ def browser() -> Iterator[Browser]:
         yield one
 
 
-def large_map(page: Page) -> None:
-    """The map fills the stage, and follows the vehicle."""
-    page.get_by_title("3D view", exact=True).wait_for()
-    page.keyboard.press("m")
+def large_map(page: Page, *, beside_scene: bool = False) -> None:
+    """The map fills the stage, as it does by itself where there is no 3D view, and follows the vehicle."""
+    if beside_scene:
+        page.get_by_title("3D view", exact=True).wait_for()
+        page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
     expect(page.locator(".bar")).to_have_text("10 m")
 
@@ -86,10 +87,8 @@ def metres_from(drone: SyncVehicle, place: tuple[float, float]) -> float:
 def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
     drone = station.drone
     drone.takeoff(8)
-    with opened(browser, station.url) as page:
+    with opened(browser, station.url, scene=False) as page:
         large_map(page)
-        scene(page).evaluate("() => { window.kept = true }")
-
         menu = menu_at(page, 120, 80)
         expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of it"))
         expect(menu).to_contain_text(re.compile(r"about \d+ s"))
@@ -121,6 +120,9 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         assert serious_violations(page) == []
         page.keyboard.press("Escape")
 
+    with opened(browser, station.url) as page:
+        large_map(page, beside_scene=True)
+        scene(page).evaluate("() => { window.kept = true }")
         page.get_by_title("Show the 3D view large (M)").click()
         page.get_by_title("Show the map large (M)").click()
         page.keyboard.press("m")
@@ -128,9 +130,10 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         assert scene(page).evaluate("() => window.kept") is True
         in_3d(page)
 
-        drone.land()
-        drone.until_disarmed()
-        page.keyboard.press("m")
+    drone.land()
+    drone.until_disarmed()
+    with opened(browser, station.url, scene=False) as page:
+        large_map(page)
         menu = menu_at(page, 60, 60)
         expect(menu).to_contain_text("It is on the ground: take off first.")
         expect(menu.get_by_role("button", name="Go here")).to_have_attribute("aria-disabled", "true")
@@ -190,7 +193,7 @@ def test_a_map_file_of_the_operators_own(browser: Browser, station: Station, kin
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
     write, made = (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")
     write(folder / f"field.{kind}", png((255, 0, 0)))
-    with opened(browser, station.url, theme="light") as page:
+    with opened(browser, station.url, theme="light", scene=False) as page:
         large_map(page)
         expect(page.get_by_role("toolbar", name="Map")).to_contain_text(made)
 
