@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from gcs_server.api.schema import bare_app
 from gcs_server.client import SyncGcs
 from tests.station import free_port, running, server, wait_until
 
@@ -57,22 +56,6 @@ def test_every_call_of_the_document_works_in_its_order(document: str, address: s
     assert done.returncode == 0, done.stderr
     with SyncGcs(f"http://{address}", client="docs") as gcs:
         gcs.vehicle("1").until_disarmed(timeout_s=60)
-
-
-def test_the_page_of_the_api_has_every_call_that_there_is() -> None:
-    text = "\n".join(blocks("docs/api.md", "sh", "curl "))
-    text = re.sub(r"\\\n\s*", "", text)
-    lines = [line for line in text.splitlines() if line.startswith("curl")]
-    shown = set()
-    for line in lines:
-        method = found.group(1) if (found := re.search(r"-X (\w+)", line)) else "GET"
-        address = re.search(r"localhost:8080(/api/v1[^\s'?]*)", line)
-        assert address, line
-        path = re.sub(r"/vehicles/1\b", "/vehicles/{v}", address.group(1))
-        path = re.sub(r"/(params|links)/\w+", r"/\1/{name}", path)
-        shown.add((method, path))
-    paths = bare_app().openapi()["paths"]
-    assert shown == {(method.upper(), path) for path, methods in paths.items() for method in methods}
 
 
 @pytest.mark.parametrize("document", ["docs/api.md", "docs/offboard.md", "README.md"])

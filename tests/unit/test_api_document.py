@@ -1,0 +1,38 @@
+"""docs/api.md has every call that there is, and no other; `make test-clients` runs what it tells to paste."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from gcs_server.api.schema import bare_app
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "api.md"
+EXAMPLES = re.compile(r"/(vehicles|links)/\w+|/(params)/(?!refresh)\w+")
+"""Where an address has the number or name of an example."""
+
+
+def unnamed(path: str) -> str:
+    """A path whose variables have no names."""
+    return re.sub(r"\{\w+(:\w+)?\}", "{}", path)
+
+
+def calls_of(text: str) -> set[tuple[str, str]]:
+    """What is called by curl, or named as `GET /path`."""
+    fenced = "".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL))
+    found: set[tuple[str, str]] = set()
+    for line in re.sub(r"\\\n\s*", "", fenced).splitlines():
+        if not line.startswith("curl"):
+            continue
+        method = said.group(1) if (said := re.search(r"-X (\w+)", line)) else "GET"
+        address = re.search(r"localhost:8080(/api/v1[^\s'?]*)", line)
+        assert address, line
+        found.add((method, EXAMPLES.sub(lambda m: f"/{m[1] or m[2]}/{{}}", address.group(1))))
+    named = re.findall(r"`(GET|POST|PUT|DELETE) (/[^`\s]+)`", text)
+    return found | {(method, unnamed(f"/api/v1{path}")) for method, path in named}
+
+
+def test_the_document_has_every_call_that_there_is_and_no_other() -> None:
+    paths = bare_app().openapi()["paths"]
+    there = {(method.upper(), unnamed(path)) for path, methods in paths.items() for method in methods}
+    assert there == calls_of(DOCUMENT.read_text(encoding="utf-8"))
