@@ -61,7 +61,7 @@ def wait_until(ready: Callable[[], object], what: str, deadline_s: float = 30.0)
     while time.monotonic() < end_s:
         if ready():
             return
-        time.sleep(0.05)
+        time.sleep(0.1)
     raise TimeoutError(f"{what} did not happen within {deadline_s:.0f} s")
 
 

@@ -27,7 +27,7 @@ describe('problems', () => {
 describe('client', () => {
   it('names itself, sends JSON, returns the answer', async () => {
     let seen: RequestInit = {};
-    const client = new ApiClient('page-7', (_, init) => {
+    const client = new ApiClient('page-7', undefined, (_, init) => {
       seen = init;
       return Promise.resolve(new Response('{"ok":true}'));
     });
@@ -36,10 +36,16 @@ describe('client', () => {
     expect(seen.body).toBe('{"alt_home_m":10}');
   });
   it('turns a refusal and a dead server into problems', async () => {
-    const refused = new ApiClient('p', () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
+    const refused = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
     expect(await refused.post('/x')).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
-    const dead = new ApiClient('p', () => Promise.reject(new TypeError('failed')));
+    const dead = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
     expect(await dead.post('/x')).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
+  });
+  it('says that the server wants another token', async () => {
+    let told = 0;
+    const answer = (status: number) => Promise.resolve(new Response('{"detail":"no","code":"token_missing"}', { status }));
+    for (const status of [401, 403]) await new ApiClient('p', () => (told += 1), () => answer(status)).get('/x');
+    expect(told).toBe(1);
   });
   it('tells two pages apart', () => {
     expect(pageName(() => 0)).toBe('page-0000');

@@ -10,9 +10,13 @@ export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
 const TIMEOUT_MS = 45_000;
 
 export class ApiClient {
-  /** @param who how this page calls itself in the journal, and the id that tells it from pages of the same name. */
+  /**
+   * @param who how this page calls itself in the journal, and the id that tells it from pages of the same name.
+   * @param signedOut called where the server wants a token that this page has not (it was changed meanwhile).
+   */
   constructor(
     private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
+    private readonly signedOut: () => void = () => undefined,
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
     private readonly base = '/api/v1',
   ) {}
@@ -57,6 +61,7 @@ export class ApiClient {
     } catch {
       return { ok: false, problem: unreachable() };
     }
+    if (response.status === 401) this.signedOut();
     return response.ok ? { ok: true, value: answer as T } : { ok: false, problem: parseProblem(response.status, answer) };
   }
 }

@@ -22,7 +22,8 @@ class Page {
   readonly store = new TelemetryStore();
   private readonly tab = memory(() => sessionStorage);
   readonly who = $state(identity(this.tab, memory(() => localStorage)));
-  readonly api = new ApiClient(this.who);
+  /** Loaded anew, the server's sign-in page comes. */
+  readonly api = new ApiClient(this.who, () => location.reload());
   readonly socket: TelemetrySocket;
   tick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
@@ -50,7 +51,11 @@ class Page {
         if (frame.type === 'event') for (const callback of this.onEvent) callback(frame.event);
         for (const callback of this.onTelemetry) callback();
       },
-      (state) => (this.connection = state),
+      (state) => {
+        this.connection = state;
+        // A socket that is refused does not say why, a call does.
+        if (state.phase === 'waiting') void this.api.get('/version');
+      },
     );
   }
 

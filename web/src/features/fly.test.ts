@@ -132,7 +132,7 @@ describe('what is asked', () => {
   });
   it('shows how far it is to the page that asked, and to no other', async () => {
     let answer: (outcome: Outcome<unknown>) => void = () => undefined;
-    const api = new ApiClient('page-7', () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))));
+    const api = new ApiClient('page-7', undefined, () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))));
     const { facts } = source({});
     const actions = new ActionController(api, () => 0, () => Promise.reject(new Error('not asked')), () => facts);
     actions.request('hold', facts);

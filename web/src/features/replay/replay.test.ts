@@ -95,7 +95,7 @@ describe('steering', () => {
   function control(replays: Replay[]) {
     const asked: { method: string; path: string; body: unknown }[] = [];
     let release: (() => void) | null = null;
-    const api = new ApiClient('test', async (path, init) => {
+    const api = new ApiClient('test', undefined, async (path, init) => {
       asked.push({ method: init.method ?? '', path, body: init.body === undefined ? null : JSON.parse(init.body as string) });
       if (release === null && init.method === 'POST') await new Promise<void>((done) => (release = done));
       return new Response(JSON.stringify(path.endsWith('/index') ? index : replays[0]), { status: 200 });
@@ -136,7 +136,7 @@ describe('steering', () => {
     expect(select).toHaveBeenCalledWith('7');
   });
   it('says why it could not', async () => {
-    const api = new ApiClient('test', async () => new Response(JSON.stringify({ title: 'Recording unusable', detail: 'b.tlog: The file is empty.', code: 'recording_unusable', status: 409 }), { status: 409 }));
+    const api = new ApiClient('test', undefined, async () => new Response(JSON.stringify({ title: 'Recording unusable', detail: 'b.tlog: The file is empty.', code: 'recording_unusable', status: 409 }), { status: 409 }));
     const made = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
     await made.open('b.tlog');
     expect(made.problem?.detail).toContain('empty');
