@@ -76,6 +76,7 @@ def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
         assert page.url == f"{home}/", "the token stays in no address, so in no history and no picture"
         assert page.evaluate(GREETING) == "hello"
         assert page.evaluate("() => document.cookie") == "", "no script can read it"
+        page.wait_for_load_state("networkidle")
         page.context.clear_cookies()  # as after a restart with another token
         page.get_by_role("button", name="Recorded flights").click()
         expect(page.get_by_label("Token")).to_be_visible()
