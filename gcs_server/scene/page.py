@@ -37,6 +37,22 @@ _BOOT = """
     if (seen++ > 0 && scheme) page.dataset.gcsTheme = scheme;
   }).observe(page, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
 
+  // Panels lie over the view: what is looked at belongs in the middle of what they leave free. The page
+  // that frames this says where that is, in shares of the view right of and below its own middle.
+  let middle = [0, 0];
+  addEventListener('message', (event) => {
+    const said = event.source === parent && event.origin === location.origin && event.data?.gcsMiddle;
+    if (!Array.isArray(said) || said.length !== 2 || !said.every((share) => Math.abs(share) < 0.5)) return;
+    middle = said;
+    said.forEach((share, i) => page.style.setProperty(['--gcs-x', '--gcs-y'][i], `${50 + 100 * share}%`));
+  });
+  const centre = (camera) => {
+    const [offsetX, offsetY] = middle.map((share) => -share);
+    if ((camera.view?.offsetX ?? 0) === offsetX && (camera.view?.offsetY ?? 0) === offsetY) return;
+    camera.view = { enabled: true, fullWidth: 1, fullHeight: 1, offsetX, offsetY, width: 1, height: 1 };
+    camera.updateProjectionMatrix();
+  };
+
   // Name tags: the texts stand in viser's hidden panel, each drawn where its node is.
   const tags = new Map();
   const layer = document.createElement('div');
@@ -75,6 +91,7 @@ _BOOT = """
     if (now >= next) { next = now + 100; sync(); }
     const viser = window.__viserMutable;
     if (!viser || !viser.camera) return;
+    centre(viser.camera);
     const { matrixWorldInverse, projectionMatrix } = viser.camera;
     for (const [name, tag] of tags) {
       const node = viser.nodeRefFromName[name];
@@ -151,7 +168,8 @@ canvas { outline: none; }
   font-variant-numeric: tabular-nums; white-space: nowrap;
 }
 .gcs-tags[data-mode="gimbal"]::before {
-  content: ""; position: absolute; left: 50%; top: 50%; width: 44px; height: 44px; translate: -50% -50%;
+  content: ""; position: absolute; left: var(--gcs-x, 50%); top: var(--gcs-y, 50%);
+  width: 44px; height: 44px; translate: -50% -50%;
   --bar: linear-gradient(var(--mark), var(--mark));
   background: var(--bar) 0 50% / 14px 1.5px, var(--bar) 100% 50% / 14px 1.5px, var(--bar) 50% 0 / 1.5px 14px,
     var(--bar) 50% 100% / 1.5px 14px, radial-gradient(var(--mark) 1.5px, #0000 2px);

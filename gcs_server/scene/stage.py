@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from gcs_server.scene.frames import Vector3
+from gcs_server.scene.frames import Vector3, enu_from_ned
 from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
 from gcs_server.scene.palette import PALETTES, Palette, rgb
@@ -23,7 +23,7 @@ from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode, set_pose
-from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, in_world, world_pose
+from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, framed, in_world, world_pose
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Cell sizes; sections are ten of them."""
@@ -55,6 +55,7 @@ class Stage:
         self._mode: Mode | None = before._mode if before is not None else None
         self._grid_step_m = 0.0
         self._next_grid_s = 0.0
+        self._framed = before._framed if before is not None else -1
         client.gui.configure_theme(
             control_layout="floating",
             dark_mode=view.theme == "dark",
@@ -137,7 +138,20 @@ class Stage:
         if self._preview is None:
             self._preview = PreviewNode(self._client, self._palette, self._shapes)
         still = view.mode == "free"  # the other modes move the world under the hand
+        at = enu_from_ned(view.preview.position_ned_m)
+        if not still:
+            self._framed = -1
+        elif view.preview.handles and view.preview.serial != self._framed:
+            self._framed = view.preview.serial
+            self._frame(_sum(origin, at), pose.position_enu_m)
         self._preview.update(view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=still)
+
+    def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
+        """Brings handles into sight that a page has put elsewhere, from the side from which one looks now."""
+        camera = self._client.camera
+        position, look_at = framed(_triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m)
+        if position != _triple(camera.position):
+            self._set_camera(position, look_at, CAMERAS["free"].fov_rad)
 
     def _drop_preview(self) -> None:
         if self._preview is not None:

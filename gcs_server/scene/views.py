@@ -6,6 +6,7 @@ middle. Dragging and zooming are then the browser's own, at any latency, and nev
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,6 +24,15 @@ from gcs_server.scene.palette import Theme
 from gcs_server.scene.pose import VehiclePose
 
 Mode = Literal["chase", "free", "gimbal", "top"]
+
+HANDLES_FROM_M = 6.0
+"""So far off handles come into sight: they have the same size on the screen from anywhere."""
+NEAREST_HANDLES_M = 3.5
+HANDLES_WITHIN_RAD = 0.2
+"""Farther from the middle than this a handle may lie under a panel of the page or out of sight."""
+HANDLES_FROM_ABOVE_RAD = 0.55
+"""Where they come into sight; lower down their square along the ground is a line."""
+LOWEST_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +109,41 @@ def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
     """A point of the browser's camera frame in the world's ENU."""
     x, y, z = (point_m[i] - world.position_m[i] for i in range(3))
     return rotate(conjugate(world.q), (x, y, z))
+
+
+def framed(
+    eye_m: Vector3, look_at_m: Vector3, handles_m: Vector3, vehicle_m: Vector3
+) -> tuple[Vector3, Vector3]:
+    """Where to look from so that a hand gets hold of handles: as now if it does, else at them.
+
+    Args:
+        eye_m, look_at_m, handles_m, vehicle_m: all in the world's ENU.
+
+    Returns:
+        (eye, look_at).
+    """
+    ahead = _difference(look_at_m, eye_m)
+    if _in_hand(ahead, _difference(handles_m, eye_m)):
+        return eye_m, look_at_m
+    level_m = math.hypot(ahead[0], ahead[1])
+    east, north = (ahead[0] / level_m, ahead[1] / level_m) if level_m > 0.0 else (0.0, 1.0)
+    from_m = max(HANDLES_FROM_M, 1.6 * math.dist(handles_m, vehicle_m))
+    above_rad = max(HANDLES_FROM_ABOVE_RAD, math.atan2(-ahead[2], level_m))
+    back_m, up_m = from_m * math.cos(above_rad), from_m * math.sin(above_rad)
+    return (handles_m[0] - east * back_m, handles_m[1] - north * back_m, handles_m[2] + up_m), handles_m
+
+
+def _in_hand(ahead: Vector3, to_handles: Vector3) -> bool:
+    """Whether handles are well in sight: near the middle, from above, not too near."""
+    away_m = math.hypot(*to_handles)
+    if away_m < NEAREST_HANDLES_M or -to_handles[2] < math.sin(LOWEST_RAD) * away_m:
+        return False
+    along_m = sum(a * b for a, b in zip(ahead, to_handles, strict=True)) / math.hypot(*ahead)
+    return along_m > math.cos(HANDLES_WITHIN_RAD) * away_m
+
+
+def _difference(a: Vector3, b: Vector3) -> Vector3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _world_from(eye_enu_m: Vector3, q_enu_eye: Quaternion) -> WorldPose:

@@ -62,6 +62,22 @@ HANDLE = """
 """Where a handle is in the view, and which way an axis of it runs there."""
 
 
+EYE = """
+() => {
+  const { camera, nodeRefFromName } = window.__viserMutable;
+  const handles = nodeRefFromName['/world/gizmo_ground'];
+  return [handles, camera].map((node) => [...node.matrixWorld.elements.slice(12, 15)]);
+}
+"""
+"""Where the handles are, and from where one looks."""
+REACH_PX = 90
+"""How far the handles' arrows reach from their middle."""
+PANELS = """
+() => [...document.querySelectorAll('main .panel, main .cameras, .dock')]
+  .map((panel) => panel.getBoundingClientRect()).map((box) => [box.left, box.top, box.right, box.bottom])
+"""
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """One Chromium for all of them; the page is built first if it is older than its sources."""
@@ -102,6 +118,22 @@ def open_room(page: Page) -> Locator:
     room = page.get_by_role("region", name="Offboard room")
     expect(room.get_by_text("If the stream stops")).to_be_visible()
     return room
+
+
+def under_no_panel(page: Page, frame: Any) -> bool:
+    """Whether the handles are in the 3D view with room about them, and no panel lies over them."""
+    box = page.get_by_title("3D view", exact=True).bounding_box()
+    handle = frame.evaluate(HANDLE, 0)
+    if box is None or handle is None:
+        return False
+    x, y = box["x"] + handle[0], box["y"] + handle[1]
+    if not (box["x"] < x - REACH_PX and x + REACH_PX < box["x"] + box["width"]):
+        return False
+    return all(
+        x + REACH_PX < left or x - REACH_PX > right or y + REACH_PX < top or y - REACH_PX > bottom
+        for left, top, right, bottom in page.evaluate(PANELS)
+        if right > left
+    )
 
 
 def streamed(drone: Any) -> dict[str, Any]:
@@ -199,7 +231,11 @@ def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
         room.get_by_role("button", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
+        wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 5, "the camera's stepping back", 20)
+        ahead, _ = frame.evaluate(EYE)
         room.get_by_role("button", name="North 1 m more").click()
+        wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles a step ahead", 20)
+        wait_until(lambda: under_no_panel(page, frame), "the handles beside all panels", 20)
         before = drone.topic("local_position")["position_ned_m"]
         box = page.get_by_title("3D view", exact=True).bounding_box()
         assert box is not None

@@ -57,6 +57,12 @@ def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
         # The tag stands over the middle of the frame, where the chased vehicle is.
         box = tag.bounding_box()
         assert abs(box["x"] + box["width"] / 2 - (8 + 175)) < 60
+        # Panels of the page lie over its left half: the middle is told, and the vehicle comes there.
+        page.evaluate("frames[0].postMessage({ gcsMiddle: [0.25, -0.1] }, location.origin)")
+        wait_for(page, lambda: tag.bounding_box()["x"] - box["x"] > 0.2 * 350)
+        assert box["y"] - tag.bounding_box()["y"] == pytest.approx(23, abs=8)
+        page.evaluate("frames[0].postMessage({ gcsMiddle: [0, 0] }, location.origin)")
+        wait_for(page, lambda: abs(tag.bounding_box()["x"] - box["x"]) < 0.05 * 350)
         assert frame.locator(".mantine-Paper-root:visible").count() == 0
         canvas = page.frames[1].locator("canvas").first.bounding_box()
         low = (canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.9)

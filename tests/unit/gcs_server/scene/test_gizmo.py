@@ -13,7 +13,7 @@ from scene_running import CAMERA, eventually, open_stream
 from gcs_server.scene.frames import q_from_yaw
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged, words
 from gcs_server.scene.proxy import understood
-from gcs_server.scene.views import Preview
+from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
 
 pack = msgspec.msgpack.encode
 MOVED = {
@@ -54,6 +54,38 @@ def test_a_release_keeps_the_place():
 
 def test_the_label_says_distance_height_and_yaw():
     assert words(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0) == "10.0 m · height 4.0 m · 000°"
+
+
+EYE, VEHICLE = (-7.0, 0.0, 16.0), (0.0, 0.0, 10.0)
+
+
+def test_handles_well_in_sight_leave_the_camera_where_it_is():
+    assert framed(EYE, VEHICLE, (0.5, 0.5, 10.0), VEHICLE) == (EYE, VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("eye_m", "handles_m"),
+    [
+        pytest.param(EYE, (0.0, 9.0, 10.0), id="beside what is seen"),
+        pytest.param(EYE, (-20.0, 0.0, 10.0), id="behind the eye"),
+        pytest.param((-2.0, 0.0, 11.2), VEHICLE, id="too near"),
+        pytest.param((-9.0, 0.0, 10.5), VEHICLE, id="from the side, where the ground's square is a line"),
+        pytest.param((0.0, 0.0, 30.0), (5.0, 5.0, 10.0), id="straight from above"),
+    ],
+)
+def test_handles_put_out_of_sight_are_looked_at_from_the_same_side(eye_m, handles_m):
+    eye, look_at = framed(eye_m, VEHICLE, handles_m, VEHICLE)
+    assert look_at == handles_m
+    assert math.dist(eye, handles_m) >= HANDLES_FROM_M - 1e-9
+    assert eye[0] <= handles_m[0] + 1e-6  # eastwards, as before
+    assert eye[2] > handles_m[2] + 2.0
+    # The vehicle is not behind: both are in the picture, and once there nothing moves any more.
+    assert math.dist(eye, handles_m) > 1.5 * math.dist(handles_m, VEHICLE)
+    assert framed(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
+    beside = tuple(
+        h + 0.5 * HANDLES_WITHIN_RAD * math.dist(eye, handles_m) * (i == 1) for i, h in enumerate(handles_m)
+    )
+    assert framed(eye, look_at, beside, VEHICLE) == (eye, look_at)
 
 
 @pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])

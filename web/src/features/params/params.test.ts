@@ -31,6 +31,9 @@ test('a value is told as it is meant', () => {
   expect(numberText(0.12345, 1)).toBe('0.12345');
   expect(numberText(4, 2)).toBe('4.00');
   expect(rangeText(facts({ min: 0, max: 20, unit: 'm/s' }))).toBe('0 to 20 m/s');
+  expect(rangeText(facts({ max: 90, unit: 'deg' }))).toBe('at most 90°');
+  expect(rangeText(facts({ min: 2, unit: 'm/s^2' }))).toBe('at least 2 m/s²');
+  expect(rangeText(facts({ min: -1, max: 1, unit: 'norm' }))).toBe('−1 to 1');
   expect(rangeText(facts({ min: -1 }))).toBe('at least −1');
   expect(rangeText(facts({}))).toBe('');
 });

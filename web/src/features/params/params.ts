@@ -53,6 +53,20 @@ function trimmed(value: number, decimals: number): string {
   return given > decimals ? exact : value.toFixed(decimals);
 }
 
+const SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: '', us: 'µs', '%': '%' };
+
+/** A unit as it is written; the metadata spell it in ASCII. */
+export function unitText(unit: string | null): string {
+  if (unit === null) return '';
+  return unit.split('/').map((part) => SYMBOLS[part] ?? part).join('/').replace('^2', '²').replace('^3', '³');
+}
+
+/** With its unit; degrees stand close. */
+function withUnit(number: string, unit: string | null): string {
+  const written = unitText(unit);
+  return written === '' ? number : written === '°' ? `${number}°` : `${number} ${written}`;
+}
+
 /** What a value is called: a choice's label, the bits that are set, or the number with its unit. */
 export function valueText(parameter: Parameter): string {
   const { facts, value } = parameter;
@@ -64,15 +78,14 @@ export function valueText(parameter: Parameter): string {
     if (set.length > 0) return set.join(', ');
   }
   const number = numberText(value, facts.is_integer ? null : facts.decimals);
-  return facts.unit === null ? number : `${number} ${facts.unit}`;
+  return withUnit(number, facts.unit);
 }
 
 /** The range in words; empty where none is told. */
 export function rangeText(facts: Facts): string {
-  const unit = facts.unit === null ? '' : ` ${facts.unit}`;
-  if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${numberText(facts.max)}${unit}`;
-  if (facts.min !== null) return `at least ${numberText(facts.min)}${unit}`;
-  return facts.max === null ? '' : `at most ${numberText(facts.max)}${unit}`;
+  if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${withUnit(numberText(facts.max), facts.unit)}`;
+  if (facts.min !== null) return `at least ${withUnit(numberText(facts.min), facts.unit)}`;
+  return facts.max === null ? '' : `at most ${withUnit(numberText(facts.max), facts.unit)}`;
 }
 
 /** What was typed as a number; null where it is none, or not whole where it must be. */

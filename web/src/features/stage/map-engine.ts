@@ -77,10 +77,16 @@ export class MapEngine {
     return { centre: mercator({ lat_deg: lat, lon_deg: lng }), world_px: 512 * 2 ** this.map.getZoom(), up_rad: this.map.getBearing() * RAD, width, height };
   }
 
-  /** Puts a place `aside` pixels left of the middle, at once. */
-  look(at: Place, aside: number, zoom?: number): void {
+  /** Puts a place so many pixels right of and below the middle, at once. */
+  look(at: Place, off: Pixel, zoom?: number): void {
     const zoomed = zoom === undefined ? {} : { zoom };
-    this.map.jumpTo({ center: [at.lon_deg, at.lat_deg], padding: { left: 0, top: 0, bottom: 0, right: aside * 2 }, ...zoomed });
+    this.map.jumpTo({ center: [at.lon_deg, at.lat_deg], padding: { left: Math.max(0, 2 * off.x), right: Math.max(0, -2 * off.x), top: Math.max(0, 2 * off.y), bottom: Math.max(0, -2 * off.y) }, ...zoomed });
+  }
+
+  /** What lies in the middle of what is free. */
+  centre(): Place {
+    const { lat, lng } = this.map.getCenter();
+    return { lat_deg: lat, lon_deg: lng };
   }
 
   get zoom(): number {

@@ -1,0 +1,18 @@
+/** For what may scroll (`use:scrolls`): where it does, the keyboard gets to it, so that arrows scroll it. */
+export function scrolls(box: HTMLElement): { destroy: () => void } {
+  const look = (): void => {
+    const longer = box.scrollHeight > box.clientHeight + 1;
+    if (longer) box.tabIndex = 0;
+    else box.removeAttribute('tabindex');
+  };
+  const sizes = new ResizeObserver(look);
+  const content = new MutationObserver(look);
+  sizes.observe(box);
+  content.observe(box, { childList: true, subtree: true, characterData: true });
+  return {
+    destroy: () => {
+      sizes.disconnect();
+      content.disconnect();
+    },
+  };
+}
