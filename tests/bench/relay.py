@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
+import struct
 import threading
 import time
 
@@ -13,6 +14,10 @@ SETPOINT_IDS = (82, 84, 86)
 LOCAL_NED = 84
 LOCAL_TARGET_AT = 10 + 50
 """Where a frame of SET_POSITION_TARGET_LOCAL_NED names the vehicle."""
+
+SO_TIMESTAMPNS = 35
+"""The kernel notes when a datagram came, so that a tap that waits for the processor tells no wrong times."""
+TIMESPEC = struct.Struct("@qq")
 
 Seen = tuple[float, bytes]
 """Monotonic arrival time [s], frame."""
@@ -31,6 +36,8 @@ class Relay:
         self._ways: dict[tuple[str, int], socket.socket] = {}
         self._vehicles: dict[socket.socket, tuple[str, int]] = {}
         self._running = True
+        self._epoch_s = time.clock_gettime(time.CLOCK_REALTIME) - time.monotonic()
+        """Of the monotonic clock, which the kernel's notes are not by."""
         self._selector = selectors.DefaultSelector()
         self.vehicle_port: int = self._vehicle_side.getsockname()[1]
         self.setpoints: list[Seen] = []
@@ -72,13 +79,15 @@ class Relay:
         own = self._ways.get(vehicle)
         if own is None:
             own = self._ways[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             own.bind(("127.0.0.1", 0))
             self._vehicles[own] = vehicle
             self._selector.register(own, selectors.EVENT_READ)
         own.sendto(data, self._server)
 
     def _to_vehicle(self, own: socket.socket) -> None:
-        data = own.recv(2048)
+        data, notes, _, _ = own.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
         if data[:1] == b"\xfd" and int.from_bytes(data[7:10], "little") in SETPOINT_IDS:
-            self.setpoints.append((time.monotonic(), data))
+            seconds, nanoseconds = TIMESPEC.unpack(notes[0][2])
+            self.setpoints.append((seconds + nanoseconds * 1e-9 - self._epoch_s, data))
         self._vehicle_side.sendto(data, self._vehicles[own])
