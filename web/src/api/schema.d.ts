@@ -713,6 +713,94 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/groups": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show All
+         * @description All groups, and the last that ended.
+         */
+        get: operations["show_all_api_v1_groups_get"];
+        put?: never;
+        /**
+         * Start
+         * @description Brings all members, in flight, into Offboard where they are, and lets them begin at one instant.
+         *
+         *     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
+         *     confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
+         *     naming whom).
+         */
+        post: operations["start_api_v1_groups_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/groups/{g}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show
+         * @description How a group stands: its members, the two that are nearest, and what went wrong.
+         */
+        get: operations["show_api_v1_groups__g__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/groups/{g}/setpoints": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Setpoints
+         * @description New setpoints for some members or all, sent at one instant; refused where two would come too near.
+         */
+        post: operations["setpoints_api_v1_groups__g__setpoints_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/groups/{g}/hold": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Hold
+         * @description Puts all members into Hold at once, by anybody; one that has left the group is not touched.
+         */
+        post: operations["hold_api_v1_groups__g__hold_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{v}/gimbal": {
         parameters: {
             query?: never;
@@ -2488,6 +2576,190 @@ export interface components {
             /** @description The sample itself. */
             value: components["schemas"]["Gps"];
         };
+        /**
+         * Group
+         * @description What the calls below `/groups` answer, and what each `group` event carries.
+         */
+        Group: {
+            /**
+             * Id
+             * @description How the API calls it.
+             */
+            id: string;
+            /**
+             * State
+             * @description starting (being brought into Offboard), waiting (for the common start), flying, holding, ended.
+             * @enum {string}
+             */
+            state: "starting" | "waiting" | "flying" | "holding" | "ended";
+            /**
+             * Client
+             * @description Whose setpoints they are.
+             */
+            client: string;
+            /**
+             * Minimum Separation M
+             * @description How far apart all are kept, the way of braking included [m].
+             */
+            minimum_separation_m: number;
+            /**
+             * Others Go On
+             * @description Whether those whom trouble does not concern fly on; else all hold.
+             */
+            others_go_on: boolean;
+            /**
+             * Created Unix S
+             * @description When it was asked for [s since 1970 UTC].
+             */
+            created_unix_s: number;
+            /**
+             * Start Unix S
+             * @description The common start [s since 1970 UTC]; null until all were confirmed in Offboard.
+             */
+            start_unix_s: number | null;
+            /**
+             * Valid Left S
+             * @description Until the setpoints of all expire together [s].
+             */
+            valid_left_s: number | null;
+            /**
+             * Members
+             * @description Its vehicles, in the order in which they were named.
+             */
+            members: components["schemas"]["GroupMember"][];
+            /** @description Null before the first look, and where fewer than two places are known. */
+            nearest: components["schemas"]["NearestTwo"] | null;
+            /**
+             * Findings
+             * @description What went wrong, oldest first.
+             */
+            findings: components["schemas"]["GroupFinding"][];
+            /**
+             * Ended
+             * @description Why it ended; null while it lasts.
+             */
+            ended: string | null;
+        };
+        /**
+         * GroupFinding
+         * @description Something that went wrong in a group, and who was stopped for it.
+         */
+        GroupFinding: {
+            /**
+             * Unix S
+             * @description When it was found [s since 1970 UTC].
+             */
+            unix_s: number;
+            /**
+             * Code
+             * @description separation, place_unknown, left (a member flies its setpoints no more), late, fault.
+             */
+            code: string;
+            /**
+             * Vehicles
+             * @description Whom it is about.
+             */
+            vehicles: string[];
+            /**
+             * Held
+             * @description Who was stopped for it.
+             */
+            held: string[];
+            /**
+             * Text
+             * @description For people.
+             */
+            text: string;
+            /**
+             * Distance M
+             * @description With separation: how far apart they were then [m].
+             */
+            distance_m: number | null;
+        };
+        /**
+         * GroupList
+         * @description All groups.
+         */
+        GroupList: {
+            /**
+             * Groups
+             * @description Those there are, and the last that ended; oldest first.
+             */
+            groups: components["schemas"]["Group"][];
+        };
+        /**
+         * GroupMember
+         * @description One vehicle of a group; its stream itself is told by its own topic `offboard`.
+         */
+        GroupMember: {
+            /**
+             * Vehicle
+             * @description Its id.
+             */
+            vehicle: string;
+            /**
+             * Ordered Type
+             * @description The type of the setpoint that it has in the group.
+             */
+            ordered_type: string;
+            /**
+             * Stream
+             * @description As `state` of its `offboard`; before the start it is sent the place where it is.
+             */
+            stream: string;
+            /**
+             * Mode
+             * @description The vehicle's flight mode.
+             */
+            mode: string;
+            /**
+             * Held
+             * @description It was stopped, or left: it follows the group no more.
+             */
+            held: boolean;
+        };
+        /**
+         * GroupSetpoints
+         * @description New setpoints for some members or all, sent at one instant; without any, all are renewed.
+         * @example {
+         *       "setpoints": [
+         *         {
+         *           "setpoint": {
+         *             "type": "velocity",
+         *             "velocity_ned_m_s": [
+         *               0,
+         *               0,
+         *               0
+         *             ]
+         *           },
+         *           "vehicle": "1"
+         *         }
+         *       ],
+         *       "valid_for_s": 5
+         *     }
+         */
+        GroupSetpoints: {
+            /**
+             * Valid For S
+             * @description How long the setpoints of all are good without being renewed, from the end of the longest path [s]; then `on_expiry` happens to all at once.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when they have become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * Setpoints
+             * @description Each vehicle at most once; members that are not named fly on as they do.
+             */
+            setpoints: components["schemas"]["MemberBody"][];
+        };
         /** HTTPValidationError */
         HTTPValidationError: {
             /** Detail */
@@ -3141,6 +3413,19 @@ export interface components {
             controls: string[];
         };
         /**
+         * MemberBody
+         * @description One vehicle of the group and what it flies, in its own local frame.
+         */
+        MemberBody: {
+            /**
+             * Vehicle
+             * @description A vehicle's id.
+             */
+            vehicle: string;
+            /** Setpoint */
+            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+        };
+        /**
          * Message
          * @description One line of what a vehicle said or did.
          */
@@ -3326,6 +3611,25 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["Motors"];
+        };
+        /**
+         * NearestTwo
+         * @description The two members that are nearest now.
+         */
+        NearestTwo: {
+            /**
+             * Vehicles
+             * @description Their ids.
+             */
+            vehicles: [
+                string,
+                string
+            ];
+            /**
+             * Distance M
+             * @description By both vehicles' own positions on the earth [m].
+             */
+            distance_m: number;
         };
         /**
          * Notice
@@ -4354,6 +4658,16 @@ export interface components {
              */
             holder_key?: string | null;
             /**
+             * Vehicles
+             * @description With `not_together`: on whose account the group does not fly.
+             */
+            vehicles?: string[] | null;
+            /**
+             * Distance M
+             * @description With `not_together`: how near two of the group would come [m].
+             */
+            distance_m?: number | null;
+            /**
              * Deadline S
              * @description With 504: how long was waited [s].
              */
@@ -4794,6 +5108,83 @@ export interface components {
              * @description Text.
              */
             text: string;
+        };
+        /**
+         * StartGroup
+         * @description Vehicles in flight that begin together at one instant and are kept apart.
+         * @example {
+         *       "members": [
+         *         {
+         *           "setpoint": {
+         *             "type": "velocity",
+         *             "velocity_ned_m_s": [
+         *               2,
+         *               0,
+         *               0
+         *             ]
+         *           },
+         *           "vehicle": "1"
+         *         },
+         *         {
+         *           "setpoint": {
+         *             "type": "velocity",
+         *             "velocity_ned_m_s": [
+         *               2,
+         *               0,
+         *               0
+         *             ]
+         *           },
+         *           "vehicle": "2"
+         *         }
+         *       ],
+         *       "minimum_separation_m": 3,
+         *       "valid_for_s": 5
+         *     }
+         */
+        StartGroup: {
+            /**
+             * Valid For S
+             * @description How long the setpoints of all are good without being renewed, from the end of the longest path [s]; then `on_expiry` happens to all at once.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when they have become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /**
+             * Members
+             * @description Each vehicle once.
+             */
+            members: components["schemas"]["MemberBody"][];
+            /**
+             * Minimum Separation M
+             * @description How far apart all are kept, the way of braking included [m].
+             * @default 5
+             */
+            minimum_separation_m: number;
+            /**
+             * Start At Unix S
+             * @description The common start [s since 1970 UTC], 3 to 300 s ahead; null: as soon as all are in Offboard.
+             */
+            start_at_unix_s?: number | null;
+            /**
+             * Rate Hz
+             * @description Setpoints a second to each [Hz].
+             * @default 50
+             */
+            rate_hz: number;
+            /**
+             * Others Go On
+             * @description Whether members whom trouble does not concern fly on; else all hold.
+             * @default false
+             */
+            others_go_on: boolean;
         };
         /**
          * StartRequest
@@ -6062,7 +6453,7 @@ export interface operations {
                     "application/json": components["schemas"]["Link"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6127,7 +6518,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6244,7 +6635,7 @@ export interface operations {
                     "application/json": components["schemas"]["Vehicle"][];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6311,7 +6702,7 @@ export interface operations {
                     "application/json": components["schemas"]["Vehicle"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6383,7 +6774,7 @@ export interface operations {
                     "application/json": components["schemas"]["History"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6453,7 +6844,7 @@ export interface operations {
                     "application/json": components["schemas"]["Messages"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6520,7 +6911,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6587,7 +6978,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6654,7 +7045,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6721,7 +7112,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6788,7 +7179,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6859,7 +7250,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6930,7 +7321,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7001,7 +7392,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7072,7 +7463,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7143,7 +7534,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7208,7 +7599,7 @@ export interface operations {
                     "application/json": components["schemas"]["Me"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7273,7 +7664,7 @@ export interface operations {
                     "application/json": components["schemas"]["Me"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7340,7 +7731,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7411,7 +7802,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7482,7 +7873,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7553,7 +7944,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7624,7 +8015,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7691,7 +8082,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7758,7 +8149,7 @@ export interface operations {
                     "application/json": components["schemas"]["ControlView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7825,7 +8216,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7896,7 +8287,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7967,7 +8358,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8034,7 +8425,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8101,7 +8492,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardLimits"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8172,7 +8563,7 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardLimits"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8243,7 +8634,346 @@ export interface operations {
                     "application/json": components["schemas"]["OffboardFailsafe"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_all_api_v1_groups_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["GroupList"];
+                };
+            };
+            /** @description No such vehicle, group, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_api_v1_groups_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StartGroup"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Group"];
+                };
+            };
+            /** @description No such vehicle, group, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_api_v1_groups__g__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                g: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Group"];
+                };
+            };
+            /** @description No such vehicle, group, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    setpoints_api_v1_groups__g__setpoints_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                g: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["GroupSetpoints"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Group"];
+                };
+            };
+            /** @description No such vehicle, group, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    hold_api_v1_groups__g__hold_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                g: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Group"];
+                };
+            };
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8310,7 +9040,7 @@ export interface operations {
                     "application/json": components["schemas"]["GimbalView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8377,7 +9107,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8444,7 +9174,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8515,7 +9245,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8586,7 +9316,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8657,7 +9387,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8724,7 +9454,7 @@ export interface operations {
                     "application/json": components["schemas"]["CommandDone"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8791,7 +9521,7 @@ export interface operations {
                     "application/json": components["schemas"]["ParametersView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8862,7 +9592,7 @@ export interface operations {
                     "application/json": components["schemas"]["ParameterList"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8930,7 +9660,7 @@ export interface operations {
                     "application/json": components["schemas"]["ParameterView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9002,7 +9732,7 @@ export interface operations {
                     "application/json": components["schemas"]["ParameterView"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9069,7 +9799,7 @@ export interface operations {
                     "application/json": components["schemas"]["VehicleReadiness"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9136,7 +9866,7 @@ export interface operations {
                     "application/json": components["schemas"]["VehicleReadiness"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9230,7 +9960,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9307,7 +10037,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9372,7 +10102,7 @@ export interface operations {
                     "application/json": components["schemas"]["Recordings"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9419,7 +10149,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9468,7 +10198,7 @@ export interface operations {
                     "application/json": components["schemas"]["RecordingIndex"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9515,7 +10245,7 @@ export interface operations {
                     "application/json": components["schemas"]["Replays"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9566,7 +10296,7 @@ export interface operations {
                     "application/json": components["schemas"]["Replay"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9615,7 +10345,7 @@ export interface operations {
                     "application/json": components["schemas"]["Replay"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9668,7 +10398,7 @@ export interface operations {
                     "application/json": components["schemas"]["Replay"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9715,7 +10445,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9764,7 +10494,7 @@ export interface operations {
                     "application/json": components["schemas"]["RecordingIndex"];
                 };
             };
-            /** @description No such vehicle, link or recording. */
+            /** @description No such vehicle, group, link or recording. */
             404: {
                 headers: {
                     [name: string]: unknown;
