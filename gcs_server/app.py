@@ -24,7 +24,7 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import Terms
 from gcs_server.errors import GcsError
-from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
+from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.replay.service import Replays
 from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
@@ -32,6 +32,7 @@ from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
+from gcs_server.streamer.group_status import GroupStatus
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
@@ -89,6 +90,7 @@ class Server:
             journal=journal,
             authority=Authority(clock, self.fleet, journal, self.supervisor, terms),
             replays=replays,
+            groups=self.streamer.groups,
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
@@ -96,6 +98,7 @@ class Server:
             simulator=self._simulator is not None,
         )
         self.station.hub.watch_replays(replays.all)
+        self.streamer.groups.tell = self._group_told
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
@@ -154,6 +157,11 @@ class Server:
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)
         return None if target is None else OffboardTarget(*target)
+
+    def _group_told(self, text: str, status: GroupStatus, warning: bool) -> None:
+        severity = MAV_SEVERITY_WARNING if warning else MAV_SEVERITY_INFO
+        unix_s = self.station.clock.unix_s()
+        self.fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
 
     def _scene_clicked(self, click: SceneClick) -> None:
         # Only told, not kept: a click is no event of the vehicle's.

@@ -4,12 +4,14 @@
     ├── LinkError                a port, a socket, a serial device
     ├── UnknownVehicle           no vehicle of that id (or it has gone)
     ├── UnknownLink              no link of that name
+    ├── UnknownGroup             no group of that id
     ├── UnknownRecording         no recording, or no replay, of that name
     ├── RecordingUnusable        a recording in which nothing can be read
     ├── InvalidRequest           what was asked is not well-formed; names the field
     ├── Refused                  not sent: our own check says no, with the reason and the remedy
     │   ├── NotVerified          this autopilot or airframe is shown, not commanded
-    │   └── NotInControl         another client holds control of the vehicle
+    │   ├── NotInControl         another client holds control of the vehicle
+    │   └── NotTogether          a group does not fly: one of its vehicles cannot, or they would come too near
     ├── Rejected                 the vehicle said no, in its own words
     ├── NoReply                  nothing came back within the deadline
     └── Disconnected             the link or the vehicle went while we waited
@@ -62,6 +64,12 @@ class UnknownLink(GcsError):
     """No link has this name."""
 
     code = "unknown_link"
+
+
+class UnknownGroup(GcsError):
+    """No group has this id."""
+
+    code = "unknown_group"
 
 
 class UnknownRecording(GcsError):
@@ -122,6 +130,34 @@ class NotInControl(Refused):
 
     def details(self) -> dict[str, object]:
         return {"holder": self.holder, "holder_key": self.holder_key}
+
+
+class NotTogether(Refused):
+    """A group does not fly as asked: none of its vehicles moves for it."""
+
+    code = "not_together"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        vehicles: tuple[str, ...],
+        distance_m: float | None = None,
+        reasons: tuple[str, ...] = (),
+        remedy: str | None = None,
+    ) -> None:
+        super().__init__(message, remedy=remedy)
+        self.vehicles = vehicles
+        """On whose account."""
+        self.distance_m = distance_m
+        self.reasons = reasons
+
+    def details(self) -> dict[str, object]:
+        return {
+            "vehicles": list(self.vehicles),
+            "distance_m": self.distance_m,
+            "reasons": list(self.reasons) or None,
+        }
 
 
 class Rejected(GcsError):

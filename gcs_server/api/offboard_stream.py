@@ -13,7 +13,7 @@ from collections import deque
 from typing import Any, Protocol, cast
 
 from fastapi.exceptions import RequestValidationError
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gcs_server.api import offboard_models as models
 from gcs_server.api.problems import validation_errors
@@ -149,7 +149,7 @@ def apply(station: Station, client: str, vehicle_id: str, body: models.AnyOrder)
         return station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(client))
 
 
-def arguments_of(body: models.AnyOrder | models.StartRequest) -> dict[str, object]:
+def arguments_of(body: BaseModel) -> dict[str, object]:
     """For the journal; of a path only how long it is."""
     arguments: dict[str, Any] = body.model_dump(exclude_none=True)
     for part in (arguments, arguments.get("setpoint", {})):

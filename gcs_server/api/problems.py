@@ -20,6 +20,7 @@ from gcs_server.errors import (
     RecordingUnusable,
     Refused,
     Rejected,
+    UnknownGroup,
     UnknownLink,
     UnknownRecording,
     UnknownVehicle,
@@ -36,6 +37,7 @@ UNION_TAGS = frozenset(TYPES) | {"hold", "land", "stop_stream", "polygon", "circ
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
+    (UnknownGroup, 404, "Unknown group"),
     (UnknownLink, 404, "Unknown link"),
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
@@ -78,13 +80,19 @@ class Problem(BaseModel):
     vehicle: str | None = Field(default=None, description="The vehicle's id, where it is unknown.")
     holder: str | None = Field(default=None, description="With `not_in_control`: who has control.")
     holder_key: str | None = Field(default=None, description="Tells holders of one name apart.")
+    vehicles: list[str] | None = Field(
+        default=None, description="With `not_together`: on whose account the group does not fly."
+    )
+    distance_m: float | None = Field(
+        default=None, description="With `not_together`: how near two of the group would come [m]."
+    )
     deadline_s: float | None = Field(default=None, description="With 504: how long was waited [s].")
 
 
 RESPONSES: dict[int | str, dict[str, object]] = {
     status: {"model": Problem, "description": text}
     for status, text in (
-        (404, "No such vehicle, link or recording."),
+        (404, "No such vehicle, group, link or recording."),
         (409, "Refused by this server or by the vehicle, with the reason."),
         (422, "Malformed; names the field."),
         (503, "The link to the vehicle was lost."),

@@ -11,6 +11,7 @@ from fastapi import APIRouter, Depends, FastAPI
 from gcs_server.api import (
     control_routes,
     gimbal_routes,
+    group_routes,
     map_routes,
     offboard_routes,
     param_routes,
@@ -35,6 +36,7 @@ def api_router() -> APIRouter:
         vehicle_routes,
         control_routes,
         offboard_routes,
+        group_routes,
         gimbal_routes,
         param_routes,
         readiness_routes,

@@ -19,6 +19,7 @@ from gcs_server.control.journal import Journal
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.router import Router
 from gcs_server.replay.service import Replays
+from gcs_server.streamer.groups import Groups
 from gcs_server.telemetry.hub import Hub
 from gcs_server.telemetry.wire import plain
 from gcs_server.vehicle.fleet import Fleet, Notice
@@ -41,6 +42,7 @@ class Station:
     journal: Journal
     authority: Authority
     replays: Replays
+    groups: Groups
     started_s: float
     own_ids: tuple[int, int]
     maps: Path

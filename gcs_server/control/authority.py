@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
@@ -16,7 +16,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.client import Client
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import Change, ControlRequest, Lease, OnControlLost, Terms
-from gcs_server.errors import GcsError, Refused, UnknownVehicle
+from gcs_server.errors import GcsError, NotInControl, Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.fleet import Fleet
@@ -154,6 +154,17 @@ class Authority:
         lease = self._lease(vehicle_id)
         if lease is not None and command not in OPEN_TO_ALL:
             lease.command(Client.named(client))
+
+    def refusal(self, client: str, command: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
+        """Before a command of several vehicles: whose control is refused; takes none."""
+        if command in OPEN_TO_ALL:
+            return None
+        for vehicle_id in vehicle_ids:
+            lease = self._lease(vehicle_id)
+            refused = None if lease is None else lease.refusal(Client.named(client))
+            if refused is not None:
+                return refused
+        return None
 
     def carried_out(self, client: str, command: str, vehicle_id: str) -> None:
         """After each command that succeeded: a holder hears of what others did."""

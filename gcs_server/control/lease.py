@@ -166,6 +166,14 @@ class Lease:
         else:
             raise self._not_in_control(self._holding)
 
+    def refusal(self, client: Client) -> NotInControl | None:
+        """What a command of this client's would be refused with; changes nothing."""
+        self.settle()
+        holding = self._holding
+        if holding is None or holding.client.key == client.key or self._yields(holding):
+            return None
+        return self._not_in_control(holding)
+
     def heard(self, client: Client) -> None:
         """The client made a request: where it is the holder, its time begins anew."""
         if self._holding is not None and self._holding.client.key == client.key:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 from gcs_server.streamer.aimer import Aimer
 from gcs_server.streamer.encoders import MSG_COMMAND_LONG, mode_command
@@ -113,6 +114,19 @@ class StreamCore:
         if self.phase != "starting":
             self._enter("streaming", now_s, order.lasts_s)
         return True
+
+    def prolong(self, until_s: float) -> None:
+        """The order counts until then, as those of a group that expire together."""
+        if self.phase == "streaming" and self.order is not None:
+            own_s = self.order.lasts_s - self.order.valid_for_s
+            self.order = replace(self.order, valid_for_s=max(0.0, until_s - self._since_s - own_s))
+            self._phase_until_s = self._since_s + self.order.lasts_s
+
+    def call_off(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+        """Stops at once and asks for Hold (Land where no place can be held), whatever the order says."""
+        if self.phase in ("streaming", "holding") and self._asked_mode is None:
+            self._why = why
+            self._stand_and_ask(now_s, snapshot, code, why, land=False)
 
     def wind_down(self, now_s: float, snapshot: Snapshot) -> None:
         """Somebody asked to stop: hold the place while the loop asks the vehicle for Hold.
@@ -348,9 +362,12 @@ class StreamCore:
         if action == "stop_stream":
             self.end(code, f"{why}: the stream stopped, the vehicle fails safe.", WARNING)
             return
+        self._stand_and_ask(now_s, snapshot, code, why, land=action == "land")
+
+    def _stand_and_ask(self, now_s: float, snapshot: Snapshot, code: str, why: str, *, land: bool) -> None:
         self._stand_still(now_s, snapshot)
         heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.heard_s <= LONGEST_EXTRAPOLATION_S
-        if action == "land":
+        if land:
             self._report(code, f"{why}: landing.")
             self._ask("land", now_s)
         elif heard and snapshot.position_ned_m is None:

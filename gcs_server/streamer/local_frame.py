@@ -30,3 +30,8 @@ class Origin:
         turn = math.remainder(lon_deg - self.lon_deg, 360.0)
         east = math.radians(turn) * EARTH_RADIUS_M * math.cos(math.radians(self.lat_deg))
         return (north, east, self.alt_amsl_m - alt_amsl_m)
+
+    def into(self, other: Origin, ned_m: Vector3) -> Vector3:
+        """A place of this frame in another vehicle's, a few kilometres away at most."""
+        n, e, d = other.to_ned(self.lat_deg, self.lon_deg, self.alt_amsl_m)
+        return (ned_m[0] + n, ned_m[1] + e, ned_m[2] + d)

@@ -78,6 +78,6 @@ class Report:
 
     code: str
     """expired, lost, jumped, leader_lost, fence, limited, held, landing, commanded, left_offboard, disarmed,
-    server_silent, not_confirmed, fault."""
+    server_silent, not_confirmed, fault, separation, group."""
     severity: int
     text: str

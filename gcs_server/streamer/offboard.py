@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, UnknownVehicle
+from gcs_server.streamer.groups import Groups
 from gcs_server.streamer.offboard_control import OffboardControl
 from gcs_server.streamer.setpoints import Vector3, complete
 from gcs_server.streamer.thread import StreamThread
@@ -35,6 +36,7 @@ class Streamer:
         self._clock = clock
         self._thread = StreamThread(clock, server_silent_limit_s=server_silent_limit_s)
         self._vehicles: dict[str, Vehicle] = {}
+        self.groups = Groups(clock, self._thread, self._find)
 
     def attach(self, vehicle: Vehicle) -> None:
         """Gives a vehicle its offboard control."""
@@ -102,7 +104,10 @@ class Streamer:
 
     def beat_once(self) -> None:
         """Shows that the loop lives, renews the snapshots and tells what the thread reported."""
-        self._thread.beat({vid: self._vehicles[vid].offboard.snapshot() for vid in self._thread.active()})
+        to_come = self._thread.watched()
+        seen = dict.fromkeys(self._thread.active()) | to_come
+        self._thread.beat({vid: self._vehicles[vid].offboard.snapshot(seen[vid]) for vid in seen})
+        self.groups.look()
         for vehicle_id, report in self._thread.take_reports():
             self._tell(vehicle_id, report.text, report.severity, report.code)
 

@@ -84,7 +84,7 @@ class OffboardControl:
                 f"Vehicle {vehicle.id} already flies Offboard by somebody else's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
-        self._check(order)
+        self.check(order)
         number = self._thread.begin(vehicle.id, order, rate_hz, self.snapshot(order))
         if not number:
             raise Refused(
@@ -96,7 +96,7 @@ class OffboardControl:
             self._check_rate(await self.read_failsafe(), rate_hz)
             await self._clock.sleep(max(0.0, PRE_STREAM_S - (self._clock.monotonic_s() - began_s)))
             self._still_starting(number)
-            self._check(order)  # seconds may have passed, and the vehicle's limits are known now
+            self.check(order)  # seconds may have passed, and the vehicle's limits are known now
             self._asked = number
             await vehicle.command.set_mode("offboard")
             if not self._thread.engage(vehicle.id, self.snapshot(), number):
@@ -140,7 +140,7 @@ class OffboardControl:
                 MESSAGE_OF_NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
             )
-        self._check(order)
+        self.check(order)
         if not self._thread.change(self._vehicle.id, order, self.snapshot(order)):
             raise Refused(
                 "The stream is just ending (the vehicle is being put into Hold or Land).",
@@ -331,7 +331,7 @@ class OffboardControl:
             return None
         return Observer(leader).as_leader(self._observer.origin())
 
-    def _check(self, order: Order) -> None:
+    def check(self, order: Order) -> None:
         """Raises Refused where the order cannot be flown now, InvalidRequest where it never can."""
         setpoint = order.setpoint
         problem = problem_of(setpoint)

@@ -11,12 +11,13 @@ from __future__ import annotations
 import logging
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.streamer.core import StreamCore
+from gcs_server.streamer.group_guard import Actions, Finding, GroupGuard, Seen
 from gcs_server.streamer.news import WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order, Sendable
 
@@ -78,6 +79,7 @@ class StreamThread:
         self._silent_limit_s = server_silent_limit_s
         self._changed = threading.Condition()
         self._streams: dict[str, _Stream] = {}
+        self._guards: dict[str, GroupGuard] = {}
         self._beat_s = clock.monotonic_s()
         self._stopping = False
         self._thread: threading.Thread | None = None
@@ -228,6 +230,102 @@ class StreamThread:
                     taken.append((vehicle_id, stream.core.reports.popleft()))
             return taken
 
+    # --- groups -----------------------------------------------------------------------------------
+
+    def watch(self, guard: GroupGuard) -> None:
+        """From now on a group's vehicles are kept apart, and begin together at their instant."""
+        with self._changed:
+            self._guards[guard.name] = guard
+            self._changed.notify()
+
+    def unwatch(self, name: str) -> None:
+        """A group is over."""
+        with self._changed:
+            self._guards.pop(name, None)
+
+    def stand_down(self, name: str) -> None:
+        """Somebody stops a whole group."""
+        with self._changed:
+            self._guards[name].stand_down()
+
+    def watched(self) -> dict[str, Order | None]:
+        """Vehicles of groups, each with the order that it is to begin with."""
+        with self._changed:
+            return {v: guard.order_to_come(v) for guard in self._guards.values() for v in guard.members}
+
+    def take_findings(self) -> list[tuple[str, Finding]]:
+        """What went wrong in groups since the last call, for the loop to tell."""
+        with self._changed:
+            taken: list[tuple[str, Finding]] = []
+            for name, guard in self._guards.items():
+                while guard.findings:
+                    taken.append((name, guard.findings.popleft()))
+            return taken
+
+    def change_together(
+        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+    ) -> bool:
+        """New setpoints for some of a group, sent at once and expiring with all others; False: none taken."""
+        with self._changed:
+            guard, now_s = self._guards[name], self._clock.monotonic_s()
+            flying = [v for v in guard.members if v not in guard.held]
+            phases = {self._streams[v].core.phase for v in flying}
+            if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
+                return False
+            if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
+                return False  # what has expired is not revived unasked: a path would begin again
+            for vehicle_id in orders:
+                self._streams[vehicle_id].snapshot = snapshots[vehicle_id]
+            self._obey(guard, now_s, Actions(take=dict(orders)), until_s)
+            self._changed.notify()
+            return True
+
+    def call_off(self, vehicle_id: str, why: str) -> None:
+        """Stops a vehicle at its place and asks for Hold, without waiting for the loop."""
+
+        def work(stream: _Stream, now_s: float) -> None:
+            stream.core.call_off(now_s, stream.snapshot, "group", why)
+
+        self._with(vehicle_id, work)
+
+    def _look_after(self, guard: GroupGuard) -> None:
+        now_s = self._clock.monotonic_s()
+        if now_s < guard.due_s:
+            return
+        try:
+            actions = guard.look(now_s, {v: self._seen(v) for v in guard.members})
+        except Exception as error:  # what keeps them apart must not fail in silence
+            log.exception("the guard of group %s failed", guard.name)
+            actions = guard.fault(now_s, f"What keeps the group apart failed ({error})")
+        self._obey(guard, now_s, actions, guard.until_s)
+
+    def _seen(self, vehicle_id: str) -> Seen:
+        stream = self._streams[vehicle_id]
+        core = stream.core
+        ended = core.last_end.text if core.last_end is not None and not core.streaming else None
+        return Seen(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
+
+    def _obey(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
+        """All in one go, before any of them is sent anything else."""
+        refused = None
+        for vehicle_id, order in actions.take.items():
+            stream = self._streams[vehicle_id]
+            try:
+                if not stream.core.change(now_s, order, stream.snapshot):
+                    refused = f"Vehicle {vehicle_id} could not begin"
+            except ValueError as error:
+                refused = f"Vehicle {vehicle_id} could not begin ({error})"
+        if refused is not None:
+            actions = guard.fault(now_s, refused)
+        elif actions.take:
+            guard.renewed(until_s)
+            for vehicle_id in guard.members:
+                if vehicle_id not in guard.held:
+                    self._streams[vehicle_id].core.prolong(until_s)
+        for vehicle_id, why in actions.hold.items():
+            stream = self._streams[vehicle_id]
+            stream.core.call_off(now_s, stream.snapshot, actions.code, why)
+
     def _alive(self, now_s: float) -> None:
         """The loop lives; streams that its silence should have ended (the process stood still) end first."""
         if now_s - self._beat_s >= self._silent_limit_s:
@@ -252,6 +350,9 @@ class StreamThread:
     def step(self) -> float:
         """One round over all streams; returns when the next is due. The lock is held by the caller."""
         due_s = float("inf")
+        for guard in self._guards.values():
+            self._look_after(guard)
+            due_s = min(due_s, guard.due_s)
         for vehicle_id, stream in self._streams.items():
             core = stream.core
             if not core.streaming:

@@ -17,7 +17,7 @@ class Event:
     """Counts up within its feed."""
     kind: str
     """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, progress,
-    readiness, link, warning."""
+    readiness, link, warning, group."""
     vehicle: str | None
     unix_s: float
     severity: int

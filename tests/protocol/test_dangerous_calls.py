@@ -32,6 +32,7 @@ def station_of(world):
         authority=Authority(world.clock, world.fleet, journal, world.supervisor),
         started_s=0.0,
         replays=Replays(world.router, world.fleet, Path("no recordings")),
+        groups=world.streamer.groups,
         own_ids=(255, 190),
         maps=Path("no maps"),
     )

@@ -5,8 +5,8 @@ from pathlib import Path
 
 API = Path(__file__).resolve().parents[4] / "gcs_server" / "api"
 CHANGING = {"post", "put", "patch", "delete"}
-SEAMS = {"journaled", "carry_out", "apply"}
-"""`carry_out` and `apply` call `journaled`; see the test below."""
+SEAMS = {"journaled", "carry_out", "apply", "together"}
+"""`carry_out`, `apply` and `together` call `journaled`; see the test below."""
 COMMANDS_NOTHING = {
     "refresh_params": "reads them anew",
     "check": "asks the vehicle for its own checks",

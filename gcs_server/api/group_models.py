@@ -1,0 +1,145 @@
+"""Groups as they come in over HTTP, and how they stand, for the OpenAPI description."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gcs_server.api.offboard_models import AnyOnExpiry, HoldOnExpiry
+from gcs_server.api.reflect import model_of
+from gcs_server.api.setpoint_models import AnySetpoint, Body, example
+from gcs_server.streamer import group_status as status
+from gcs_server.streamer import setpoints as s
+from gcs_server.streamer.groups import GroupOrder
+
+MOST_MEMBERS = 10
+VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]
+
+
+class MemberBody(Body):
+    """One vehicle of the group and what it flies, in its own local frame."""
+
+    vehicle: VehicleId
+    setpoint: AnySetpoint
+
+
+class _Together(Body):
+    valid_for_s: float = Field(
+        default=1.0,
+        allow_inf_nan=False,
+        ge=0.05,
+        le=600,
+        description="How long the setpoints of all are good without being renewed, from the end of the "
+        "longest path [s]; then `on_expiry` happens to all at once.",
+    )
+    on_expiry: AnyOnExpiry = Field(
+        default=HoldOnExpiry(action="hold"),
+        description="What the server does by itself when they have become too old.",
+    )
+
+    def expiry(self) -> s.OnExpiry:
+        """The streamer's own value."""
+        on_expiry = self.on_expiry
+        hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
+        return s.OnExpiry(on_expiry.action, hold_for_s)
+
+
+class StartGroup(_Together):
+    """Vehicles in flight that begin together at one instant and are kept apart."""
+
+    model_config = example(
+        members=[
+            {"vehicle": "1", "setpoint": {"type": "velocity", "velocity_ned_m_s": [2, 0, 0]}},
+            {"vehicle": "2", "setpoint": {"type": "velocity", "velocity_ned_m_s": [2, 0, 0]}},
+        ],
+        minimum_separation_m=3,
+        valid_for_s=5,
+    )
+
+    members: Annotated[tuple[MemberBody, ...], Field(min_length=2, max_length=MOST_MEMBERS)] = Field(
+        description="Each vehicle once."
+    )
+    minimum_separation_m: float = Field(
+        default=5.0,
+        allow_inf_nan=False,
+        ge=1,
+        le=100,
+        description="How far apart all are kept, the way of braking included [m].",
+    )
+    start_at_unix_s: float | None = Field(
+        default=None,
+        allow_inf_nan=False,
+        description="The common start [s since 1970 UTC], 3 to 300 s ahead; null: as soon as all are in "
+        "Offboard.",
+    )
+    rate_hz: float = Field(
+        default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second to each [Hz]."
+    )
+    others_go_on: bool = Field(
+        default=False,
+        description="Whether members whom trouble does not concern fly on; else all hold.",
+    )
+
+    @model_validator(mode="after")
+    def _each_once(self) -> StartGroup:
+        _once([member.vehicle for member in self.members], "members")
+        return self
+
+    def to_order(self, client: str) -> GroupOrder:
+        """The streamer's own value."""
+        return GroupOrder(
+            setpoints={member.vehicle: member.setpoint.to_setpoint() for member in self.members},
+            minimum_separation_m=self.minimum_separation_m,
+            valid_for_s=self.valid_for_s,
+            on_expiry=self.expiry(),
+            client=client,
+            rate_hz=self.rate_hz,
+            start_at_unix_s=self.start_at_unix_s,
+            others_go_on=self.others_go_on,
+        )
+
+
+class GroupSetpoints(_Together):
+    """New setpoints for some members or all, sent at one instant; without any, all are renewed."""
+
+    model_config = example(
+        setpoints=[{"vehicle": "1", "setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}}],
+        valid_for_s=5,
+    )
+
+    setpoints: Annotated[tuple[MemberBody, ...], Field(max_length=MOST_MEMBERS)] = Field(
+        description="Each vehicle at most once; members that are not named fly on as they do."
+    )
+
+    @model_validator(mode="after")
+    def _each_once(self) -> GroupSetpoints:
+        _once([member.vehicle for member in self.setpoints], "setpoints")
+        return self
+
+
+def _once(vehicles: list[str], where: str) -> None:
+    twice = [vehicle for vehicle, count in Counter(vehicles).items() if count > 1]
+    if twice:
+        raise ValueError(f"{where}: vehicle {twice[0]} is named twice")
+
+
+GroupModel = model_of(
+    status.GroupStatus,
+    "Group",
+    state=Literal["starting", "waiting", "flying", "holding", "ended"],
+    members=tuple[model_of(status.GroupMember), ...],
+    nearest=model_of(status.Nearest, "NearestTwo") | None,
+    findings=tuple[model_of(status.GroupFinding), ...],
+)
+
+
+class GroupList(BaseModel):
+    """All groups."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    groups: list[GroupModel] = Field(  # type: ignore[valid-type]
+        description="Those there are, and the last that ended; oldest first."
+    )

@@ -1,0 +1,98 @@
+"""Several vehicles in Offboard as one group; who commands it needs control of every member."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from gcs_server.api import group_models as models
+from gcs_server.api.offboard_stream import arguments_of
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import ClientDep, Station, StationDep, journaled, noted
+from gcs_server.errors import InvalidRequest, NotInControl
+
+router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
+
+
+@router.post("", response_model=models.GroupModel, status_code=201)
+async def start(body: models.StartGroup, station: StationDep, client: ClientDep) -> Response:
+    """Brings all members, in flight, into Offboard where they are, and lets them begin at one instant.
+
+    Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
+    confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
+    naming whom).
+    """
+    shared = body.model_dump(exclude={"members"}, exclude_none=True)
+    arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
+    with together(station, client, "group/start", arguments):
+        status = await station.groups.start(body.to_order(client))
+        return answer(status, status_code=201)
+
+
+@router.get("", response_model=models.GroupList)
+async def show_all(station: StationDep) -> Response:
+    """All groups, and the last that ended."""
+    return answer({"groups": station.groups.all()})
+
+
+@router.get("/{g}", response_model=models.GroupModel)
+async def show(g: str, station: StationDep) -> Response:
+    """How a group stands: its members, the two that are nearest, and what went wrong."""
+    return answer(station.groups.get(g))
+
+
+@router.post("/{g}/setpoints", response_model=models.GroupModel)
+async def setpoints(g: str, body: models.GroupSetpoints, station: StationDep, client: ClientDep) -> Response:
+    """New setpoints for some members or all, sent at one instant; refused where two would come too near."""
+    members = station.groups.members(g)
+    for index, member in enumerate(body.setpoints):
+        if member.vehicle not in members:
+            field = f"setpoints.{index}.vehicle"
+            raise InvalidRequest(field, f"{field}: vehicle {member.vehicle} is not in group {g}.")
+    named = {member.vehicle: arguments_of(member) for member in body.setpoints}
+    arguments: dict[str, dict[str, Any]] = {
+        vehicle: {"group": g, "valid_for_s": body.valid_for_s, **named.get(vehicle, {})}
+        for vehicle in members
+    }
+    with together(station, client, "offboard/setpoint", arguments):
+        orders = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
+        return answer(station.groups.setpoints(g, orders, body.valid_for_s, body.expiry(), client))
+
+
+@router.post("/{g}/hold", response_model=models.GroupModel)
+async def hold(g: str, station: StationDep, client: ClientDep) -> Response:
+    """Puts all members into Hold at once, by anybody; one that has left the group is not touched."""
+    with together(station, client, "hold", {v: {"group": g} for v in station.groups.members(g)}):
+        return answer(await station.groups.hold(g, client))
+
+
+@contextmanager
+def together(
+    station: Station, client: str, command: str, arguments: dict[str, dict[str, Any]]
+) -> Generator[None]:
+    """The seam for several vehicles: a line for each, and control of none is taken where one's is refused.
+
+    Raises:
+        NotInControl: another client holds control of a member; names which.
+    """
+    refused = station.authority.refusal(client, command, arguments)
+    with ExitStack() as lines:
+        for vehicle_id, each in arguments.items():
+            if refused is None:
+                lines.enter_context(journaled(station, client, command, vehicle_id, each))
+            else:
+                _refuse(station, client, command, vehicle_id, each, refused)
+        if refused is not None:
+            raise refused
+        yield
+
+
+def _refuse(
+    station: Station, client: str, command: str, vehicle_id: str, each: dict[str, Any], why: NotInControl
+) -> None:
+    with suppress(NotInControl), noted(station, client, command, vehicle_id, each):
+        raise why

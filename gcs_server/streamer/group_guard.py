@@ -1,0 +1,259 @@
+"""What keeps a group's vehicles apart while they fly, and lets them begin together: pure, run by the thread.
+
+    waiting ── the instant ──► flying ── setpoints ──┐
+       │                         │ ▲                 │
+       └── trouble ──► over ◄────┘ └─────────────────┘
+
+It knows no clock, thread or socket: `look` is handed the time and what is known of each member, and says
+what to begin and whom to stop. Trouble is: two come too near (with the way of braking ahead), a member's
+place is not known, or a member flies its setpoints no more. Before the instant any trouble stops all; none
+has moved then.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gcs_server.streamer.local_frame import Origin
+from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.separation import closest_m, stopping_m
+from gcs_server.streamer.setpoints import Order, Vector3
+
+LOOK_PERIOD_S = 0.05
+LATE_S = 1.0
+"""Woken later than this after the instant, nobody begins."""
+EXPIRY_WITHIN_S = 0.1
+"""Members whose setpoints end so near to the group's end have expired with it."""
+FOLLOWS_ORDER = ("starting", "streaming")
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the thread knows of one member."""
+
+    phase: str
+    """Of its stream."""
+    order: Order | None
+    snapshot: Snapshot
+    ended: str | None
+    """Why its stream ended; None while it runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that went wrong in a group."""
+
+    at_s: float
+    code: str
+    """separation, place_unknown, left, late, fault."""
+    vehicles: tuple[str, ...]
+    """Whom it is about."""
+    held: tuple[str, ...]
+    """Who was stopped for it."""
+    text: str
+    distance_m: float | None = None
+
+
+@dataclass(slots=True)
+class Actions:
+    """What the thread shall do now."""
+
+    take: dict[str, Order] = field(default_factory=dict[str, Order])
+    hold: dict[str, str] = field(default_factory=dict[str, str])
+    """Whom to stop, and why."""
+    code: str = "group"
+
+
+class GroupGuard:
+    """See the module's drawing.
+
+    Args:
+        name: the group's.
+        waits: what each member is sent until the instant.
+        orders: what each begins with then.
+        minimum_m: how far apart all are kept.
+        start_s: the instant, monotonic.
+        lasts_s: from the instant until all setpoints expire together.
+        others_go_on: whom trouble does not concern flies on.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        waits: Mapping[str, Order],
+        orders: Mapping[str, Order],
+        *,
+        minimum_m: float,
+        start_s: float,
+        lasts_s: float,
+        others_go_on: bool = False,
+    ) -> None:
+        self.name = name
+        self.phase = "waiting"
+        self.minimum_m = minimum_m
+        self.start_s = start_s
+        self.until_s = start_s + lasts_s
+        self.held: set[str] = set()
+        """Who follows the group's orders no more."""
+        self.nearest: tuple[str, str, float] | None = None
+        """The two that are nearest now, and how near."""
+        self.findings: deque[Finding] = deque(maxlen=50)
+        self._waits = dict(waits)
+        self._orders = dict(orders)
+        self._others_go_on = others_go_on
+        self._next_look_s = -math.inf
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """In the order in which they were named."""
+        return tuple(self._orders)
+
+    @property
+    def due_s(self) -> float:
+        """When `look` wants to be called next."""
+        if self.phase == "over":
+            return math.inf
+        return min(self._next_look_s, self.start_s) if self.phase == "waiting" else self._next_look_s
+
+    def order_to_come(self, vehicle: str) -> Order | None:
+        """What a member begins with at the instant; None once it has."""
+        return self._orders[vehicle] if self.phase == "waiting" else None
+
+    def renewed(self, until_s: float) -> None:
+        """New setpoints were taken: all expire together then."""
+        self.until_s = until_s
+
+    def stand_down(self) -> None:
+        """Somebody stops all: nothing begins any more, and what ends now is no finding."""
+        self.held.update(self.members)
+        if self.phase == "waiting":
+            self.phase = "flying"
+
+    def look(self, now_s: float, seen: Mapping[str, Seen]) -> Actions:
+        """What to do now.
+
+        Args:
+            now_s: monotonic.
+            seen: each member, newest.
+        """
+        if now_s < self.due_s:
+            return Actions()
+        self._next_look_s = now_s + LOOK_PERIOD_S
+        flying = [v for v in self.members if v not in self.held]
+        if self._gone_together(now_s, flying, seen):
+            return Actions()
+        actions = Actions()
+        for vehicle in flying:
+            why = self._gone(vehicle, seen[vehicle])
+            if why is not None:
+                self._stop(now_s, actions, "left", (vehicle,), why)
+        known = self._places(now_s, seen)
+        for vehicle in flying:
+            if vehicle not in self.held and vehicle not in known:
+                why = f"Where vehicle {vehicle} is is not known (not heard for 1 s, or no estimate)"
+                self._stop(now_s, actions, "place_unknown", (vehicle,), why)
+        self._keep_apart(now_s, actions, known)
+        if self.phase == "waiting" and now_s >= self.start_s:
+            self._begin(now_s, actions)
+        return actions
+
+    def fault(self, now_s: float, why: str) -> Actions:
+        """Something unforeseen: all stop."""
+        actions = Actions()
+        self._others_go_on = False
+        self._stop(now_s, actions, "fault", self.members, why)
+        return actions
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _gone_together(self, now_s: float, flying: list[str], seen: Mapping[str, Seen]) -> bool:
+        """Whether nobody flies the group's orders any more, or all expire just now: nothing to stop."""
+        if self.phase == "over":
+            return True
+        going = [v for v in flying if seen[v].phase in FOLLOWS_ORDER]
+        if not going and all(seen[v].phase == "idle" for v in self.members):
+            self.phase = "over"
+            return True
+        return self.phase == "flying" and now_s >= self.until_s - EXPIRY_WITHIN_S and len(going) < len(flying)
+
+    def _gone(self, vehicle: str, seen: Seen) -> str | None:
+        """Why a member follows its order no more; None while it does."""
+        if seen.phase not in FOLLOWS_ORDER:
+            return f"Vehicle {vehicle} flies the group's setpoints no more{': ' if seen.ended else ''}" + (
+                (seen.ended or "").rstrip(".")
+            )
+        if self.phase == "waiting" and seen.order is not self._waits[vehicle]:
+            return f"Vehicle {vehicle} was given another setpoint before the common start"
+        return None
+
+    def _places(self, now_s: float, seen: Mapping[str, Seen]) -> dict[str, tuple[Vector3, Vector3]]:
+        """Place and velocity in the frame of the first who knows its own; by members whose place is known."""
+        common: Origin | None = None
+        known: dict[str, tuple[Vector3, Vector3]] = {}
+        for vehicle in self.members:
+            snapshot = seen[vehicle].snapshot
+            place, origin = snapshot.position_at(now_s), snapshot.bounds.origin
+            if place is None or origin is None or snapshot.lost:
+                continue
+            common = common or origin
+            velocity = snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
+            known[vehicle] = (origin.into(common, place), velocity)
+        return known
+
+    def _keep_apart(
+        self, now_s: float, actions: Actions, known: Mapping[str, tuple[Vector3, Vector3]]
+    ) -> None:
+        self.nearest = None
+        for a, b in itertools.combinations(known, 2):
+            (place_a, velocity_a), (place_b, velocity_b) = known[a], known[b]
+            apart_m = math.dist(place_a, place_b)
+            if self.nearest is None or apart_m < self.nearest[2]:
+                self.nearest = (a, b, apart_m)
+            if a in self.held and b in self.held:
+                continue
+            reach_m = stopping_m(math.hypot(*velocity_a)) + stopping_m(math.hypot(*velocity_b))
+            if apart_m - reach_m >= self.minimum_m:
+                continue
+            vectors = (np.array(v) for v in (place_a, velocity_a, place_b, velocity_b))
+            if float(closest_m(*vectors)) < self.minimum_m:
+                closing = "" if apart_m < self.minimum_m else " and would come nearer than that"
+                why = (
+                    f"Vehicles {a} and {b} are {apart_m:.1f} m apart{closing} (at least {self.minimum_m:g} m "
+                    "are to be kept, with the way of braking)"
+                )
+                self._stop(now_s, actions, "separation", (a, b), why, apart_m)
+
+    def _begin(self, now_s: float, actions: Actions) -> None:
+        late_s = now_s - self.start_s
+        if late_s > LATE_S:
+            why = f"The common start was missed by {late_s:.1f} s (the server stood still)"
+            self._stop(now_s, actions, "late", self.members, why)
+            return
+        self.phase = "flying"
+        actions.take = dict(self._orders)
+
+    def _stop(
+        self,
+        now_s: float,
+        actions: Actions,
+        code: str,
+        vehicles: tuple[str, ...],
+        why: str,
+        distance_m: float | None = None,
+    ) -> None:
+        everybody = not self._others_go_on or self.phase == "waiting"
+        stopped = [v for v in (self.members if everybody else vehicles) if v not in self.held]
+        if not stopped:
+            return
+        self.held.update(stopped)
+        actions.code = "separation" if code == "separation" else "group"
+        actions.hold |= dict.fromkeys(stopped, why)
+        if self.phase == "waiting":
+            self.phase = "flying"  # nothing begins any more: it ends when all stand
+        self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))

@@ -1,0 +1,536 @@
+"""Several vehicles in Offboard as one: they begin together, are kept apart, and are stopped in one call.
+
+    starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
+        └────────── one refuses: all into Hold ───────────────────────────────────────┘
+
+Each member has the setpoint stream of its own that it has alone (`offboard_control.py`). Until the common
+instant it is sent the place where it is; then the thread gives all their first setpoints in one round. From
+the moment that all are confirmed the thread's guard (`group_guard.py`) keeps them apart, whatever the event
+loop does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, InvalidRequest, NoReply, NotTogether, Refused, Rejected, UnknownGroup
+from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard
+from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
+from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
+from gcs_server.streamer.setpoints import OnExpiry, Order, Path, Position, PositionBody, Setpoint
+from gcs_server.streamer.thread import StreamThread
+from gcs_server.vehicle.vehicle import Vehicle
+
+LEAD_S = 0.5
+"""From the last confirmation to the common start, where none was asked for."""
+SOONEST_S, LATEST_S = 3.0, 300.0
+"""A start that is asked for is so far ahead: the pre-stream and the switch come before it."""
+STAY_S = 600.0
+"""How long the place is held for the others before the start, at most."""
+FINDINGS_KEPT = 50
+GROUPS_KEPT = 20
+HOLD_WITHIN_S = 10.0
+SLOWER = "Place their targets farther apart, let them fly one after the other, or lower minimum_separation_m."
+
+
+@dataclass(frozen=True, slots=True)
+class GroupOrder:
+    """What a group is to fly."""
+
+    setpoints: Mapping[str, Setpoint]
+    """By vehicle."""
+    minimum_separation_m: float
+    valid_for_s: float
+    """Of all, from the end of the longest path."""
+    on_expiry: OnExpiry
+    client: str
+    rate_hz: float = 50.0
+    start_at_unix_s: float | None = None
+    others_go_on: bool = False
+
+
+@dataclass(slots=True)
+class _Group:
+    id: str
+    order: GroupOrder
+    setpoints: dict[str, Setpoint]
+    """As flown now."""
+    vehicles: dict[str, Vehicle]
+    created_unix_s: float
+    state: str = "starting"
+    guard: GroupGuard | None = None
+    start_unix_s: float | None = None
+    findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
+    numbers: dict[str, int] = field(default_factory=dict[str, int])
+    """Of the streams that are this group's: a member that left may be flown by one of its own later."""
+    ending: str | None = None
+    ended: str | None = None
+
+
+class Groups:
+    """All groups of the server.
+
+    Args:
+        clock: the server's.
+        thread: what sends.
+        find: vehicles by id; raises UnknownVehicle.
+    """
+
+    def __init__(self, clock: Clock, thread: StreamThread, find: Callable[[str], Vehicle]) -> None:
+        self._clock = clock
+        self._thread = thread
+        self._find = find
+        self._groups: dict[str, _Group] = {}
+        self._count = 0
+        self.tell: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
+        """Called with each change, in words; set by whoever tells people."""
+
+    # --- what is asked for ------------------------------------------------------------------------
+
+    async def start(self, order: GroupOrder) -> GroupStatus:
+        """Brings all members into Offboard at their places, and lets them begin at one instant.
+
+        Returns once all are confirmed and the instant is set; it may be yet to come.
+
+        Raises:
+            NotTogether: one cannot, or they would come too near. None has moved; all are in Hold.
+            InvalidRequest: a setpoint or the instant is not possible.
+        """
+        vehicles = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
+        self._check_instant(order, SOONEST_S)
+        for index, vehicle in enumerate(vehicles.values()):
+            self._check_member(vehicle, index, order)
+        orders = self._orders(order, order.setpoints)
+        self._check_apart(order.minimum_separation_m, vehicles, orders)
+        self._count += 1
+        group = _Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
+        self._groups[group.id] = group
+        self._forget_old()
+        self._told(group, f"Group {group.id} ({_listed(vehicles)}) of {order.client} is being started.")
+        waits: dict[str, Order] = {}
+        try:
+            waits = await self._gather(group)
+            for index, vehicle in enumerate(vehicles.values()):  # seconds have passed
+                self._check_setpoint(vehicle, index, orders[vehicle.id])
+            self._check_apart(order.minimum_separation_m, vehicles, orders)
+            self._check_instant(order, 0.1)
+        except GcsError as error:
+            await self._give_up(group, str(error))
+            raise
+        except BaseException:
+            for vehicle_id in vehicles:
+                self._thread.call_off(vehicle_id, f"The start of group {group.id} was broken off")
+            self._end(group, "Its start was broken off.")
+            raise
+        self._set_off(group, waits, orders)
+        return self._status(group)
+
+    def setpoints(
+        self,
+        group_id: str,
+        changed: Mapping[str, Setpoint],
+        valid_for_s: float,
+        on_expiry: OnExpiry,
+        client: str,
+    ) -> GroupStatus:
+        """New setpoints for some or all, sent at one instant; those of the others are renewed.
+
+        Raises:
+            Refused: the group flies no more, or a member is held.
+            NotTogether: two would come too near; all fly on as they did.
+        """
+        group = self._get(group_id)
+        guard = group.guard
+        if guard is None or group.state not in ("flying", "holding") or guard.phase != "flying":
+            raise Refused(
+                f"Group {group_id} is {group.state}: it takes no setpoints.",
+                remedy="Start a group anew." if group.state == "ended" else "Wait for its start.",
+            )
+        for vehicle_id in changed:
+            if vehicle_id not in group.vehicles:
+                raise InvalidRequest("setpoints", f"Vehicle {vehicle_id} is not in group {group_id}.")
+            if vehicle_id in guard.held:
+                raise Refused(
+                    f"Vehicle {vehicle_id} is held and follows group {group_id} no more.",
+                    remedy="Command it by itself, or hold the group and start it anew.",
+                )
+        setpoints = group.setpoints | dict(changed)
+        order = replace(
+            group.order, setpoints=setpoints, valid_for_s=valid_for_s, on_expiry=on_expiry, client=client
+        )
+        orders = self._orders(order, changed)
+        for index, vehicle_id in enumerate(changed):
+            vehicle = group.vehicles[vehicle_id]
+            vehicle.require_commandable()
+            self._check_setpoint(vehicle, index, orders[vehicle_id], "setpoints")
+        left_s = self._left_s(group, changed)
+        self._check_apart(order.minimum_separation_m, group.vehicles, orders, group, left_s + valid_for_s)
+        until_s = self._clock.monotonic_s() + left_s + valid_for_s
+        snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
+        if not self._thread.change_together(group_id, orders, snapshots, until_s):
+            raise Refused(
+                f"Group {group_id} is just ending, or its setpoints have expired.",
+                remedy="While the places are held, setpoints for all members fly it on; else start it anew.",
+            )
+        group.order, group.setpoints = order, setpoints
+        return self._status(group)
+
+    async def hold(self, group_id: str, client: str) -> GroupStatus:
+        """Puts all members that still fly it into Hold, at once; one that left it is not touched.
+
+        Raises:
+            NoReply: a member did not confirm; its stream goes on asking, and names it.
+        """
+        group = self._get(group_id)
+        if group.state == "ended":
+            return self._status(group)
+        group.ending = f"{client} commanded Hold."
+        if group.guard is not None:
+            self._thread.stand_down(group.id)
+        failed = await self._hold(group, group.vehicles)
+        if failed:
+            raise NoReply(
+                " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
+                deadline_s=HOLD_WITHIN_S,
+                remedy="Look at what it does; its own Hold, Land now and Kill are open to anyone.",
+            )
+        if group.guard is not None:
+            self._end(group, None)
+        return self._status(group)
+
+    def get(self, group_id: str) -> GroupStatus:
+        """How one stands. Raises UnknownGroup."""
+        return self._status(self._get(group_id))
+
+    def members(self, group_id: str) -> tuple[str, ...]:
+        """Its vehicles. Raises UnknownGroup."""
+        return tuple(self._get(group_id).vehicles)
+
+    def all(self) -> list[GroupStatus]:
+        """Those there are, and the last that ended; oldest first."""
+        return [self._status(group) for group in self._groups.values()]
+
+    def look(self) -> None:
+        """With each beat: tells what the guards found, and lets end what is over."""
+        for name, finding in self._thread.take_findings():
+            self._found(self._groups[name], finding)
+        for group in self._groups.values():
+            guard = group.guard
+            if guard is None or group.state == "ended":
+                continue
+            phases = {self._phase(group, v) for v in group.vehicles}
+            if guard.phase == "over" or phases == {"idle"}:
+                self._end(group, None)
+            elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
+                group.state = "flying"
+                self._told(group, f"Group {group.id} has begun: {_listed(group.vehicles)} fly together.")
+            elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
+                group.state = "holding"
+                self._told(group, f"Group {group.id} is being stopped.")
+            elif group.state == "holding" and "streaming" in phases:
+                group.state = "flying"
+
+    # --- starting ---------------------------------------------------------------------------------
+
+    async def _gather(self, group: _Group) -> dict[str, Order]:
+        """All members stream their places and fly Offboard; at the first that does not, all hold."""
+        waits: dict[str, Order] = {}
+        failed: dict[str, GcsError] = {}
+        for vehicle in group.vehicles.values():
+            here = vehicle.offboard.snapshot().position_at(self._clock.monotonic_s())
+            if here is None:
+                raise NotTogether(f"Vehicle {vehicle.id} does not know where it is.", vehicles=(vehicle.id,))
+            waits[vehicle.id] = Order(Position(here), STAY_S, OnExpiry("hold", 1.0), group.order.client)
+            group.numbers[vehicle.id] = self._thread.state(vehicle.id).number + 1
+
+        async def join(vehicle: Vehicle) -> None:
+            try:
+                await vehicle.offboard.start(waits[vehicle.id], group.order.rate_hz)
+            except GcsError as error:
+                group.numbers.pop(vehicle.id)  # it has ended its own stream, or goes on undoing it
+                first = not failed
+                if first or not isinstance(error, Refused):  # refused: stopped because of the first
+                    failed[vehicle.id] = error
+                if first:
+                    await self._hold(group, list(group.numbers))
+
+        async with asyncio.TaskGroup() as tasks:
+            for vehicle in group.vehicles.values():
+                tasks.create_task(join(vehicle))
+        if failed:
+            reasons = tuple(
+                reason for e in failed.values() if isinstance(e, Rejected) for reason in e.reasons
+            )
+            said = " ".join(f"Vehicle {v}: {error}" for v, error in failed.items())
+            raise NotTogether(
+                f"Not all could be brought into Offboard, so none moves. {said}",
+                vehicles=tuple(failed),
+                reasons=reasons,
+            )
+        return waits
+
+    def _set_off(self, group: _Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
+        order = group.order
+        lead_s = LEAD_S
+        if order.start_at_unix_s is not None:
+            lead_s = order.start_at_unix_s - self._clock.unix_s()
+        start_s = self._clock.monotonic_s() + lead_s
+        group.start_unix_s = self._clock.unix_s() + lead_s
+        group.guard = GroupGuard(
+            group.id,
+            waits,
+            orders,
+            minimum_m=order.minimum_separation_m,
+            start_s=start_s,
+            lasts_s=max(o.lasts_s for o in orders.values()),
+            others_go_on=order.others_go_on,
+        )
+        group.state = "waiting"
+        self._thread.watch(group.guard)
+        self._told(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
+
+    async def _give_up(self, group: _Group, why: str) -> None:
+        failed = await self._hold(group, list(group.numbers))
+        for vehicle_id, error in failed.items():
+            why += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
+        self._end(group, why)
+
+    async def _hold(self, group: _Group, members: Iterable[str]) -> dict[str, GcsError]:
+        """All whose stream is the group's, at once; what failed, by vehicle."""
+        failed: dict[str, GcsError] = {}
+
+        async def stop(vehicle: Vehicle) -> None:
+            try:
+                await vehicle.offboard.stop()
+            except GcsError as error:
+                failed[vehicle.id] = error
+
+        async with asyncio.TaskGroup() as tasks:
+            for vehicle_id in members:
+                if self._phase(group, vehicle_id) != "idle":
+                    tasks.create_task(stop(group.vehicles[vehicle_id]))
+        return failed
+
+    # --- what is checked --------------------------------------------------------------------------
+
+    def _check_instant(self, order: GroupOrder, soonest_s: float) -> None:
+        at = order.start_at_unix_s
+        if at is None:
+            return
+        ahead_s = at - self._clock.unix_s()
+        if not soonest_s <= ahead_s <= LATEST_S:
+            raise InvalidRequest(
+                "start_at_unix_s",
+                f"start_at_unix_s is {ahead_s:.1f} s ahead; it must be {SOONEST_S:g} to {LATEST_S:g} s ahead "
+                "when it is asked for, and still ahead when all are in Offboard.",
+            )
+
+    def _check_member(self, vehicle: Vehicle, index: int, order: GroupOrder) -> None:
+        other = self._group_of(vehicle.id)
+        if other is not None:
+            raise NotTogether(
+                f"Vehicle {vehicle.id} flies in group {other.id} already.",
+                vehicles=(vehicle.id,),
+                remedy=f"Hold group {other.id} first.",
+            )
+        vehicle.require_commandable()
+        if self._thread.state(vehicle.id).phase != "idle":
+            raise NotTogether(
+                f"Vehicle {vehicle.id} is streamed to already.",
+                vehicles=(vehicle.id,),
+                remedy="Stop its stream (offboard/stop) first.",
+            )
+        status = vehicle.status
+        if not status.armed or status.landed_state != "in_air":
+            raise NotTogether(
+                f"Vehicle {vehicle.id} is not in the air: a group starts in flight.",
+                vehicles=(vehicle.id,),
+                remedy="Take off first.",
+            )
+        self._check_setpoint(vehicle, index, self._orders(order, order.setpoints)[vehicle.id])
+
+    @staticmethod
+    def _check_setpoint(vehicle: Vehicle, index: int, order: Order, where: str = "members") -> None:
+        try:
+            vehicle.offboard.check(order)
+        except InvalidRequest as error:
+            field_ = f"{where}.{index}.setpoint"
+            raise InvalidRequest(
+                field_, f"Vehicle {vehicle.id}: {error.message}", remedy=error.remedy
+            ) from error
+        except Refused as error:
+            message = f"Vehicle {vehicle.id}: {error.message}"
+            raise NotTogether(message, vehicles=(vehicle.id,), remedy=error.remedy) from error
+
+    def _check_apart(
+        self,
+        minimum_m: float,
+        vehicles: Mapping[str, Vehicle],
+        orders: Mapping[str, Order],
+        flying: _Group | None = None,
+        lasts_s: float | None = None,
+    ) -> None:
+        """Whether all would stay apart, by where they are and what they are to fly."""
+        now_s = self._clock.monotonic_s()
+        planned: list[Planned] = []
+        for vehicle_id, vehicle in vehicles.items():
+            order, elapsed_s = orders.get(vehicle_id), 0.0
+            setpoint = None if order is None else order.setpoint
+            snapshot = vehicle.offboard.snapshot(order)
+            here, origin = snapshot.position_at(now_s), snapshot.bounds.origin
+            if here is None or origin is None:
+                if flying is not None and flying.guard is not None and vehicle_id in flying.guard.held:
+                    continue
+                raise NotTogether(
+                    f"Vehicle {vehicle_id} does not know where on the earth it is, so it cannot be kept "
+                    "apart from the others.",
+                    vehicles=(vehicle_id,),
+                    remedy="Wait for GPS, home and the estimator.",
+                )
+            if order is None:
+                state = self._thread.state(vehicle_id)
+                order, elapsed_s = state.order, state.age_s or 0.0
+                if order is not None and state.phase == "streaming":
+                    step = isinstance(order.setpoint, PositionBody)  # was worked out when it was taken
+                    setpoint = state.sent if step else order.setpoint
+            expires_s = lasts_s if lasts_s is not None or order is None else order.lasts_s
+            planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
+        conflict = first_conflict(planned, now_s, minimum_m)
+        if conflict is not None:
+            raise NotTogether(
+                conflict.words(minimum_m),
+                vehicles=conflict.vehicles,
+                distance_m=conflict.distance_m,
+                remedy=SLOWER,
+            )
+
+    def _orders(self, order: GroupOrder, setpoints: Mapping[str, Setpoint]) -> dict[str, Order]:
+        """Each with the validity that lets all expire at one instant."""
+        longest_s = max((_duration_s(s) for s in order.setpoints.values()), default=0.0)
+        if longest_s > LONGEST_PLAN_S:
+            raise InvalidRequest(
+                "members", f"A path of a group lasts {LONGEST_PLAN_S:g} s at most, not {longest_s:g} s."
+            )
+        return {
+            vehicle_id: Order(
+                setpoint,
+                order.valid_for_s + longest_s - _duration_s(setpoint),
+                order.on_expiry,
+                order.client,
+            )
+            for vehicle_id, setpoint in setpoints.items()
+        }
+
+    def _left_s(self, group: _Group, changed: Mapping[str, Setpoint]) -> float:
+        """Until the last path has come to its end."""
+        left_s = [_duration_s(setpoint) for setpoint in changed.values()]
+        for vehicle_id, setpoint in group.setpoints.items():
+            if vehicle_id not in changed:
+                age_s = self._thread.state(vehicle_id).age_s
+                left_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
+        return max(left_s, default=0.0)
+
+    # --- what is told -----------------------------------------------------------------------------
+
+    def _found(self, group: _Group, finding: Finding) -> None:
+        ago_s = self._clock.monotonic_s() - finding.at_s
+        held = f" {_listed(finding.held)} {'holds' if len(finding.held) == 1 else 'hold'}."
+        told = GroupFinding(
+            unix_s=self._clock.unix_s() - ago_s,
+            code=finding.code,
+            vehicles=finding.vehicles,
+            held=finding.held,
+            text=finding.text + held,
+            distance_m=finding.distance_m,
+        )
+        group.findings = [*group.findings, told][-FINDINGS_KEPT:]
+        self._told(group, f"Group {group.id}: {told.text}", warning=True)
+
+    def _end(self, group: _Group, why: str | None) -> None:
+        if group.state == "ended":
+            return
+        guard = group.guard
+        if why is None and guard is not None:
+            expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
+            why = "Its setpoints expired." if expired and not guard.held else "Its members fly it no more."
+            if group.findings:
+                why = group.findings[-1].text
+            why = group.ending or why
+        group.state, group.ended = "ended", why
+        self._thread.unwatch(group.id)
+        self._told(group, f"Group {group.id} has ended: {why}")
+
+    def _told(self, group: _Group, text: str, *, warning: bool = False) -> None:
+        self.tell(text, self._status(group), warning)
+
+    def _status(self, group: _Group) -> GroupStatus:
+        guard, ended = group.guard, group.state == "ended"
+        nearest = guard.nearest if guard is not None and not ended else None
+        states = {v: self._thread.state(v) for v in group.vehicles}
+        valid = [s.valid_left_s for s in states.values() if s.phase == "streaming"]
+        valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
+        return GroupStatus(
+            id=group.id,
+            state=group.state,
+            client=group.order.client,
+            minimum_separation_m=group.order.minimum_separation_m,
+            others_go_on=group.order.others_go_on,
+            created_unix_s=group.created_unix_s,
+            start_unix_s=group.start_unix_s,
+            valid_left_s=valid_left_s if group.state == "flying" else None,
+            members=tuple(
+                GroupMember(
+                    vehicle=vehicle_id,
+                    ordered_type=group.setpoints[vehicle_id].type,
+                    stream=self._phase(group, vehicle_id),
+                    mode=vehicle.status.mode,
+                    held=guard is not None and vehicle_id in guard.held,
+                )
+                for vehicle_id, vehicle in group.vehicles.items()
+            ),
+            nearest=None if nearest is None else Nearest(nearest[:2], round(nearest[2], 2)),
+            findings=tuple(group.findings),
+            ended=group.ended,
+        )
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _phase(self, group: _Group, vehicle_id: str) -> str:
+        """Of the group's own stream to a member."""
+        state = self._thread.state(vehicle_id)
+        return state.phase if state.number == group.numbers.get(vehicle_id) else "idle"
+
+    def _get(self, group_id: str) -> _Group:
+        group = self._groups.get(group_id)
+        if group is None:
+            known = ", ".join(self._groups)
+            raise UnknownGroup(
+                f"There is no group {group_id!r}.",
+                remedy=f"Known groups: {known}." if known else "No group has been started yet.",
+            )
+        return group
+
+    def _group_of(self, vehicle_id: str) -> _Group | None:
+        for group in self._groups.values():
+            if vehicle_id in group.vehicles and group.state != "ended":
+                return group
+        return None
+
+    def _forget_old(self) -> None:
+        ended = [group.id for group in self._groups.values() if group.state == "ended"]
+        for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
+            del self._groups[group_id]
+
+
+def _duration_s(setpoint: Setpoint) -> float:
+    return setpoint.duration_s if isinstance(setpoint, Path) else 0.0
+
+
+def _listed(vehicles: Mapping[str, Vehicle] | Sequence[str]) -> str:
+    ids = list(vehicles)
+    if len(ids) == 1:
+        return f"Vehicle {ids[0]}"
+    return f"Vehicles {', '.join(ids[:-1])} and {ids[-1]}"
