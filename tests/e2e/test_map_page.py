@@ -34,8 +34,15 @@ async (shot) => {
   return [...ctx.getImageData(0, 0, 1, 1).data].slice(0, 3);
 }
 """
-MIDDLE = (642, 476)
-"""Where a followed vehicle is on the large map of a window of 1440 by 900."""
+FREE = """
+() => {
+  const box = (name) => document.querySelector(name)?.getBoundingClientRect();
+  const stage = box('main'), small = box('section.inset'), cards = box('aside'), bar = box('.place .dock');
+  const left = small ? small.right : stage.left;
+  return [(left + cards.left) / 2, (stage.top + bar.top) / 2];
+}
+"""
+"""The middle of what panels leave free: there a followed vehicle is on the large map."""
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +64,8 @@ def large_map(page: Page, *, beside_scene: bool = False) -> None:
 
 def menu_at(page: Page, east_px: int, north_px: int) -> Locator:
     """The menu of a place beside the vehicle."""
-    page.mouse.click(MIDDLE[0] + east_px, MIDDLE[1] - north_px)
+    x, y = page.evaluate(FREE)
+    page.mouse.click(x + east_px, y - north_px)
     menu = page.get_by_role("dialog")
     menu.wait_for()
     return menu
