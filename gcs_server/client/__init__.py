@@ -11,7 +11,7 @@
 
 from gcs_server.client import setpoints
 from gcs_server.client.aio import Gcs, Gimbal, Vehicle
-from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncOffboard, SyncVehicle
+from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncGroup, SyncOffboard, SyncVehicle
 from gcs_server.client.control import Control
 from gcs_server.client.errors import (
     ApiError,
@@ -24,6 +24,7 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
+from gcs_server.client.group import Group
 from gcs_server.client.offboard import LiveOffboard, Offboard
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Control",
     "Gcs",
     "Gimbal",
+    "Group",
     "Invalid",
     "LiveOffboard",
     "NoReply",
@@ -40,6 +42,7 @@ __all__ = [
     "Refused",
     "SyncGcs",
     "SyncGimbal",
+    "SyncGroup",
     "SyncOffboard",
     "SyncVehicle",
     "Timeout",

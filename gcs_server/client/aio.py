@@ -20,6 +20,7 @@ from websockets.exceptions import InvalidStatus
 from gcs_server.client.address import address_and_token
 from gcs_server.client.control import Control
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
+from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
 
@@ -127,6 +128,50 @@ class Gcs:
             raise Unreachable(f"{self.url} refused {path}: {refused}.") from refused
         except OSError as error:
             raise Unreachable(f"No answer from {self.url}: {error}.") from error
+
+    @asynccontextmanager
+    async def group(
+        self,
+        setpoints: Setpoints,
+        *,
+        minimum_separation_m: float | None = None,
+        start_at_unix_s: float | None = None,
+        rate_hz: float | None = None,
+        valid_for_s: float | None = None,
+        on_expiry: Expiry | None = None,
+        hold_for_s: float | None = None,
+        others_go_on: bool = False,
+    ) -> AsyncGenerator[Group]:
+        """Flies several vehicles together for the length of a block; leaving it, however, holds all.
+
+        Each begins with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; where one
+        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of the
+        longest path. Where the Hold after an exception fails, a note on that exception says why.
+
+        Yields:
+            The group, once all are in Offboard; `started["start_unix_s"]` is when they begin.
+
+        Raises:
+            Refused: one cannot fly, two would come too near, or another has control of one.
+        """
+        life = lifetime(valid_for_s, on_expiry, hold_for_s)
+        given = {
+            "minimum_separation_m": minimum_separation_m,
+            "start_at_unix_s": start_at_unix_s,
+            "rate_hz": rate_hz,
+        }
+        more: Body = {name: value for name, value in given.items() if value is not None}
+        body: Body = {"members": members_of(setpoints), "others_go_on": others_go_on, **more, **life}
+        group = Group(self, await self.request("POST", "/groups", body), life)
+        try:
+            yield group
+        except BaseException as error:
+            try:
+                await asyncio.shield(group.hold())
+            except (ApiError, Unreachable) as problem:  # the block's own error is the one to see
+                error.add_note(f"Group {group.id} could not be put into Hold: {problem}")
+            raise
+        await group.hold()
 
     async def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0

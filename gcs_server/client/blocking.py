@@ -13,6 +13,7 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from gcs_server.client import aio
 from gcs_server.client.control import Control, OnLost
+from gcs_server.client.group import Group, Setpoints
 from gcs_server.client.offboard import Offboard, Steering
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
 
@@ -72,6 +73,59 @@ class SyncGcs:
             lambda: self._gcs.wait_for_vehicle(vehicle_id, ready=ready, timeout_s=timeout_s)
         )
         return SyncVehicle(self, found)
+
+    @contextmanager
+    def group(
+        self,
+        setpoints: Setpoints,
+        *,
+        minimum_separation_m: float | None = None,
+        start_at_unix_s: float | None = None,
+        rate_hz: float | None = None,
+        valid_for_s: float | None = None,
+        on_expiry: Expiry | None = None,
+        hold_for_s: float | None = None,
+        others_go_on: bool = False,
+    ) -> Generator[SyncGroup]:
+        """As `aio.Gcs.group`."""
+        block = self._gcs.group(
+            setpoints,
+            minimum_separation_m=minimum_separation_m,
+            start_at_unix_s=start_at_unix_s,
+            rate_hz=rate_hz,
+            valid_for_s=valid_for_s,
+            on_expiry=on_expiry,
+            hold_for_s=hold_for_s,
+            others_go_on=others_go_on,
+        )
+        with self.portal.wrap_async_context_manager(block) as group:
+            yield SyncGroup(self, group)
+
+
+class SyncGroup:
+    """Vehicles that fly together; methods as `group.Group`."""
+
+    def __init__(self, gcs: SyncGcs, group: Group) -> None:
+        self._gcs = gcs
+        self._group = group
+        self.id = group.id
+        self.started = group.started
+
+    def send(self, setpoints: Setpoints) -> dict[str, Any]:
+        """New setpoints for some members or all, sent at one instant."""
+        return self._gcs.portal.call(self._group.send, setpoints)
+
+    def renew(self) -> dict[str, Any]:
+        """All fly on as they do, for another `valid_for_s`."""
+        return self._gcs.portal.call(self._group.renew)
+
+    def status(self) -> dict[str, Any]:
+        """State, members, the two that are nearest, findings, why it ended."""
+        return self._gcs.portal.call(self._group.status)
+
+    def hold(self) -> dict[str, Any]:
+        """Puts all members that still fly it into Hold."""
+        return self._gcs.portal.call(self._group.hold)
 
 
 class SyncVehicle:

@@ -73,6 +73,54 @@ def test_an_unknown_vehicle_is_404_and_in_the_journal(client, path):
     )
 
 
+MEMBERS = [{"vehicle": v, "setpoint": POSITION} for v in ("1", "2")]
+BACKWARDS = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]} for t in (0, 2, 1)]}
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "field", "words"),
+    [
+        ("", {}, "members", "required"),
+        ("", {"members": MEMBERS[:1]}, "members", "at least 2"),
+        ("", {"members": MEMBERS * 6}, "members", "at most 10"),
+        ("", {"members": [*MEMBERS, MEMBERS[0]]}, "body", "members: vehicle 1 is named twice"),
+        ("", {"members": [MEMBERS[0], {"vehicle": "2"}]}, "members.1.setpoint", "required"),
+        (
+            "",
+            {"members": [MEMBERS[0], {"vehicle": "2", "setpoint": BACKWARDS}]},
+            "members.1.setpoint",
+            "points.2.t_s must be later",
+        ),
+        ("", {"members": MEMBERS, "minimum_separation_m": 0.5}, "minimum_separation_m", "1"),
+        ("", {"members": MEMBERS, "valid_for_s": 3600}, "valid_for_s", "600"),
+        ("", {"members": MEMBERS, "start_at_unix_s": "soon"}, "start_at_unix_s", "number"),
+        ("", {"members": MEMBERS, "others": 1}, "others", "not permitted"),
+        ("/1/setpoints", {}, "setpoints", "required"),
+        ("/1/setpoints", {"setpoints": [MEMBERS[0]] * 2}, "body", "setpoints: vehicle 1 is named twice"),
+    ],
+)
+def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, words):
+    answer = client.post(f"/api/v1/groups{path}", json=body)
+    assert answer.status_code == 422
+    problem = answer.json()
+    assert (problem["code"], problem["field"]) == ("invalid_request", field)
+    assert words in problem["detail"]
+
+
+def test_a_group_of_unknown_vehicles_is_404_and_each_has_its_line(client):
+    answer = client.post("/api/v1/groups", json={"members": MEMBERS}, headers={"X-Client": "tester"})
+    assert (answer.status_code, answer.json()["code"]) == (404, "unknown_vehicle")
+    entries = client.get("/api/v1/journal?limit=2").json()["entries"]
+    assert [(e["command"], e["vehicle"], e["result"]) for e in entries] == [
+        ("group/start", "1", "unknown_vehicle"),
+        ("group/start", "2", "unknown_vehicle"),
+    ]
+    assert client.get("/api/v1/groups").json() == {"groups": []}
+    for call in ("/hold", "/setpoints"):
+        unknown = client.post(f"/api/v1/groups/7{call}", json={"setpoints": []})
+        assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_group")
+
+
 def test_links_can_be_refused_added_and_removed(client):
     assert client.post("/api/v1/links", json={"url": "carrier-pigeon://x"}).status_code == 422
     added = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "any"})

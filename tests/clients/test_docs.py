@@ -33,9 +33,20 @@ def blocks(document: str, language: str, containing: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """`host:port` of a station whose simulated vehicle is number 1 and ready, as after `make run`."""
+    """`host:port` of a station with the simulated vehicles 1 (ready) and 2, as after `make run`."""
     port = free_port()
-    command = [sys.executable, "-m", "vehicle_sim", "--no-api", "--gcs-local-port", "0", "--tcp-port", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "vehicle_sim",
+        "--instances",
+        "2",
+        "--no-api",
+        "--gcs-local-port",
+        "0",
+        "--tcp-port",
+        "0",
+    ]
     command += ["--gcs-remote-port", str(port), "--speed", str(SPEED)]
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), running(command):
         with SyncGcs(url, client="docs") as gcs:

@@ -1,0 +1,62 @@
+"""A group by the Python client against real processes: together, held at the block's end and by an error."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+
+import pytest
+
+from gcs_server.client import Gcs, Invalid, NotInControl, Refused, SyncGcs, setpoints
+from tests.e2e.conftest import FAST
+from tests.station import free_port, server, vehicle, wait_until
+
+pytestmark = pytest.mark.realtime
+IDS = ("101", "102")
+
+
+def test_a_group_flies_changes_and_ends_in_hold_however_its_block_ends() -> None:
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, instances=2, more=FAST),
+        SyncGcs(url, client="pair") as gcs,
+    ):
+        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=60) for v in IDS]
+        for drone in drones:
+            drone.takeoff(8)
+        for drone in drones:
+            drone.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+        north = dict.fromkeys(IDS, setpoints.velocity_ned(1, 0, 0))
+        with gcs.group(north, minimum_separation_m=1, valid_for_s=20) as group:
+            assert group.started["state"] == "waiting"
+            assert group.started["start_unix_s"] > time.time_ns() / 1e9 - 1
+            wait_until(lambda: group.status()["state"] == "flying", "the start", 10)
+            with pytest.raises(Invalid, match="vehicle 9 is not in group") as wrong:
+                group.send({"9": setpoints.velocity_ned(1, 0, 0)})
+            assert wrong.value.field == "setpoints.0.vehicle"
+            with pytest.raises(Refused, match="would come within"):
+                group.send(
+                    {"101": setpoints.position_body(0, 40, 0), "102": setpoints.position_body(0, 0, 0)}
+                )
+            group.send({"101": setpoints.velocity_ned(0.5, 0, 0), "102": setpoints.velocity_ned(0.5, 0, 0)})
+            assert group.renew()["valid_left_s"] > 19
+            with (
+                SyncGcs(url, client="other", client_id="another") as other,
+                pytest.raises(NotInControl, match="pair has control of vehicle 101"),
+            ):
+                other.request("POST", f"/groups/{group.id}/setpoints", {"setpoints": []})
+        assert {drone.status()["mode"] for drone in drones} == {"hold"}
+        assert group.status()["ended"] == "pair commanded Hold."
+        gcs.request("POST", "/me/leave")
+
+        async def fails() -> None:
+            async with Gcs(url, client="pair") as program, program.group(north, minimum_separation_m=1):
+                raise RuntimeError("of the program's own")
+
+        with contextlib.suppress(RuntimeError):
+            asyncio.run(fails())
+        assert {drone.status()["mode"] for drone in drones} == {"hold"}
+        events = gcs.request("GET", "/groups")["groups"]
+        assert [(g["state"], g["findings"]) for g in events] == [("ended", []), ("ended", [])]
