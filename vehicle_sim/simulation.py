@@ -257,6 +257,11 @@ class Simulation:
         """What somebody outside measured of vehicle `i` (EKF2_EV_CTRL)."""
         self._estimator.take_vision(i, sample)
 
+    def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Local (0, 0, 0) of vehicle `i` lies there from now on, as somebody tells it."""
+        self._estimator.set_origin(i, lat_deg, lon_deg, alt_amsl_m)
+        self._estimate_rows = None
+
     def set_wind(self, wind_ned_m_s: FloatArray) -> None:
         """Steady wind, (3,) for all or (N, 3)."""
         self._wind.steady_ned_m_s[:] = np.asarray(wind_ned_m_s, dtype=float)

@@ -29,11 +29,17 @@ async def flying_school(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
     with running(command):
         await asyncio.to_thread(wait_until, lambda: _listens(port), "the simulator's start")
         drone = System(port=free_port())
-        await asyncio.wait({asyncio.ensure_future(drone.connect(f"tcpout://127.0.0.1:{port}"))}, timeout=30)
-        await until(
-            drone.telemetry.health(), lambda h: h.is_armable and h.is_home_position_ok, "ready to arm"
-        )
-        yield drone
+        try:
+            await asyncio.wait(
+                {asyncio.ensure_future(drone.connect(f"tcpout://127.0.0.1:{port}"))}, timeout=30
+            )
+            await until(
+                drone.telemetry.health(), lambda h: h.is_armable and h.is_home_position_ok, "ready to arm"
+            )
+            yield drone
+        finally:
+            # Else its helper process knocks at this port until the interpreter ends, whoever gets it next.
+            drone._stop_mavsdk_server()
 
 
 def _listens(port: int) -> bool:

@@ -96,11 +96,18 @@ async def _raw() -> None:
             (each.seq, each.command, each.x, each.z) for each in items
         ]
         assert await changed
-        await until(plans.mission_progress(), lambda p: p.total == 3, "the number of items")
-        await plans.set_current_mission_item(1)
-        await until(
-            plans.mission_progress(), lambda p: p.current == 1 and p.total == 3, "item 1 as the current"
+        # A stream tells changes only: who listens afterwards has missed them.
+        second = asyncio.ensure_future(
+            until(
+                plans.mission_progress(),
+                lambda p: p.current == 1 and p.total == 3,
+                "item 1 of 3 as the current",
+                20,
+            )
         )
+        await asyncio.sleep(0.5)
+        await plans.set_current_mission_item(1)
+        await second
         corners = [(-50.0, 0), (50.0, 1), (60.0, 2)]
         fence = [raw(k, 5001, frame=5, kind=1, p1=3.0, north_m=n) for n, k in corners]
         await plans.upload_geofence(fence)

@@ -70,12 +70,14 @@ class Autopilot:
         target, i = self.body.simulation.target, self.body.row
         direct = int(self.body.simulation.setpoints.level[i]) < ControlLevel.TRAJECTORY
         thrust = float(target.thrust[i]) if self.takeoff.may_thrust or direct else 0.0
+        # A horizontal velocity that is not known keeps nobody from having landed.
+        vn, ve, vd = belief.velocity_ned_m_s
         self.land_detector.update(
             self.body.time_s,
             Motion(
                 armed=self.commander.armed,
                 thrust=thrust,
-                velocity_ned_m_s=belief.velocity_ned_m_s,
+                velocity_ned_m_s=(vn, ve, vd) if belief.valid_velocity else (0.0, 0.0, vd),
                 rates_frd_rad_s=belief.rates_frd_rad_s,
                 descends=self._descends(),
             ),

@@ -37,6 +37,8 @@ class Checks:
         self._offboard = offboard
         self._home = home
         self.has_mission = False
+        self.logging = True
+        """Whether a log is being written; the logger says so. True also where none was asked for."""
         self.fence: frozenset[Breach] = frozenset()
         self.monitors = monitors
         self._gcs_was_lost = False
@@ -76,6 +78,7 @@ class Checks:
             flight_time_over=monitors.flight_time_over,
             compasses_required=body.choice("SYS_HAS_MAG"),
             open_drone_id=body.choice("COM_ARM_ODID"),
+            logging=self.logging,
         )
 
     def manual_control(self) -> bool:

@@ -30,8 +30,11 @@ COMPASSES = 1
 
 PRESENT = 0x38021C0A
 """Health components present on a real simulated vehicle, as its health summary says."""
-POSITION_PRESENT = 0x08
+GPS_PRESENT = 0x08
 """Of these, the one that goes with the local position."""
+LOGGING_PRESENT = 0x400
+"""Of these, the one that is there while a log is written."""
+REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
 def _mask(states: frozenset[NavState]) -> int:
@@ -68,6 +71,7 @@ class Facts:
     flight_time_over: bool = False
     compasses_required: int = 1
     """SYS_HAS_MAG."""
+    logging: bool = True
     open_drone_id: int = 0
     """COM_ARM_ODID: 1 warns without such a system, 2 requires it; none is ever there."""
 
@@ -169,9 +173,11 @@ def examine(facts: Facts) -> Report:
         can_run &= ~check.blocks_running
     if not facts.valid_attitude:
         can_arm = 0
-    present = PRESENT | (1 << COMPONENT_REMOTE if facts.manual_control else 0)
+    present = PRESENT | (REMOTE_PRESENT if facts.manual_control else 0)
     if not facts.valid_local_position:
-        present &= ~POSITION_PRESENT
+        present &= ~GPS_PRESENT
+    if not facts.logging:
+        present &= ~LOGGING_PRESENT
     return Report(tuple(checks), can_arm, can_run, present)
 
 

@@ -47,6 +47,14 @@ class HomeKeeper:
         home.yaw_ned_rad = math.radians(yaw_deg)
         home.set_at_us, home.manual = self._body.time_boot_us(), True
 
+    def origin_moved(self) -> None:
+        """The local frame lies elsewhere: home stays on the globe."""
+        home = self.home
+        if home.valid:
+            lat, lon, alt = self._body.origin
+            n, e = to_local(home.lat_deg, home.lon_deg, lat, lon)  # type: ignore[arg-type]
+            home.position_ned_m = (float(n), float(e), alt - home.alt_amsl_m)
+
     def set_here(self) -> bool:
         """The present place becomes home, where the vehicle knows it."""
         belief, home = self._body.belief, self.home

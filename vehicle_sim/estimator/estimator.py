@@ -185,6 +185,19 @@ class Estimator:
         """A position, velocity or heading of vehicle `i` measured from outside (EKF2_EV_CTRL)."""
         self._vision.put(i, sample)
 
+    def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Local (0, 0, 0) of vehicle `i` lies there; where it is on the globe does not change by that."""
+        state = self.state
+        old = (state.origin_lat_deg[i], state.origin_lon_deg[i], state.origin_alt_amsl_m[i])
+        if np.isfinite(old[0]):
+            north_m, east_m = to_local(old[0], old[1], np.asarray(lat_deg), np.asarray(lon_deg))
+            shift = np.array([north_m, east_m, alt_amsl_m - old[2]])
+            self._position[i] += shift
+            state.position_ned_m[i] += shift
+            self._baro_bias_m[i] += shift[2]
+        state.origin_lat_deg[i], state.origin_lon_deg[i] = lat_deg, lon_deg
+        state.origin_alt_amsl_m[i] = alt_amsl_m
+
     def _fuse_vision(self) -> None:
         state, channels = self.state, self.channels
         before = channels.state[:, :, :2].copy()

@@ -109,6 +109,7 @@ class Logger:
             if now_us < BEGINS_US:
                 return
             self._begun = True
+            self._autopilot.commander.checks.logging = False
             self._make_room()
             if self.mode in FROM_BOOT:
                 self._start(now_us)
@@ -220,6 +221,7 @@ class Logger:
         if not self.running:
             return
         self._recorder = recorder
+        self._autopilot.commander.checks.logging = True
         recorder.add(self)
         self._announcer.event(
             "logger_open_file_time", "HBBBBB", when.year, when.month, when.day, when.hour, when.minute,
@@ -294,6 +296,7 @@ class Logger:
     def _close(self) -> None:
         file, self._file, recorder, self._recorder = self._file, None, self._recorder, None
         self._tell_at_us = None
+        self._autopilot.commander.checks.logging = False
         if recorder is not None:
             recorder.discard(self)
         if file is not None:

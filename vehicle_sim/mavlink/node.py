@@ -21,6 +21,7 @@ from vehicle_sim.mavlink.services.logs import LogService
 from vehicle_sim.mavlink.services.manual import ManualService
 from vehicle_sim.mavlink.services.mission import MissionService
 from vehicle_sim.mavlink.services.offboard import OffboardService
+from vehicle_sim.mavlink.services.origin import OriginService
 from vehicle_sim.mavlink.services.own_commands import OwnCommandService
 from vehicle_sim.mavlink.services.params import ParamService
 from vehicle_sim.mavlink.services.ranging import RangingService
@@ -68,7 +69,7 @@ class Node:
             self._texts, self._time, self._params, self._mission, gimbal, commands,
             OffboardService(self.context), VisionService(self.context), ManualService(self.context),
             self._ftp, self._logs, self._shell,
-            FollowService(self.context),
+            FollowService(self.context), OriginService(self.context),
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers

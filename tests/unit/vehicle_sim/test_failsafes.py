@@ -111,8 +111,8 @@ def test_sticks_keep_the_altitude_where_the_position_is_lost() -> None:
     assert demands(Conditions(**lost))[0].action is Action.DESCEND
 
 
-def flying(height_m: float = 3.0, **parameters: float) -> PlanStation:
-    station = PlanStation(parameters={"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
+def flying(height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float) -> PlanStation:
+    station = PlanStation(parameters={"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise)
     station.ready_to_arm()
     station.fly_to(height_m)
     return station
@@ -184,13 +184,23 @@ def test_the_wind_is_felt_and_too_much_of_it_lands() -> None:
     assert monitors.wind_m_s == pytest.approx(6.0, abs=1.5)
 
 
+def sensors(station: PlanStation) -> tuple[int, ...]:
+    """Present, enabled and healthy, as a ground station hears it."""
+    status = station.last["SYS_STATUS"].values
+    return tuple(status[f"onboard_control_sensors_{what}"] for what in ("present", "enabled", "health"))
+
+
 def test_without_position_the_vehicle_sinks_where_it_is() -> None:
-    s = flying()
+    # With noise: the velocity it believes in goes astray, and it has landed all the same.
+    s = flying(sensor_noise=True)
+    assert sensors(s) == (0x300402F, 0x301402F, 0x1320C83F), "as recorded"
     s.command(420, 4, 1, 0)
     s.run(0.1)
     assert s.acks(420) == [0]
     s.run_until(lambda: "commander_failsafe_enter_generic" in s.events(), 12)
     assert s.sim.autopilots[0].commander.active is NavState.DESCEND
+    s.run(1.0)
+    assert sensors(s) == (0x300400F, 0x301400F, 0x320883F), "as recorded before GPS was used"
     s.run_until(lambda: not s.armed, 20)
 
 
@@ -219,5 +229,5 @@ def test_failures_that_nobody_listens_to_get_no_answer() -> None:
     s.sim.autopilots[0].body.parameters.set("SYS_FAILURE_EN", 0)
     s.command(420, 4, 1, 0)
     s.run(0.1)
-    assert s.acks(420) == [3]
+    assert s.acks(420) == [3, 2], "denied where failures are switched off"
     assert math.isfinite(s.sim.autopilots[0].body.belief.lat_deg)

@@ -4,15 +4,30 @@ from __future__ import annotations
 
 import math
 
+from vehicle_sim.autopilot.health import (
+    COMPONENT_BATTERY,
+    COMPONENT_LOCAL_POSITION,
+    COMPONENT_REMOTE,
+    GPS_PRESENT,
+    LOGGING_PRESENT,
+    REMOTE_PRESENT,
+    Report,
+)
 from vehicle_sim.autopilot.modes import MODES
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import Family
 
-SENSORS_PRESENT = 50348079
-SENSORS_ENABLED = 50413615
-SENSORS_HEALTHY = 52480063
+ALWAYS_PRESENT = 0x200400F
+"""MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
+GPS_BIT, POSITION_BIT, REMOTE_BIT, BATTERY_BIT, LOGGING_BIT = 0x20, 0x4000, 0x10000, 0x2000000, 0x1000000
+ALL_HEALTHY = 0x321C83F
+"""What says nothing of itself is healthy, also where it is not present."""
+BIT_OF_COMPONENT = {
+    COMPONENT_REMOTE: REMOTE_BIT, COMPONENT_BATTERY: BATTERY_BIT, COMPONENT_LOCAL_POSITION: POSITION_BIT,
+}  # fmt: skip
 PREARM_BIT = 0x10000000
 """MAV_SYS_STATUS_PREARM_CHECK."""
+BIT_IF_PRESENT = {GPS_PRESENT: GPS_BIT, LOGGING_PRESENT: LOGGING_BIT, REMOTE_PRESENT: REMOTE_BIT}
 
 
 class StateMessages(Family):
@@ -32,19 +47,34 @@ class StateMessages(Family):
 
     def sys_status(self) -> bytes:
         commander, battery, i = self._autopilot.commander, self._body.simulation.battery, self._body.row
-        started = self._body.belief.valid_attitude
         ready = commander.report.armable(commander.intended)
+        present, enabled, healthy = self._sensors(commander.report)
         return pack(
             "SYS_STATUS",
-            onboard_control_sensors_present=SENSORS_PRESENT if started else 0,
-            onboard_control_sensors_enabled=SENSORS_ENABLED if started else 0,
-            onboard_control_sensors_health=SENSORS_HEALTHY | (PREARM_BIT if ready else 0),
+            onboard_control_sensors_present=present,
+            onboard_control_sensors_enabled=enabled,
+            onboard_control_sensors_health=healthy | (PREARM_BIT if ready else 0),
             load=100,
             voltage_battery=round(float(battery.voltage_v[i]) * 1000),
             current_battery=round(float(battery.current_a[i]) * 100),
             battery_remaining=math.ceil(float(battery.remaining[i]) * 100),
             onboard_control_sensors_health_extended=1,
         )[1]
+
+    def _sensors(self, report: Report) -> tuple[int, int, int]:
+        """Present, enabled and healthy ones, as the arming report sees them; nothing before it begins.
+
+        What has a finding counts as enabled, present or not.
+        """
+        if not self._body.belief.valid_attitude:
+            return 0, 0, ALL_HEALTHY
+        found = 0
+        for check in report.checks:
+            found |= BIT_OF_COMPONENT.get(check.component, 0)
+        present = ALWAYS_PRESENT
+        for part, bit in BIT_IF_PRESENT.items():
+            present |= bit if report.present & part else 0
+        return present, present | found, ALL_HEALTHY & ~found
 
     def extended_sys_state(self) -> bytes:
         return pack("EXTENDED_SYS_STATE", landed_state=self._autopilot.commander.landed_state())[1]

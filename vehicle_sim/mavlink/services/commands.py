@@ -29,7 +29,7 @@ ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
 TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
 RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
-GRIPPER, EXTERNAL_WIND = 211, 43004
+GRIPPER, AUTOTUNE, EXTERNAL_WIND = 211, 212, 43004
 FORCE = 21196
 GRIPPER_S = 1.0
 """PD_GRIPPER_TO: a gripper that tells nothing is taken to be done after it."""
@@ -79,6 +79,7 @@ class CommandService:
             REBOOT: lambda c: ACCEPTED if c.p1 == 0.0 else DENIED,
             ACTUATOR_TEST: lambda c: DENIED if self._commander.armed else ACCEPTED,
             GRIPPER: self._gripper,
+            AUTOTUNE: self._autotune,
             EXTERNAL_WIND: self._external_wind,
             **others,
         }
@@ -272,6 +273,14 @@ class CommandService:
         self._acknowledge(c, IN_PROGRESS, progress=255)
         self._context.after(GRIPPER_S, lambda: self._acknowledge(c, ACCEPTED))
         return None
+
+    def _autotune(self, c: Command) -> int:
+        """PX4 only notes the wish while it stands on the ground; the tuning itself is not simulated."""
+        if self._commander.armed:
+            self._announcer.text(4, "Autotuning is not simulated")
+            return UNSUPPORTED
+        self._context.body.parameters.set("MC_AT_START", 1)
+        return IN_PROGRESS
 
     def _external_wind(self, c: Command) -> int:
         self._acknowledge(c, ACCEPTED)

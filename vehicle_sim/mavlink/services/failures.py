@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 
 from vehicle_sim.mavlink.context import Context
-from vehicle_sim.mavlink.services.command_types import ACCEPTED, UNSUPPORTED, Command
+from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, UNSUPPORTED, Command
 
 INJECT_FAILURE = 420
 GPS, BATTERY, MOTOR = 4, 100, 101
@@ -34,7 +34,7 @@ class FailureService:
     def inject(self, command: Command) -> int | None:
         """Unit, kind of failure and instance (0: all) in param1 to param3."""
         if self._context.body.choice("SYS_FAILURE_EN") != 1:
-            return None
+            return DENIED
         unit = self._units.get(_whole(command.p1))
         if unit is None:
             return None

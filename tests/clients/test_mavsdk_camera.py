@@ -1,0 +1,99 @@
+"""What MAVSDK's camera plug-in does with the camera that `--camera` hangs on the gimbal."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mavsdk.camera import CameraError, CameraResult, Mode, PhotosRange
+from mavsdk.ftp import FtpError, FtpResult
+
+from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, until
+
+WIDTH_PX, HEIGHT_PX = 320, 240
+
+pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+
+
+def test_pictures_are_taken_listed_fetched_and_deleted(tmp_path: Path) -> None:
+    asyncio.run(_photograph(tmp_path))
+
+
+async def _photograph(folder: Path) -> None:
+    async with asyncio.timeout(PATIENCE_S), flying_school(more=["--camera"]) as drone:
+        camera = drone.camera
+        listed = await until(camera.camera_list(), lambda found: found.cameras, "a camera", 40)
+        (model,) = listed.cameras
+        assert (model.vendor_name, model.model_name) == ("Simulated", "Simulated camera")
+        assert (model.horizontal_resolution_px, model.vertical_resolution_px) == (WIDTH_PX, HEIGHT_PX)
+        number = model.component_id
+
+        await camera.set_mode(number, Mode.PHOTO)
+        assert await camera.get_mode(number) is Mode.PHOTO
+        update = await until(camera.storage(), lambda told: told.component_id == number, "its storage", 20)
+        assert update.storage.total_storage_mib == pytest.approx(32 * 1024)
+        assert update.storage.storage_id == 1
+
+        taken = _Collector(camera.capture_info())
+        await asyncio.sleep(0.5)
+        await camera.take_photo(number)
+        await _within(lambda: len(taken.values) == 1, "the first picture")
+        picture = taken.values[0]
+        home = await first(drone.telemetry.home())
+        assert picture.is_success
+        assert picture.position.latitude_deg == pytest.approx(home.latitude_deg, abs=2e-5)
+        path = picture.file_url.removeprefix("mftp://[;comp=1]")
+        async for _ in drone.ftp.download(path, str(folder), use_burst=False):
+            pass
+        assert (folder / Path(path).name).read_bytes()[:2] == b"\xff\xd8", "a JPEG"
+
+        await camera.start_photo_interval(number, 1.0)
+        await _within(lambda: len(taken.values) >= 4, "a series of pictures")
+        await camera.stop_photo_interval(number)
+        taken.task.cancel()
+        photos = await camera.list_photos(number, PhotosRange.ALL)
+        assert [photo.index for photo in photos] == list(range(len(photos)))
+        assert len(photos) >= 4
+
+        await camera.zoom_range(number, 50.0)
+        await _refused(camera.start_video(number))
+        await _refused(camera.track_point(number, 0.5, 0.5, 0.1))
+        await camera.reset_settings(number)
+        await camera.format_storage(number, 1)
+        with pytest.raises(FtpError) as gone:
+            await drone.ftp.list_directory(str(Path(path).parent))
+        assert gone.value._result.result is FtpResult.Result.FILE_DOES_NOT_EXIST
+
+
+class _Collector:
+    """Everything that a stream tells from now on."""
+
+    def __init__(self, stream: AsyncIterator[Any]) -> None:
+        self.values: list[Any] = []
+        self.task = asyncio.ensure_future(self._listen(stream))
+
+    async def _listen(self, stream: AsyncIterator[Any]) -> None:
+        async for value in stream:
+            self.values.append(value)
+
+
+async def _within(holds: Any, what: str, seconds: float = 20.0) -> None:
+    try:
+        async with asyncio.timeout(seconds):
+            while not holds():  # noqa: ASYNC110 - what is waited for is told by a stream
+                await asyncio.sleep(0.05)
+    except TimeoutError:
+        raise TimeoutError(f"no {what} within {seconds} s") from None
+
+
+async def _refused(order: Any) -> None:
+    """There is no video, and nothing is tracked."""
+    with pytest.raises(CameraError) as refused:
+        await order
+    assert refused.value._result.result in (
+        CameraResult.Result.ACTION_UNSUPPORTED, CameraResult.Result.DENIED, CameraResult.Result.ERROR,
+        CameraResult.Result.PROTOCOL_UNSUPPORTED,
+    )  # fmt: skip

@@ -1,0 +1,41 @@
+"""SET_GPS_GLOBAL_ORIGIN: where on the globe the local frame lies, for a vehicle without GPS to tell it."""
+
+from __future__ import annotations
+
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import BY_NAME, Message
+from vehicle_sim.mavlink.link import Link
+
+LOWEST_M, HIGHEST_M = -12_000.0, 100_000.0
+
+
+class OriginService:
+    """Takes the origin and tells the one in force, changed or not, as MAVLink asks for.
+
+    The vehicle stays where it is on the globe: its local position moves. Once armed the origin stays, since
+    whatever is flown to was counted from it.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.handlers = {"SET_GPS_GLOBAL_ORIGIN": self.set}
+
+    def set(self, link: Link, m: Message) -> None:
+        """Degrees and metres from 1e-7 degrees and millimetres."""
+        if m.target_system != self._context.system_id:
+            return
+        lat_deg, lon_deg, alt_amsl_m = m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3
+        possible = abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and LOWEST_M < alt_amsl_m < HIGHEST_M
+        if possible and not self._context.autopilot.commander.armed:
+            self._move(lat_deg, lon_deg, alt_amsl_m)
+        self._context.later(lambda: self._tell(link))
+
+    def _move(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        body, keeper = self._context.body, self._context.autopilot.commander.home
+        body.simulation.set_origin(body.row, lat_deg, lon_deg, alt_amsl_m)
+        keeper.origin_moved()
+
+    def _tell(self, link: Link) -> None:
+        built = self._context.telemetry.payload(BY_NAME["GPS_GLOBAL_ORIGIN"].id)
+        if built is not None:
+            link.send_payload(*built)
