@@ -49,11 +49,18 @@ class Flight:
         self.path = folder / sim.loggers[0].path
         self.log = ULog(str(self.path))
         self.data = {each.name: each.data for each in self.log.data_list}
+        self.station.run(1.1)
+        self.sensors = [m.onboard_control_sensors_present for m in self.station.heard("SYS_STATUS")]
 
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     return Flight(tmp_path_factory.mktemp("vehicle"))
+
+
+def test_a_ground_station_sees_whether_a_log_is_written(flight):
+    assert flight.sensors[8] == 0x300402F
+    assert flight.sensors[-1] == 0x200402F, "as recorded after a flight"
 
 
 def test_it_is_named_by_the_time_and_begins_as_px4s_does(flight):
