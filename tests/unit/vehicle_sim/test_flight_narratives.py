@@ -228,3 +228,19 @@ def test_without_a_position_nothing_that_needs_one_arms() -> None:
     assert s.acks(400) == [1]
     assert s.texts() == ["Arming denied: Resolve system health failures first\t"]
     assert {"check_modes_local_pos", "check_modes_global_pos"} <= set(s.events())
+
+
+def test_autotuning_is_wished_for_on_the_ground_and_refused_in_the_air() -> None:
+    station = Station()
+    station.run_until(lambda: station.ready, 15)
+    since_s = station.now_s
+    station.command(212, 1)
+    station.run(0.1)
+    assert station.acks(212) == [5], "in progress, as recorded"
+    assert [m.param_id for m in station.heard("PARAM_VALUE", since_s=since_s)] == ["MC_AT_START"]
+    station.command(400, 1)
+    station.run(0.1)
+    station.command(212, 1)
+    station.run(0.1)
+    assert station.acks(212) == [5, 3]
+    assert "Autotuning is not simulated" in station.texts()
