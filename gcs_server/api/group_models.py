@@ -12,7 +12,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoint_models import AnySetpoint, Body, example
 from gcs_server.streamer import group_status as status
 from gcs_server.streamer import setpoints as s
-from gcs_server.streamer.groups import GroupOrder
+from gcs_server.streamer.group_checks import GroupOrder
 
 MOST_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]

@@ -210,22 +210,25 @@ class GroupGuard:
         self, now_s: float, actions: Actions, known: Mapping[str, tuple[Vector3, Vector3]]
     ) -> None:
         self.nearest = None
+        pairs: list[tuple[str, str, float]] = []
         for a, b in itertools.combinations(known, 2):
             (place_a, velocity_a), (place_b, velocity_b) = known[a], known[b]
             apart_m = math.dist(place_a, place_b)
             if self.nearest is None or apart_m < self.nearest[2]:
                 self.nearest = (a, b, apart_m)
-            if a in self.held and b in self.held:
-                continue
             reach_m = stopping_m(math.hypot(*velocity_a)) + stopping_m(math.hypot(*velocity_b))
-            if apart_m - reach_m >= self.minimum_m:
-                continue
-            vectors = (np.array(v) for v in (place_a, velocity_a, place_b, velocity_b))
-            if float(closest_m(*vectors)) < self.minimum_m:
-                closing = "" if apart_m < self.minimum_m else " and would come nearer than that"
+            if apart_m - reach_m < self.minimum_m and not (a in self.held and b in self.held):
+                pairs.append((a, b, apart_m))
+        if not pairs:
+            return
+        first = np.array([known[a] for a, _, _ in pairs])  # pair, place or velocity, axis
+        second = np.array([known[b] for _, b, _ in pairs])
+        kept_m = closest_m(first[:, 0], first[:, 1], second[:, 0], second[:, 1])
+        for (a, b, apart_m), left_m in zip(pairs, kept_m, strict=True):
+            if left_m < self.minimum_m:
                 why = (
-                    f"Vehicles {a} and {b} are {apart_m:.1f} m apart{closing} (at least {self.minimum_m:g} m "
-                    "are to be kept, with the way of braking)"
+                    f"Vehicles {a} and {b} are {apart_m:.1f} m apart, and stopping both now leaves "
+                    f"{left_m:.1f} m (at least {self.minimum_m:g} m are to be kept)"
                 )
                 self._stop(now_s, actions, "separation", (a, b), why, apart_m)
 

@@ -17,39 +17,20 @@ from dataclasses import dataclass, field, replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, NoReply, NotTogether, Refused, Rejected, UnknownGroup
+from gcs_server.streamer.group_checks import SOONEST_S, GroupChecks, GroupOrder
 from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard
-from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
 from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
-from gcs_server.streamer.setpoints import OnExpiry, Order, Path, Position, PositionBody, Setpoint
+from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Setpoint
 from gcs_server.streamer.thread import StreamThread
 from gcs_server.vehicle.vehicle import Vehicle
 
 LEAD_S = 0.5
 """From the last confirmation to the common start, where none was asked for."""
-SOONEST_S, LATEST_S = 3.0, 300.0
-"""A start that is asked for is so far ahead: the pre-stream and the switch come before it."""
 STAY_S = 600.0
 """How long the place is held for the others before the start, at most."""
 FINDINGS_KEPT = 50
 GROUPS_KEPT = 20
 HOLD_WITHIN_S = 10.0
-SLOWER = "Place their targets farther apart, let them fly one after the other, or lower minimum_separation_m."
-
-
-@dataclass(frozen=True, slots=True)
-class GroupOrder:
-    """What a group is to fly."""
-
-    setpoints: Mapping[str, Setpoint]
-    """By vehicle."""
-    minimum_separation_m: float
-    valid_for_s: float
-    """Of all, from the end of the longest path."""
-    on_expiry: OnExpiry
-    client: str
-    rate_hz: float = 50.0
-    start_at_unix_s: float | None = None
-    others_go_on: bool = False
 
 
 @dataclass(slots=True)
@@ -83,6 +64,7 @@ class Groups:
         self._clock = clock
         self._thread = thread
         self._find = find
+        self._checks = GroupChecks(clock, thread)
         self._groups: dict[str, _Group] = {}
         self._count = 0
         self.tell: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
@@ -100,11 +82,18 @@ class Groups:
             InvalidRequest: a setpoint or the instant is not possible.
         """
         vehicles = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
-        self._check_instant(order, SOONEST_S)
+        self._checks.check_instant(order, SOONEST_S)
         for index, vehicle in enumerate(vehicles.values()):
-            self._check_member(vehicle, index, order)
-        orders = self._orders(order, order.setpoints)
-        self._check_apart(order.minimum_separation_m, vehicles, orders)
+            other = self._group_of(vehicle.id)
+            if other is not None:
+                raise NotTogether(
+                    f"Vehicle {vehicle.id} flies in group {other.id} already.",
+                    vehicles=(vehicle.id,),
+                    remedy=f"Hold group {other.id} first.",
+                )
+            self._checks.check_member(vehicle, index, order)
+        orders = self._checks.orders(order, order.setpoints)
+        self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
         self._count += 1
         group = _Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
         self._groups[group.id] = group
@@ -114,9 +103,9 @@ class Groups:
         try:
             waits = await self._gather(group)
             for index, vehicle in enumerate(vehicles.values()):  # seconds have passed
-                self._check_setpoint(vehicle, index, orders[vehicle.id])
-            self._check_apart(order.minimum_separation_m, vehicles, orders)
-            self._check_instant(order, 0.1)
+                self._checks.check_setpoint(vehicle, index, orders[vehicle.id])
+            self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+            self._checks.check_instant(order, 0.1)
         except GcsError as error:
             await self._give_up(group, str(error))
             raise
@@ -161,13 +150,15 @@ class Groups:
         order = replace(
             group.order, setpoints=setpoints, valid_for_s=valid_for_s, on_expiry=on_expiry, client=client
         )
-        orders = self._orders(order, changed)
+        orders = self._checks.orders(order, changed)
         for index, vehicle_id in enumerate(changed):
             vehicle = group.vehicles[vehicle_id]
             vehicle.require_commandable()
-            self._check_setpoint(vehicle, index, orders[vehicle_id], "setpoints")
-        left_s = self._left_s(group, changed)
-        self._check_apart(order.minimum_separation_m, group.vehicles, orders, group, left_s + valid_for_s)
+            self._checks.check_setpoint(vehicle, index, orders[vehicle_id], "setpoints")
+        left_s = self._checks.left_s(group.setpoints, changed)
+        self._checks.check_apart(
+            order.minimum_separation_m, group.vehicles, orders, guard.held, left_s + valid_for_s
+        )
         until_s = self._clock.monotonic_s() + left_s + valid_for_s
         snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
         if not self._thread.change_together(group_id, orders, snapshots, until_s):
@@ -215,8 +206,7 @@ class Groups:
 
     def look(self) -> None:
         """With each beat: tells what the guards found, and lets end what is over."""
-        for name, finding in self._thread.take_findings():
-            self._found(self._groups[name], finding)
+        self._collect()
         for group in self._groups.values():
             guard = group.guard
             if guard is None or group.state == "ended":
@@ -232,6 +222,13 @@ class Groups:
                 self._told(group, f"Group {group.id} is being stopped.")
             elif group.state == "holding" and "streaming" in phases:
                 group.state = "flying"
+
+    def stand_down(self) -> None:
+        """The server ends and stops all streams: what ends now is no finding."""
+        for group in self._groups.values():
+            if group.guard is not None and group.state != "ended":
+                group.ending = "The server ended."
+                self._thread.stand_down(group.id)
 
     # --- starting ---------------------------------------------------------------------------------
 
@@ -314,126 +311,11 @@ class Groups:
                     tasks.create_task(stop(group.vehicles[vehicle_id]))
         return failed
 
-    # --- what is checked --------------------------------------------------------------------------
-
-    def _check_instant(self, order: GroupOrder, soonest_s: float) -> None:
-        at = order.start_at_unix_s
-        if at is None:
-            return
-        ahead_s = at - self._clock.unix_s()
-        if not soonest_s <= ahead_s <= LATEST_S:
-            raise InvalidRequest(
-                "start_at_unix_s",
-                f"start_at_unix_s is {ahead_s:.1f} s ahead; it must be {SOONEST_S:g} to {LATEST_S:g} s ahead "
-                "when it is asked for, and still ahead when all are in Offboard.",
-            )
-
-    def _check_member(self, vehicle: Vehicle, index: int, order: GroupOrder) -> None:
-        other = self._group_of(vehicle.id)
-        if other is not None:
-            raise NotTogether(
-                f"Vehicle {vehicle.id} flies in group {other.id} already.",
-                vehicles=(vehicle.id,),
-                remedy=f"Hold group {other.id} first.",
-            )
-        vehicle.require_commandable()
-        if self._thread.state(vehicle.id).phase != "idle":
-            raise NotTogether(
-                f"Vehicle {vehicle.id} is streamed to already.",
-                vehicles=(vehicle.id,),
-                remedy="Stop its stream (offboard/stop) first.",
-            )
-        status = vehicle.status
-        if not status.armed or status.landed_state != "in_air":
-            raise NotTogether(
-                f"Vehicle {vehicle.id} is not in the air: a group starts in flight.",
-                vehicles=(vehicle.id,),
-                remedy="Take off first.",
-            )
-        self._check_setpoint(vehicle, index, self._orders(order, order.setpoints)[vehicle.id])
-
-    @staticmethod
-    def _check_setpoint(vehicle: Vehicle, index: int, order: Order, where: str = "members") -> None:
-        try:
-            vehicle.offboard.check(order)
-        except InvalidRequest as error:
-            field_ = f"{where}.{index}.setpoint"
-            raise InvalidRequest(
-                field_, f"Vehicle {vehicle.id}: {error.message}", remedy=error.remedy
-            ) from error
-        except Refused as error:
-            message = f"Vehicle {vehicle.id}: {error.message}"
-            raise NotTogether(message, vehicles=(vehicle.id,), remedy=error.remedy) from error
-
-    def _check_apart(
-        self,
-        minimum_m: float,
-        vehicles: Mapping[str, Vehicle],
-        orders: Mapping[str, Order],
-        flying: _Group | None = None,
-        lasts_s: float | None = None,
-    ) -> None:
-        """Whether all would stay apart, by where they are and what they are to fly."""
-        now_s = self._clock.monotonic_s()
-        planned: list[Planned] = []
-        for vehicle_id, vehicle in vehicles.items():
-            order, elapsed_s = orders.get(vehicle_id), 0.0
-            setpoint = None if order is None else order.setpoint
-            snapshot = vehicle.offboard.snapshot(order)
-            here, origin = snapshot.position_at(now_s), snapshot.bounds.origin
-            if here is None or origin is None:
-                if flying is not None and flying.guard is not None and vehicle_id in flying.guard.held:
-                    continue
-                raise NotTogether(
-                    f"Vehicle {vehicle_id} does not know where on the earth it is, so it cannot be kept "
-                    "apart from the others.",
-                    vehicles=(vehicle_id,),
-                    remedy="Wait for GPS, home and the estimator.",
-                )
-            if order is None:
-                state = self._thread.state(vehicle_id)
-                order, elapsed_s = state.order, state.age_s or 0.0
-                if order is not None and state.phase == "streaming":
-                    step = isinstance(order.setpoint, PositionBody)  # was worked out when it was taken
-                    setpoint = state.sent if step else order.setpoint
-            expires_s = lasts_s if lasts_s is not None or order is None else order.lasts_s
-            planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
-        conflict = first_conflict(planned, now_s, minimum_m)
-        if conflict is not None:
-            raise NotTogether(
-                conflict.words(minimum_m),
-                vehicles=conflict.vehicles,
-                distance_m=conflict.distance_m,
-                remedy=SLOWER,
-            )
-
-    def _orders(self, order: GroupOrder, setpoints: Mapping[str, Setpoint]) -> dict[str, Order]:
-        """Each with the validity that lets all expire at one instant."""
-        longest_s = max((_duration_s(s) for s in order.setpoints.values()), default=0.0)
-        if longest_s > LONGEST_PLAN_S:
-            raise InvalidRequest(
-                "members", f"A path of a group lasts {LONGEST_PLAN_S:g} s at most, not {longest_s:g} s."
-            )
-        return {
-            vehicle_id: Order(
-                setpoint,
-                order.valid_for_s + longest_s - _duration_s(setpoint),
-                order.on_expiry,
-                order.client,
-            )
-            for vehicle_id, setpoint in setpoints.items()
-        }
-
-    def _left_s(self, group: _Group, changed: Mapping[str, Setpoint]) -> float:
-        """Until the last path has come to its end."""
-        left_s = [_duration_s(setpoint) for setpoint in changed.values()]
-        for vehicle_id, setpoint in group.setpoints.items():
-            if vehicle_id not in changed:
-                age_s = self._thread.state(vehicle_id).age_s
-                left_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
-        return max(left_s, default=0.0)
-
     # --- what is told -----------------------------------------------------------------------------
+
+    def _collect(self) -> None:
+        for name, finding in self._thread.take_findings():
+            self._found(self._groups[name], finding)
 
     def _found(self, group: _Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
@@ -452,6 +334,7 @@ class Groups:
     def _end(self, group: _Group, why: str | None) -> None:
         if group.state == "ended":
             return
+        self._collect()
         guard = group.guard
         if why is None and guard is not None:
             expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
@@ -523,10 +406,6 @@ class Groups:
         ended = [group.id for group in self._groups.values() if group.state == "ended"]
         for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
             del self._groups[group_id]
-
-
-def _duration_s(setpoint: Setpoint) -> float:
-    return setpoint.duration_s if isinstance(setpoint, Path) else 0.0
 
 
 def _listed(vehicles: Mapping[str, Vehicle] | Sequence[str]) -> str:

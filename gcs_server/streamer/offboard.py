@@ -76,6 +76,7 @@ class Streamer:
 
         One that is not there within `STOP_ALL_S` loses its stream and fails safe.
         """
+        self.groups.stand_down()
         async with asyncio.TaskGroup() as group:
             stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._thread.active()]
         return [stop.result() for stop in stops]

@@ -11,6 +11,7 @@ from gcs_server.api import responses
 from gcs_server.api.schema import bare_app
 from gcs_server.app import create_app
 from gcs_server.settings import Settings
+from gcs_server.streamer.group_status import GroupStatus
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +120,17 @@ def test_a_group_of_unknown_vehicles_is_404_and_each_has_its_line(client):
     for call in ("/hold", "/setpoints"):
         unknown = client.post(f"/api/v1/groups/7{call}", json={"setpoints": []})
         assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_group")
+
+
+def test_a_groups_changes_are_events_of_the_station(client):
+    groups = client.app.state.station.groups
+    status = GroupStatus("4", "flying", "anna", 5.0, False, 1.0, 2.0, 3.0, (), None, (), None)
+    with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
+        assert socket.receive_json()["type"] == "hello"
+        client.portal.call(groups.tell, "Group 4 has begun.", status, True)
+        event = socket.receive_json()["event"]
+    assert (event["kind"], event["vehicle"], event["severity"]) == ("group", None, 4)
+    assert (event["text"], event["group"]["id"]) == ("Group 4 has begun.", "4")
 
 
 def test_links_can_be_refused_added_and_removed(client):

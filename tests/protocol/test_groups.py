@@ -372,6 +372,51 @@ def test_held_before_the_instant_nobody_begins(jump):
     desk(jump, story)
 
 
+def test_a_member_steered_alone_before_the_instant_moves_nobody(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
+        alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
+        at.vehicles["1"].offboard.setpoint(alone.to_order("anna"))
+        await seconds(12)
+        assert set(modes(at).values()) == {HOLD}
+        nobody_moved(at)
+        finding = view(await group_routes.show("1", at.station))["findings"][0]
+        assert "Vehicle 1 was given another setpoint before the common start" in finding["text"]
+
+    desk(jump, story)
+
+
+def test_a_member_can_follow_another_of_the_group(jump):
+    async def story(at):
+        beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
+        await begin(at, {"1": place(4), "2": beside})
+        await seconds(2)
+        shown = view(await group_routes.show("1", at.station))
+        assert [m["ordered_type"] for m in shown["members"]] == ["position", "follow"]
+        assert shown["state"] == "flying"
+        last = at.pilots["2"].setpoints[-1][1]
+        assert (last.x, last.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
+        nearer = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
+        with pytest.raises(NotTogether, match="would come within"):
+            await group_routes.setpoints("1", changes({"2": nearer}), at.station, ANNA)
+
+    desk(jump, story, count=2)
+
+
+def test_the_end_of_the_server_holds_a_group_without_findings(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH)
+        await seconds(1)
+        stopped = await at.world.streamer.stop_all()
+        assert [s.error for s in stopped] == [None] * 3
+        assert set(modes(at).values()) == {HOLD}
+        await seconds(0.3)
+        shown = view(await group_routes.show("1", at.station))
+        assert (shown["ended"], shown["findings"]) == ("The server ended.", [])
+
+    desk(jump, story)
+
+
 def test_a_killed_client_leaves_all_in_hold(jump):
     async def story(at):
         await begin(at, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)

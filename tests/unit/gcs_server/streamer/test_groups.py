@@ -1,0 +1,235 @@
+"""What keeps a group apart, without any vehicle: braking, looking ahead, and the guard's decisions."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_server.streamer.bounds import Bounds
+from gcs_server.streamer.group_guard import GroupGuard, Seen
+from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
+from gcs_server.streamer.local_frame import Origin
+from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.separation import closest_m, stopping_m
+from gcs_server.streamer.setpoints import (
+    Attitude,
+    Follow,
+    Order,
+    Path,
+    PathPoint,
+    Position,
+    PositionGlobal,
+    Velocity,
+    VelocityBody,
+)
+
+METRE_EAST_DEG = math.degrees(1 / (6_371_000.0 * math.cos(math.radians(47.0))))
+HERE = (0.0, 0.0, -10.0)
+
+
+def origin(east_m=0.0):
+    return Origin(47.0, 8.0 + east_m * METRE_EAST_DEG, 500.0)
+
+
+def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
+    return Snapshot(101.0, "offboard", position, velocity, yaw, bounds=Bounds(origin=origin(east_m)))
+
+
+def planned(vehicle, setpoint, east_m=0.0, lasts_s=30.0, **more):
+    return Planned(vehicle, setpoint, snapshot(east_m, **more), lasts_s)
+
+
+def conflict(*members, minimum_m=3.0):
+    return first_conflict(members, 100.0, minimum_m)
+
+
+def vectors(*rows):
+    return (np.array(row, dtype=float) for row in rows)
+
+
+# --- braking --------------------------------------------------------------------------------------
+
+
+def test_head_on_both_ways_of_stopping_count():
+    left_m = closest_m(*vectors((0, 0, 0), (5, 0, 0), (30, 0, 0), (-5, 0, 0)))
+    assert float(left_m) == pytest.approx(30 - 2 * stopping_m(5.0), abs=0.02)
+
+
+def test_in_parallel_nothing_is_lost_however_fast():
+    assert float(closest_m(*vectors((0, 0, 0), (9, 0, 0), (0, 4, 0), (9, 0, 0)))) == pytest.approx(4.0)
+
+
+def test_standing_and_apart_nothing_comes_nearer():
+    left_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (-7, 0, 0), (0, 0, 0)))
+    assert float(left_m) == pytest.approx(7.0)
+
+
+def test_a_fast_pass_between_two_samples_is_seen():
+    left_m = closest_m(*vectors((0, 0, 0), (12, 0, 0), (1, 0.4, 0), (-12, 0, 0)))
+    assert float(left_m) == pytest.approx(0.4, abs=0.02)
+
+
+# --- looking ahead --------------------------------------------------------------------------------
+
+
+def test_places_in_two_local_frames_are_compared_on_the_earth():
+    there = Position((20.0, 0.0, -10.0))
+    assert conflict(planned("1", there), planned("2", there, east_m=8.0)) is None
+    found = conflict(planned("1", there), planned("2", Position((20.0, -8.0, -10.0)), east_m=8.0))
+    assert found is not None
+    assert found.vehicles == ("1", "2")
+    assert found.distance_m < 0.5
+    assert "vehicles 1 and 2 would come within" in found.words(3.0)
+
+
+def test_two_that_stand_too_near_are_found_at_once():
+    found = conflict(planned("1", None), planned("2", None, east_m=2.0))
+    assert found is not None
+    assert (found.after_s, found.distance_m) == (0.0, pytest.approx(2.0, abs=0.01))
+    assert "are 2.0 m apart now (at least 3 m were asked for)" in found.words(3.0)
+
+
+def test_paths_are_compared_in_time():
+    def across(begin_s):
+        points = [(0.0, (0.0, 0.0, -10.0)), (begin_s, (0.0, 0.0, -10.0)), (begin_s + 20, (0.0, 40.0, -10.0))]
+        return Path(tuple(PathPoint(t, at) for t, at in points))
+
+    def back():
+        return Path((PathPoint(0.0, HERE), PathPoint(20.0, (0.0, -40.0, -10.0))))
+
+    assert conflict(planned("1", across(1.0)), planned("2", back(), east_m=40.0)) is not None
+    follows = planned("2", across(1.0), east_m=-10.0)
+    assert conflict(planned("1", across(1.0)), follows) is None
+    assert conflict(planned("1", across(60.0)), planned("2", across(1.0), east_m=-10.0)) is not None
+
+
+def test_a_path_under_way_is_looked_at_from_where_it_is():
+    path = Path((PathPoint(0.0, (0.0, 0.0, -10.0)), PathPoint(20.0, (40.0, 0.0, -10.0))))
+    late = Planned("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
+    passed = planned("2", None, position=(4.0, 0.0, -10.0))
+    assert first_conflict([late, passed], 100.0, 3.0) is None
+    ahead = planned("2", None, position=(38.0, 0.0, -10.0))
+    assert first_conflict([late, ahead], 100.0, 3.0) is not None
+
+
+def test_velocities_count_until_they_expire():
+    def pair(lasts_s):
+        towards = planned("2", Velocity((0.0, -1.0, 0.0)), east_m=30.0, lasts_s=lasts_s)
+        return planned("1", Velocity((0.0, 1.0, 0.0)), lasts_s=lasts_s), towards
+
+    assert conflict(*pair(5.0)) is None
+    assert conflict(*pair(20.0)) is not None
+
+
+def test_a_body_velocity_and_a_place_on_the_earth_are_understood():
+    east = planned("1", VelocityBody((1.0, 0.0, 0.0)), yaw=math.pi / 2)
+    assert conflict(east, planned("2", None, east_m=20.0)) is not None
+    place = PositionGlobal(47.0, 8.0, alt_amsl_m=510.0)
+    assert conflict(planned("1", None), planned("2", place, east_m=20.0)) is not None
+    assert (
+        conflict(planned("1", None), planned("2", Attitude((1.0, 0.0, 0.0, 0.0), 0.5), east_m=20.0)) is None
+    )
+
+
+def test_a_follower_is_where_its_leader_will_be():
+    leader = planned("1", Position((30.0, 0.0, -10.0)))
+    beside = planned("2", Follow("1", offset_ned_m=(0.0, 6.0, 0.0)), east_m=6.0)
+    assert conflict(leader, beside) is None
+    in_the_way = planned("3", None, east_m=6.0, position=(20.0, 0.0, -10.0))
+    found = conflict(leader, beside, in_the_way)
+    assert found is not None
+    assert found.vehicles == ("2", "3")
+
+
+def test_so_fast_that_both_could_not_be_stopped_is_refused_though_they_would_pass():
+    def pass_by(north_m, towards):
+        points = [(0.0, (0.0, north_m, -10.0)), (10.0, (80.0 * towards, north_m, -10.0))]
+        return Path(tuple(PathPoint(t, (n, e, d)) for t, (n, e, d) in points))
+
+    crossing = Path((PathPoint(0.0, (40.0, -34.0, -10.0)), PathPoint(12.0, (40.0, 60.0, -10.0))))
+    first = planned("1", pass_by(0.0, 1.0))
+    found = conflict(first, planned("2", crossing, position=(40.0, -34.0, -10.0)))
+    assert found is not None
+    assert found.while_stopping or found.distance_m < 3.0
+
+
+def test_looking_ahead_has_an_end():
+    endless = planned("1", Follow("9", offset_ned_m=(0.0, 3.0, 0.0)))
+    assert conflict(endless, planned("2", None, east_m=50.0)) is None
+    assert LONGEST_PLAN_S == 600.0
+
+
+# --- the guard ------------------------------------------------------------------------------------
+
+WAIT, GO = Order(Position(HERE)), Order(Velocity((1.0, 0.0, 0.0)), 30.0)
+
+
+def guard(**more):
+    both = ("1", "2")
+    options = {"minimum_m": 3.0, "start_s": 101.0, "lasts_s": 30.0, **more}
+    return GroupGuard("7", dict.fromkeys(both, WAIT), dict.fromkeys(both, GO), **options)
+
+
+def seen(second=None, order=WAIT, phase="streaming", **more):
+    first = Seen("streaming", order, snapshot(**more), None)
+    return {"1": first, "2": Seen(phase, order, second or snapshot(20.0), None)}
+
+
+def test_all_begin_at_the_instant_and_once():
+    watch = guard()
+    assert not watch.look(100.5, seen()).take
+    assert watch.due_s <= 101.0
+    assert set(watch.look(101.0, seen()).take) == {"1", "2"}
+    assert watch.phase == "flying"
+    assert not watch.look(101.1, seen(order=GO)).take
+
+
+def test_woken_late_nobody_begins():
+    watch = guard()
+    late = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin()))
+    other = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin(20.0)))
+    both = {"1": Seen("streaming", WAIT, late, None), "2": Seen("streaming", WAIT, other, None)}
+    actions = watch.look(102.5, both)
+    assert not actions.take
+    assert set(actions.hold) == {"1", "2"}
+    assert watch.findings[0].code == "late"
+
+
+def test_the_two_that_come_too_near_hold_and_the_finding_says_how_near():
+    watch = guard()
+    watch.look(101.0, seen())
+    near = seen(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))
+    actions = watch.look(101.1, near)
+    assert set(actions.hold) == {"1", "2"}
+    assert actions.code == "separation"
+    finding = watch.findings[0]
+    assert (finding.code, finding.vehicles, finding.held) == ("separation", ("1", "2"), ("1", "2"))
+    assert not watch.look(101.2, near).hold  # told and done once
+
+
+def test_an_expiry_of_all_at_their_instant_is_no_finding():
+    watch = guard()
+    watch.look(101.0, seen())
+    watch._next_look_s = 0.0
+    assert not watch.look(130.99, seen(order=GO, phase="holding")).hold
+    assert not watch.findings
+    over = {v: Seen("idle", None, snapshot(), "done") for v in "12"}
+    watch.look(140.0, over)
+    assert (watch.phase, watch.due_s) == ("over", math.inf)
+
+
+def test_one_whose_place_is_not_known_holds_all():
+    watch = guard()
+    watch.look(101.0, seen())
+    blind = Snapshot(101.0, "offboard", None, None, 0.0, bounds=Bounds(origin=origin(20.0)))
+    actions = watch.look(101.1, seen(blind, GO))
+    assert set(actions.hold) == {"1", "2"}
+    assert watch.findings[0].code == "place_unknown"
+
+
+def test_others_go_on_where_that_was_asked_for():
+    watch = guard(others_go_on=True)
+    watch.look(101.0, seen())
+    actions = watch.look(101.1, seen(order=GO, phase="holding"))
+    assert set(actions.hold) == {"2"}
+    assert watch.held == {"2"}
