@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import math
+import random
 from types import SimpleNamespace
 
 import pytest
@@ -413,6 +414,41 @@ def test_the_end_of_the_server_holds_a_group_without_findings(jump):
         await seconds(0.3)
         shown = view(await group_routes.show("1", at.station))
         assert (shown["ended"], shown["findings"]) == ("The server ended.", [])
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_every_fifth_packet_lost_a_group_begins_changes_and_is_held(jump, seed):
+    async def story(at):
+        for index, pilot in enumerate(at.pilots.values()):
+            pilot.loss, pilot.random = 0.2, random.Random(seed * 10 + index)
+        await begin(at, ALL_NORTH)
+        await seconds(2)
+        begun = [next(t for t, m in p.setpoints if m.x > 1) for p in at.pilots.values()]
+        assert max(begun) - min(begun) < 10 * STREAM_PERIOD_S  # a first one may be lost on the way
+        await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
+        held = view(await group_routes.hold("1", at.station, ANNA))
+        assert (held["state"], held["findings"]) == ("ended", [])
+        assert set(modes(at).values()) == {HOLD}
+        assert sum(pilot.failsafes for pilot in at.pilots.values()) == 0
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
+def test_a_loop_that_stalls_does_not_blind_the_guard_and_after_a_second_all_hold(jump, stall_s, code):
+    async def story(at):
+        await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+        await seconds(8)
+        streamer = at.world.streamer
+        streamer.beat_once = lambda: None
+        await seconds(stall_s)
+        del streamer.beat_once
+        await seconds(3)
+        findings = view(await group_routes.show("1", at.station))["findings"]
+        assert [finding["code"] for finding in findings] == ([] if code is None else [code])
+        assert set(modes(at).values()) == ({OFFBOARD} if code is None else {HOLD})
 
     desk(jump, story)
 
