@@ -3,9 +3,17 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared"
+
+for profile, same_each_time in (("steady", True), ("search", False)):
+    settings.register_profile(
+        profile, deadline=None, derandomize=same_each_time, suppress_health_check=[HealthCheck.too_slow]
+    )
+settings.load_profile("steady")
+"""A suite that passed passes again, however busy the machine; `--hypothesis-profile=search` looks further."""
 
 
 @pytest.fixture(scope="session")
