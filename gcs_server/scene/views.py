@@ -28,7 +28,7 @@ Mode = Literal["chase", "free", "gimbal", "top"]
 HANDLES_FROM_M = 6.0
 """So far off handles come into sight: they have the same size on the screen from anywhere."""
 NEAREST_HANDLES_M = 3.5
-HANDLES_WITHIN_RAD = 0.15
+HANDLES_WITHIN_RAD = 0.1
 """Farther from the middle than this a handle may lie under a panel of the page or out of sight."""
 HANDLES_FROM_ABOVE_RAD = 0.55
 """Where they come into sight; lower down their square along the ground is a line."""

@@ -17,7 +17,6 @@ LASTING = frozenset(
     {
         "the recorded vehicle held other values",
         "the recorded vehicle lay tipped over after an actuator test",
-        "no autotuning",
         "how long the barometer is calibrated is not recorded",
         "the recording is thinned, so not all that was sent is known",
     }

@@ -37,9 +37,9 @@ async (shot) => {
 FREE = """
 () => {
   const box = (name) => document.querySelector(name)?.getBoundingClientRect();
-  const stage = box('main'), small = box('section.inset'), cards = box('aside'), bar = box('.place .dock');
+  const stage = box('main'), small = box('section.inset'), cards = box('aside'), bar = box('.place .dock'), news = box('.news');
   const left = small ? small.right : stage.left;
-  return [(left + cards.left) / 2, (stage.top + bar.top) / 2];
+  return [(left + cards.left) / 2, (news.bottom + bar.top) / 2];
 }
 """
 """The middle of what panels leave free: there a followed vehicle is on the large map."""

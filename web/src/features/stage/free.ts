@@ -2,14 +2,14 @@
 
 import type { Pixel } from './geo';
 
-export type Edge = 'left' | 'right' | 'bottom';
+export type Edge = 'left' | 'right' | 'top' | 'bottom';
 
 /** Between panels and the stage's edge [px]. */
 const MARGIN_PX = 12;
 
 /** Of several panels at an edge the widest counts. */
 export function widest(panels: Iterable<{ edge: Edge; px: number }>): Record<Edge, number> {
-  const covered = { left: 0, right: 0, bottom: 0 };
+  const covered = { left: 0, right: 0, top: 0, bottom: 0 };
   for (const { edge, px } of panels) covered[edge] = Math.max(covered[edge], px);
   return covered;
 }
@@ -18,10 +18,10 @@ export function widest(panels: Iterable<{ edge: Edge; px: number }>): Record<Edg
 export function freeMiddle(stage: { width: number; height: number }, covered: Readonly<Record<Edge, number>>): Pixel {
   const { width, height } = stage;
   const from = (px: number): number => (px === 0 ? 0 : px + MARGIN_PX);
-  const [left, right, bottom] = [from(covered.left), covered.right, from(covered.bottom)];
+  const [left, right, top, bottom] = [from(covered.left), covered.right, from(covered.top), from(covered.bottom)];
   return {
     x: left + right < width ? Math.round((left - right) / 2) : 0,
-    y: bottom < height ? 0 - Math.round(bottom / 2) : 0,
+    y: top + bottom < height ? Math.round((top - bottom) / 2) : 0,
   };
 }
 

@@ -56,7 +56,7 @@ class StageState {
     };
     const sizes = new ResizeObserver(() => {
       const box = panel.getBoundingClientRect(); // on a large screen panels are magnified
-      tell(Math.round(edge === 'bottom' ? box.height : box.width));
+      tell(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
     });
     sizes.observe(panel);
     return {

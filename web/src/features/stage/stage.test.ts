@@ -165,15 +165,16 @@ describe('offline maps', () => {
 describe('the middle of what panels leave free', () => {
   const stage = { width: 1036, height: 628 };
   it('is between them, wherever they are', () => {
-    expect(freeMiddle(stage, { left: 240, right: 344, bottom: 56 })).toEqual({ x: -46, y: -34 });
-    expect(freeMiddle(stage, { left: 240, right: 0, bottom: 0 })).toEqual({ x: 126, y: 0 });
-    expect(freeMiddle(stage, { left: 0, right: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
+    expect(freeMiddle(stage, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: -46, y: -34 });
+    expect(freeMiddle(stage, { left: 240, right: 0, top: 0, bottom: 0 })).toEqual({ x: 126, y: 0 });
+    expect(freeMiddle(stage, { left: 0, right: 0, top: 78, bottom: 56 })).toEqual({ x: 0, y: 11 });
+    expect(freeMiddle(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
   });
   it('goes by the widest at each edge', () => {
-    expect(widest([{ edge: 'left', px: 240 }, { edge: 'left', px: 540 }, { edge: 'right', px: 344 }])).toEqual({ left: 540, right: 344, bottom: 0 });
+    expect(widest([{ edge: 'left', px: 240 }, { edge: 'left', px: 540 }, { edge: 'right', px: 344 }])).toEqual({ left: 540, right: 344, top: 0, bottom: 0 });
   });
   it('stays where nothing is left', () => {
-    expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, bottom: 56 })).toEqual({ x: 0, y: 0 });
+    expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });
   });
   it('is told to the 3D view as shares of it', () => {
     expect(asShares({ x: -46, y: -34 }, stage)).toEqual([-0.0444, -0.0541]);
