@@ -344,6 +344,7 @@ def test_after_all_that_who_may_command_does(sites: dict[str, Site]) -> None:
         assert {asyncio.run(site.handshake(path, site.own)) for path in STREAMS} == {101}
 
 
+@pytest.mark.realtime
 def test_a_restarted_server_knows_its_people(tmp_path: Path) -> None:
     """The cookie of before still opens: nobody is logged out in flight."""
     port = free_port(socket.SOCK_STREAM)

@@ -37,7 +37,8 @@ async (shot) => {
 FREE = """
 () => {
   const box = (name) => document.querySelector(name)?.getBoundingClientRect();
-  const stage = box('main'), small = box('section.inset'), cards = box('aside'), bar = box('.place .dock'), news = box('.news');
+  const stage = box('main'), small = box('section.inset'), cards = box('aside');
+  const news = box('.news'), bar = box('.place .dock');
   const left = small ? small.right : stage.left;
   return [(left + cards.left) / 2, (news.bottom + bar.top) / 2];
 }

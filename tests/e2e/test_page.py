@@ -291,6 +291,7 @@ def test_the_values_are_chosen_by_hand_and_by_keys_and_stay_chosen(browser: Brow
         expect(labels).to_have_text(usual)
 
 
+@pytest.mark.realtime
 def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_path: Path) -> None:
     port, http_port = free_port(), free_port()
     url = f"http://127.0.0.1:{http_port}"

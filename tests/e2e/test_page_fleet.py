@@ -28,6 +28,7 @@ def browser() -> Iterator[Browser]:
         yield one
 
 
+@pytest.mark.realtime
 def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
     port = free_port()
     with (

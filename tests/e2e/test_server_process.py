@@ -118,6 +118,7 @@ def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path,
         wait_until(lambda: boot_s() > before_s + 4, "the recording's time", 10)
 
 
+@pytest.mark.realtime
 def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_path: Path) -> None:
     mavlink, own = free_port(), free_port()
     more = f"--gcs-remote-port {mavlink} --gcs-local-port {own} --no-api --tcp-port 0"
