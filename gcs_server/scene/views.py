@@ -27,7 +27,8 @@ Mode = Literal["chase", "free", "gimbal", "top"]
 
 HANDLES_FROM_M = 6.0
 """So far off handles come into sight: they have the same size on the screen from anywhere."""
-NEAREST_HANDLES_M = 3.5
+NEAREST_HANDLES_M = 4.5
+"""Nearer they are looked at from farther off; a chase camera always is, wherever it was just now."""
 HANDLES_WITHIN_RAD = 0.1
 """Farther from the middle than this a handle may lie under a panel of the page or out of sight."""
 HANDLES_FROM_ABOVE_RAD = 0.55
