@@ -34,6 +34,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
 from gcs_server.streamer.group_status import GroupStatus
 from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.process import StreamProcess
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
@@ -42,6 +43,8 @@ from gcs_server.vehicle.fleet import Fleet, Notice
 log = logging.getLogger(__name__)
 
 COMPONENT_ID = 190
+STREAM_COMPONENT_ID = 191
+"""Setpoints' own: MAVLink numbers the frames of each component, and they leave another process."""
 STATIC = Path(__file__).resolve().parent / "static"
 NO_PAGE = """The page has not been built yet.
 
@@ -70,7 +73,12 @@ class Server:
             ),
         )
         self.fleet = Fleet(clock, self.supervisor, self.router)
-        self.streamer = Streamer(clock, server_silent_limit_s=settings.server_silent_limit_s)
+        streams = StreamProcess(
+            clock,
+            (settings.system_id, STREAM_COMPONENT_ID),
+            server_silent_limit_s=settings.server_silent_limit_s,
+        )
+        self.streamer = Streamer(clock, streams)
         self.fleet.on_vehicle_added(self.streamer.attach)
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -118,6 +119,14 @@ class Link(ABC):
             return True
         self._bytes_dropped += len(data)
         return False
+
+    def datagrams(self) -> socket.socket | None:
+        """The open socket where each send is a datagram: another process may send by it, too."""
+        return None
+
+    def sent_elsewhere(self, size_bytes: int) -> None:
+        """Another process has sent so much by this link's socket."""
+        self._bytes_sent += size_bytes
 
     def peers(self) -> tuple[Peer, ...]:
         """Who is at the other end now."""

@@ -45,6 +45,9 @@ class UdpLink(Link):
         """The port in use, where it is open."""
         return self._socket.getsockname()[1] if self._socket else None
 
+    def datagrams(self) -> socket.socket | None:
+        return self._socket
+
     def _open(self) -> None:
         resolve(self._loop, self._host, self._port, self._resolved, self._lost)
 

@@ -34,7 +34,7 @@ class ParserCounts:
 
 
 class FrameSender:
-    """The one place that owns outgoing sequence numbers, so that loop and streamer thread share it.
+    """The one place that owns outgoing sequence numbers, so that all threads share it.
 
     Numbers run per peer: several vehicles on one link would otherwise each count our frames to the
     others as lost.
@@ -127,6 +127,12 @@ class Connection:
         """Passes on another's frame as it is."""
         if self.link.send(raw, peer):
             self._record(raw)
+
+    def sent_elsewhere(self, time_us: int, raw: bytes) -> None:
+        """A process of ours has sent this frame by the link's socket, then (since 1970); from any thread."""
+        self.link.sent_elsewhere(len(raw))
+        if self._recording is not None:
+            self._recording.append(stamp(time_us), raw)
 
     def speaking_peers(self) -> tuple[Peer, ...]:
         """Peers to greet: all but those from whom only garbage came."""

@@ -119,7 +119,7 @@ class Aimer:
         return any(axis is not None for axis in sent.position_ned_m)
 
     def _load(self, now_s: float, snapshot: Snapshot, wanted: Sendable) -> Obeyed:
-        bounds = snapshot.bounds
+        bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         if wanted is self._wanted and bounds is self._bounds and not bounds.follows_the_vehicle:
             return Obeyed(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._obeyed_s)

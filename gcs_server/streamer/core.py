@@ -40,7 +40,7 @@ MODE_ASKS = 5
 """Asked this often without the vehicle's word, the stream stops and PX4's own failsafe takes over."""
 LONGEST_START_S = 20.0
 WIND_DOWN_S = 7.0
-"""A stop that the loop has not brought about by then is brought about by the thread."""
+"""A stop that the loop has not brought about by then is brought about by the stream itself."""
 UNDO_S = 2.5
 """So long a vehicle may yet report an Offboard that nobody waits for: two heartbeats, one of them lost."""
 REFRAIN_S = 6.5
@@ -131,7 +131,7 @@ class StreamCore:
     def wind_down(self, now_s: float, snapshot: Snapshot) -> None:
         """Somebody asked to stop: hold the place while the loop asks the vehicle for Hold.
 
-        If the loop then fails to, the thread asks itself, as after an expiry.
+        If the loop then fails to, the stream asks itself, as after an expiry.
         """
         if self.phase in ("streaming", "holding"):
             self._stand_still(now_s, snapshot)
@@ -159,7 +159,7 @@ class StreamCore:
         if tell:
             self.reports.append(self.last_end)
 
-    # --- what the thread asks for -----------------------------------------------------------------
+    # --- what the rounds ask for ------------------------------------------------------------------
 
     def due_s(self, beat_s: float) -> float:
         """When `tick` wants to be called next; infinity while idle."""

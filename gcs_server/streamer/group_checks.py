@@ -9,7 +9,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
 from gcs_server.streamer.setpoints import OnExpiry, Order, Path, PositionBody, Setpoint
-from gcs_server.streamer.thread import StreamThread
+from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
 
 SOONEST_S, LATEST_S = 3.0, 300.0
@@ -38,12 +38,12 @@ class GroupChecks:
 
     Args:
         clock: the server's.
-        thread: what sends.
+        streams: what sends.
     """
 
-    def __init__(self, clock: Clock, thread: StreamThread) -> None:
+    def __init__(self, clock: Clock, streams: Streams) -> None:
         self._clock = clock
-        self._thread = thread
+        self._streams = streams
 
     def check_instant(self, order: GroupOrder, soonest_s: float) -> None:
         """Raises InvalidRequest where the common start is not so far ahead."""
@@ -61,7 +61,7 @@ class GroupChecks:
     def check_member(self, vehicle: Vehicle, index: int, order: GroupOrder) -> None:
         """Raises NotTogether (or whatever refuses a single vehicle) where it cannot join now."""
         vehicle.require_commandable()
-        if self._thread.state(vehicle.id).phase != "idle":
+        if self._streams.state(vehicle.id).phase != "idle":
             raise NotTogether(
                 f"Vehicle {vehicle.id} is streamed to already.",
                 vehicles=(vehicle.id,),
@@ -127,7 +127,7 @@ class GroupChecks:
                     remedy="Wait for GPS, home and the estimator.",
                 )
             if order is None:
-                state = self._thread.state(vehicle_id)
+                state = self._streams.state(vehicle_id)
                 order, elapsed_s = state.order, state.age_s or 0.0
                 if order is not None and state.phase == "streaming":
                     step = isinstance(order.setpoint, PositionBody)  # was worked out when it was taken
@@ -165,7 +165,7 @@ class GroupChecks:
         left_s = [_duration_s(setpoint) for setpoint in changed.values()]
         for vehicle_id, setpoint in flown.items():
             if vehicle_id not in changed:
-                age_s = self._thread.state(vehicle_id).age_s
+                age_s = self._streams.state(vehicle_id).age_s
                 left_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
         return max(left_s, default=0.0)
 

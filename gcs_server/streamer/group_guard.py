@@ -1,4 +1,4 @@
-"""What keeps a group's vehicles apart while they fly, and lets them begin together: pure, run by the thread.
+"""What keeps a group's vehicles apart while they fly, and lets them begin together: pure, run in rounds.
 
     waiting ── the instant ──► flying ── setpoints ──┐
        │                         │ ▲                 │
@@ -35,7 +35,7 @@ FOLLOWS_ORDER = ("starting", "streaming")
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What the thread knows of one member."""
+    """What the streams know of one member."""
 
     phase: str
     """Of its stream."""
@@ -62,12 +62,26 @@ class Finding:
 
 @dataclass(slots=True)
 class Actions:
-    """What the thread shall do now."""
+    """What the streams shall do now."""
 
     take: dict[str, Order] = field(default_factory=dict[str, Order])
     hold: dict[str, str] = field(default_factory=dict[str, str])
     """Whom to stop, and why."""
     code: str = "group"
+
+
+@dataclass(frozen=True, slots=True)
+class GuardState:
+    """How a guard stands, read in one moment."""
+
+    phase: str
+    """waiting, flying, over."""
+    until_s: float
+    """When all setpoints expire together, monotonic."""
+    held: frozenset[str] = frozenset()
+    """Who follows the group's orders no more."""
+    nearest: tuple[str, str, float] | None = None
+    """The two that are nearest now, and how near [m]."""
 
 
 class GroupGuard:
@@ -120,6 +134,10 @@ class GroupGuard:
         if self.phase == "over":
             return math.inf
         return min(self._next_look_s, self.start_s) if self.phase == "waiting" else self._next_look_s
+
+    def state(self) -> GuardState:
+        """As others are to know it."""
+        return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest)
 
     def order_to_come(self, vehicle: str) -> Order | None:
         """What a member begins with at the instant; None once it has."""
@@ -188,7 +206,7 @@ class GroupGuard:
             return f"Vehicle {vehicle} flies the group's setpoints no more{': ' if seen.ended else ''}" + (
                 (seen.ended or "").rstrip(".")
             )
-        if self.phase == "waiting" and seen.order is not self._waits[vehicle]:
+        if self.phase == "waiting" and seen.order != self._waits[vehicle]:
             return f"Vehicle {vehicle} was given another setpoint before the common start"
         return None
 

@@ -4,8 +4,8 @@
         └────────── one refuses: all into Hold ───────────────────────────────────────┘
 
 Each member has the setpoint stream of its own that it has alone (`offboard_control.py`). Until the common
-instant it is sent the place where it is; then the thread gives all their first setpoints in one round. From
-the moment that all are confirmed the thread's guard (`group_guard.py`) keeps them apart, whatever the event
+instant it is sent the place where it is; then the streams give all their first setpoints in one round. From
+the moment that all are confirmed the guard (`group_guard.py`) keeps them apart, whatever the event
 loop does.
 """
 
@@ -18,10 +18,10 @@ from dataclasses import dataclass, field, replace
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, NoReply, NotTogether, Refused, Rejected, UnknownGroup
 from gcs_server.streamer.group_checks import SOONEST_S, GroupChecks, GroupOrder
-from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard
+from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
 from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Setpoint
-from gcs_server.streamer.thread import StreamThread
+from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
 
 LEAD_S = 0.5
@@ -42,7 +42,8 @@ class _Group:
     vehicles: dict[str, Vehicle]
     created_unix_s: float
     state: str = "starting"
-    guard: GroupGuard | None = None
+    guard: GuardState | None = None
+    """As it was last read; None before all are confirmed."""
     start_unix_s: float | None = None
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
     numbers: dict[str, int] = field(default_factory=dict[str, int])
@@ -56,15 +57,15 @@ class Groups:
 
     Args:
         clock: the server's.
-        thread: what sends.
+        streams: what sends.
         find: vehicles by id; raises UnknownVehicle.
     """
 
-    def __init__(self, clock: Clock, thread: StreamThread, find: Callable[[str], Vehicle]) -> None:
+    def __init__(self, clock: Clock, streams: Streams, find: Callable[[str], Vehicle]) -> None:
         self._clock = clock
-        self._thread = thread
+        self._streams = streams
         self._find = find
-        self._checks = GroupChecks(clock, thread)
+        self._checks = GroupChecks(clock, streams)
         self._groups: dict[str, _Group] = {}
         self._count = 0
         self.tell: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
@@ -111,7 +112,7 @@ class Groups:
             raise
         except BaseException:
             for vehicle_id in vehicles:
-                self._thread.call_off(vehicle_id, f"The start of group {group.id} was broken off")
+                self._streams.call_off(vehicle_id, f"The start of group {group.id} was broken off")
             self._end(group, "Its start was broken off.")
             raise
         self._set_off(group, waits, orders)
@@ -132,7 +133,7 @@ class Groups:
             NotTogether: two would come too near; all fly on as they did.
         """
         group = self._get(group_id)
-        guard = group.guard
+        guard = self._guard(group)
         if guard is None or group.state not in ("flying", "holding") or guard.phase != "flying":
             raise Refused(
                 f"Group {group_id} is {group.state}: it takes no setpoints.",
@@ -161,7 +162,7 @@ class Groups:
         )
         until_s = self._clock.monotonic_s() + left_s + valid_for_s
         snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
-        if not self._thread.change_together(group_id, orders, snapshots, until_s):
+        if not self._streams.change_together(group_id, orders, snapshots, until_s):
             raise Refused(
                 f"Group {group_id} is just ending, or its setpoints have expired.",
                 remedy="While the places are held, setpoints for all members fly it on; else start it anew.",
@@ -180,7 +181,7 @@ class Groups:
             return self._status(group)
         group.ending = f"{client} commanded Hold."
         if group.guard is not None:
-            self._thread.stand_down(group.id)
+            self._streams.stand_down(group.id)
         failed = await self._hold(group, group.vehicles)
         if failed:
             raise NoReply(
@@ -208,7 +209,7 @@ class Groups:
         """With each beat: tells what the guards found, and lets end what is over."""
         self._collect()
         for group in self._groups.values():
-            guard = group.guard
+            guard = self._guard(group)
             if guard is None or group.state == "ended":
                 continue
             phases = {self._phase(group, v) for v in group.vehicles}
@@ -228,7 +229,7 @@ class Groups:
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
                 group.ending = "The server ended."
-                self._thread.stand_down(group.id)
+                self._streams.stand_down(group.id)
 
     # --- starting ---------------------------------------------------------------------------------
 
@@ -241,7 +242,7 @@ class Groups:
             if here is None:
                 raise NotTogether(f"Vehicle {vehicle.id} does not know where it is.", vehicles=(vehicle.id,))
             waits[vehicle.id] = Order(Position(here), STAY_S, OnExpiry("hold", 1.0), group.order.client)
-            group.numbers[vehicle.id] = self._thread.state(vehicle.id).number + 1
+            group.numbers[vehicle.id] = self._streams.state(vehicle.id).number + 1
 
         async def join(vehicle: Vehicle) -> None:
             try:
@@ -276,7 +277,7 @@ class Groups:
             lead_s = order.start_at_unix_s - self._clock.unix_s()
         start_s = self._clock.monotonic_s() + lead_s
         group.start_unix_s = self._clock.unix_s() + lead_s
-        group.guard = GroupGuard(
+        guard = GroupGuard(
             group.id,
             waits,
             orders,
@@ -285,8 +286,8 @@ class Groups:
             lasts_s=max(o.lasts_s for o in orders.values()),
             others_go_on=order.others_go_on,
         )
-        group.state = "waiting"
-        self._thread.watch(group.guard)
+        group.state, group.guard = "waiting", guard.state()
+        self._streams.watch(guard)
         self._told(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
 
     async def _give_up(self, group: _Group, why: str) -> None:
@@ -314,7 +315,7 @@ class Groups:
     # --- what is told -----------------------------------------------------------------------------
 
     def _collect(self) -> None:
-        for name, finding in self._thread.take_findings():
+        for name, finding in self._streams.take_findings():
             self._found(self._groups[name], finding)
 
     def _found(self, group: _Group, finding: Finding) -> None:
@@ -335,7 +336,7 @@ class Groups:
         if group.state == "ended":
             return
         self._collect()
-        guard = group.guard
+        guard = self._guard(group)
         if why is None and guard is not None:
             expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
             why = "Its setpoints expired." if expired and not guard.held else "Its members fly it no more."
@@ -343,16 +344,16 @@ class Groups:
                 why = group.findings[-1].text
             why = group.ending or why
         group.state, group.ended = "ended", why
-        self._thread.unwatch(group.id)
+        self._streams.unwatch(group.id)
         self._told(group, f"Group {group.id} has ended: {why}")
 
     def _told(self, group: _Group, text: str, *, warning: bool = False) -> None:
         self.tell(text, self._status(group), warning)
 
     def _status(self, group: _Group) -> GroupStatus:
-        guard, ended = group.guard, group.state == "ended"
+        guard, ended = self._guard(group), group.state == "ended"
         nearest = guard.nearest if guard is not None and not ended else None
-        states = {v: self._thread.state(v) for v in group.vehicles}
+        states = {v: self._streams.state(v) for v in group.vehicles}
         valid = [s.valid_left_s for s in states.values() if s.phase == "streaming"]
         valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
         return GroupStatus(
@@ -381,9 +382,15 @@ class Groups:
 
     # --- inside -----------------------------------------------------------------------------------
 
+    def _guard(self, group: _Group) -> GuardState | None:
+        """Newest; of a group that has ended its last. None before all are confirmed."""
+        if group.guard is not None and group.state != "ended":
+            group.guard = self._streams.guard(group.id) or group.guard
+        return group.guard
+
     def _phase(self, group: _Group, vehicle_id: str) -> str:
         """Of the group's own stream to a member."""
-        state = self._thread.state(vehicle_id)
+        state = self._streams.state(vehicle_id)
         return state.phase if state.number == group.numbers.get(vehicle_id) else "idle"
 
     def _get(self, group_id: str) -> _Group:

@@ -22,7 +22,7 @@ from gcs_server.streamer.setpoints import (
     complete,
 )
 from gcs_server.streamer.status import Echo, StreamHealth
-from gcs_server.streamer.thread import StreamState
+from gcs_server.streamer.streams import StreamState
 
 
 def health_of(state: StreamState, observer: Observer, failsafe: Failsafe | None) -> StreamHealth:

@@ -116,7 +116,7 @@ class Observer:
         )
 
     def snapshot(self, **more: object) -> Snapshot:
-        """The vehicle as the stream's thread is to know it."""
+        """The vehicle as its stream is to know it."""
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
         asked = vehicle.command.asked_for(status.mode)

@@ -1,4 +1,4 @@
-"""All vehicles' setpoint streams: the thread, the loop's beat that keeps it informed, and a clean end."""
+"""All vehicles' setpoint streams: the loop's beat that keeps them informed, and a clean end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gcs_server.errors import GcsError, NoReply, UnknownVehicle
 from gcs_server.streamer.groups import Groups
 from gcs_server.streamer.offboard_control import OffboardControl
 from gcs_server.streamer.setpoints import Vector3, complete
-from gcs_server.streamer.thread import StreamThread
+from gcs_server.streamer.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -30,31 +30,35 @@ class Stopped:
 
 
 class Streamer:
-    """The thread and the loop's beat that keeps it informed; builds each vehicle's `offboard`."""
+    """The streams and the loop's beat that keeps them informed; builds each vehicle's `offboard`.
 
-    def __init__(self, clock: Clock, *, server_silent_limit_s: float = 1.5) -> None:
+    Args:
+        streams: what flies them: a process of its own, or rounds that a test runs.
+    """
+
+    def __init__(self, clock: Clock, streams: Streams) -> None:
         self._clock = clock
-        self._thread = StreamThread(clock, server_silent_limit_s=server_silent_limit_s)
+        self._streams = streams
         self._vehicles: dict[str, Vehicle] = {}
-        self.groups = Groups(clock, self._thread, self._find)
+        self.groups = Groups(clock, self._streams, self._find)
 
     def attach(self, vehicle: Vehicle) -> None:
         """Gives a vehicle its offboard control."""
         self._vehicles[vehicle.id] = vehicle
-        vehicle.offboard = OffboardControl(self._clock, vehicle, self._thread, self._find)
+        vehicle.offboard = OffboardControl(self._clock, vehicle, self._streams, self._find)
 
     def start(self, supervisor: Supervisor) -> None:
-        """Begins the thread and its beat."""
-        self._thread.start()
+        """Begins the streams and their beat."""
+        self._streams.start()
         supervisor.start("offboard-beat", self._beat)
 
     def close(self) -> None:
         """Stops all streams: the vehicles fail safe."""
-        self._thread.close()
+        self._streams.close()
 
     def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
         """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is."""
-        sent = self._thread.sent_setpoint(vehicle_id)
+        sent = self._streams.state(vehicle_id).sent
         if sent is None:
             return None
         position = getattr(sent, "position_ned_m", None)
@@ -78,7 +82,7 @@ class Streamer:
         """
         self.groups.stand_down()
         async with asyncio.TaskGroup() as group:
-            stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._thread.active()]
+            stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._streams.active()]
         return [stop.result() for stop in stops]
 
     async def _stop_one(self, vehicle_id: str) -> Stopped:
@@ -104,12 +108,12 @@ class Streamer:
             await self._clock.sleep(BEAT_PERIOD_S)
 
     def beat_once(self) -> None:
-        """Shows that the loop lives, renews the snapshots and tells what the thread reported."""
-        to_come = self._thread.watched()
-        seen = dict.fromkeys(self._thread.active()) | to_come
-        self._thread.beat({vid: self._vehicles[vid].offboard.snapshot(seen[vid]) for vid in seen})
+        """Shows that the loop lives, renews the snapshots and tells what they reported."""
+        to_come = self._streams.watched()
+        seen = dict.fromkeys(self._streams.active()) | to_come
+        self._streams.beat({vid: self._vehicles[vid].offboard.snapshot(seen[vid]) for vid in seen})
         self.groups.look()
-        for vehicle_id, report in self._thread.take_reports():
+        for vehicle_id, report in self._streams.take_reports():
             self._tell(vehicle_id, report.text, report.severity, report.code)
 
     def _tell(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:

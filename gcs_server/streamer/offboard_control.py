@@ -20,7 +20,7 @@ from gcs_server.streamer.observe import Observer
 from gcs_server.streamer.rules import problem_of
 from gcs_server.streamer.setpoints import Follow, Order, Sendable
 from gcs_server.streamer.status import Available, FailsafeView, Limits, OffboardStatus, expiry_view
-from gcs_server.streamer.thread import StreamThread
+from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
 
 PRE_STREAM_S = 1.2
@@ -41,14 +41,14 @@ class OffboardControl:
     Args:
         clock: the server's.
         vehicle: whose.
-        thread: what sends.
+        streams: what sends.
         find: other vehicles by id, for following them; raises UnknownVehicle.
     """
 
-    def __init__(self, clock: Clock, vehicle: Vehicle, thread: StreamThread, find: FindVehicle) -> None:
+    def __init__(self, clock: Clock, vehicle: Vehicle, streams: Streams, find: FindVehicle) -> None:
         self._clock = clock
         self._vehicle = vehicle
-        self._thread = thread
+        self._streams = streams
         self._find = find
         self._observer = Observer(vehicle)
         self._availability = Availability(self._observer, self._protocol)
@@ -60,9 +60,9 @@ class OffboardControl:
         self._bounds_of: tuple[object, ...] = ()
         self._asked = 0
         """The number of the stream for which Offboard has been asked for."""
-        vehicle.command.on_mode_command = lambda: thread.refrain(vehicle.id)
+        vehicle.command.on_mode_command = lambda: streams.refrain(vehicle.id)
         identity = vehicle.identity
-        thread.attach(vehicle.id, vehicle, (identity.system_id, identity.component_id))
+        streams.attach(vehicle.id, vehicle, (identity.system_id, identity.component_id))
 
     # --- the stream -------------------------------------------------------------------------------
 
@@ -79,13 +79,13 @@ class OffboardControl:
         vehicle = self._vehicle
         vehicle.require_commandable()
         status = vehicle.status
-        if status.mode == "offboard" and status.armed and not self._thread.state(vehicle.id).order:
+        if status.mode == "offboard" and status.armed and not self._streams.state(vehicle.id).order:
             raise Refused(
                 f"Vehicle {vehicle.id} already flies Offboard by somebody else's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
         self.check(order)
-        number = self._thread.begin(vehicle.id, order, rate_hz, self.snapshot(order))
+        number = self._streams.begin(vehicle.id, order, rate_hz, self.snapshot(order))
         if not number:
             raise Refused(
                 f"Vehicle {vehicle.id} is streamed to already.",
@@ -99,20 +99,20 @@ class OffboardControl:
             self.check(order)  # seconds may have passed, and the vehicle's limits are known now
             self._asked = number
             await vehicle.command.set_mode("offboard")
-            if not self._thread.engage(vehicle.id, self.snapshot(), number):
+            if not self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._still_starting(number)
         except BaseException as error:
             if self._asked == number and not isinstance(error, Rejected):
-                self._thread.abandon(vehicle.id, self.snapshot(), number)
+                self._streams.abandon(vehicle.id, self.snapshot(), number)
             else:
                 reason = str(error) or "it was cancelled"
-                self._thread.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
+                self._streams.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
             raise
         return self.status()
 
     def _still_starting(self, number: int) -> None:
-        if not self._thread.starting(self._vehicle.id, number):
-            ended = self._thread.state(self._vehicle.id).last_end
+        if not self._streams.starting(self._vehicle.id, number):
+            ended = self._streams.state(self._vehicle.id).last_end
             raise Refused(ended.text if ended else "The stream was stopped while it started.")
 
     @staticmethod
@@ -133,7 +133,7 @@ class OffboardControl:
             Refused: no stream runs, an estimate is missing, or the target is too far.
         """
         self._vehicle.require_commandable()
-        state = self._thread.state(self._vehicle.id)
+        state = self._streams.state(self._vehicle.id)
         if state.phase == "idle":
             ended = f" It ended: {state.last_end.text}" if state.last_end else ""
             raise Refused(
@@ -141,7 +141,7 @@ class OffboardControl:
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
             )
         self.check(order)
-        if not self._thread.change(self._vehicle.id, order, self.snapshot(order)):
+        if not self._streams.change(self._vehicle.id, order, self.snapshot(order)):
             raise Refused(
                 "The stream is just ending (the vehicle is being put into Hold or Land).",
                 remedy="Wait for it to end, then call offboard/start again.",
@@ -155,21 +155,21 @@ class OffboardControl:
         asked for on its expiry goes on.
         """
         vehicle = self._vehicle
-        state = self._thread.state(vehicle.id)
+        state = self._streams.state(vehicle.id)
         if state.phase in ("idle", "landing"):
             return self.status()
-        self._thread.wind_down(vehicle.id, self.snapshot())
+        self._streams.wind_down(vehicle.id, self.snapshot())
         may_come = state.phase in ("starting", "undoing") and self._asked == state.number
         if may_come or vehicle.status.mode == "offboard":
             await vehicle.command.set_mode("hold")
-        self._thread.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
+        self._streams.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
         return self.status()
 
     # --- what the vehicle is configured to ----------------------------------------------------------
 
     def asks_for(self) -> str | None:
         """The mode that the ending stream asks the vehicle for just now; None while it asks for none."""
-        return ENDS_IN.get(self._thread.state(self._vehicle.id).phase)
+        return ENDS_IN.get(self._streams.state(self._vehicle.id).phase)
 
     async def read_failsafe(self) -> Failsafe:
         """Asks the vehicle for its limits and what it does when the stream stops; the rest stays unknown."""
@@ -225,7 +225,7 @@ class OffboardControl:
         """
         if action is not None and action not in ACTION_MODES[:6]:
             raise InvalidRequest("action", f"There is no action {action!r}: {', '.join(ACTION_MODES[:6])}.")
-        state = self._thread.state(self._vehicle.id)
+        state = self._streams.state(self._vehicle.id)
         if after_s is not None and state.phase != "idle":
             self._check_rate(Failsafe(after_s, None, False), state.rate_hz)
         if after_s is not None:
@@ -276,7 +276,7 @@ class OffboardControl:
 
     def status(self) -> OffboardStatus:
         """How the stream stands, now."""
-        state = self._thread.state(self._vehicle.id)
+        state = self._streams.state(self._vehicle.id)
         order, failsafe = state.order, self._failsafe()
         return OffboardStatus(
             streaming=state.phase != "idle",
@@ -298,8 +298,8 @@ class OffboardControl:
         )
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
-        """The vehicle as the stream's thread is to know it (for an order that is about to be taken)."""
-        order = order or self._thread.state(self._vehicle.id).order
+        """The vehicle as its stream is to know it (for an order that is about to be taken)."""
+        order = order or self._streams.state(self._vehicle.id).order
         attitude = self._observer.attitude()
         return self._observer.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
@@ -315,7 +315,7 @@ class OffboardControl:
         return endpoints[0].connection.protocol if endpoints else "MAVLink"
 
     def _current_bounds(self) -> Bounds:
-        """Made anew only where their sources have changed: whether they are the same tells the thread."""
+        """Made anew only where their sources have changed: its stream is told of it then."""
         made_of = (self._parameters(), self._limits, self._observer.home(), self._observer.origin())
         if made_of != self._bounds_of:
             parameters, operator, home, origin = made_of

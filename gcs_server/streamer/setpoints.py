@@ -201,7 +201,7 @@ TYPES: dict[str, type] = {
 
 @dataclass(frozen=True, slots=True)
 class OnExpiry:
-    """What the thread does by itself when a setpoint has become too old."""
+    """What the stream does by itself when a setpoint has become too old."""
 
     action: str = "hold"
     """hold, land, stop_stream."""

@@ -173,6 +173,10 @@ class Vehicle:
         others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.heard_s)
         return any(e.connection.sender.send(msg_id, payload, e.peer) for e in others)
 
+    def way_out(self) -> Endpoint | None:
+        """The link and peer by which it is spoken to now; None where nothing is to be sent to it."""
+        return None if self._identity.replayed else self._choose_endpoint()
+
     def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
         """Does what nobody waits for; what goes wrong with the vehicle is told by the service at work."""
 

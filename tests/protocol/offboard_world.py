@@ -1,7 +1,7 @@
 """A vehicle that flies Offboard as the recordings of PX4 show, and the whole streamer, on simulated time.
 
-The streamer's rounds are run by the loop instead of its thread, so that a flight is the same every time;
-the thread itself is tested in `tests/unit/gcs_server/streamer/test_thread.py`.
+The streams' rounds are run by the loop instead of their process, so that a flight is the same every time;
+the process itself is tested in `tests/unit/gcs_server/streamer/test_process.py`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import itertools
 from typing import Any
 
 from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
 from tests.protocol.conftest import OFFBOARD, FakeAutopilot, World, sim
 
@@ -100,14 +101,14 @@ class OffboardWorld(World):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.streamer = Streamer(self.clock)
+        self.streamer = Streamer(self.clock, Rounds(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.supervisor.start("offboard-beat", self.streamer._beat)
         self.supervisor.start("stream", self._rounds)
 
     async def _rounds(self) -> None:
         while True:
-            self.streamer._thread.step()
+            self.streamer._streams.step()
             await self.clock.sleep(ROUND_S)
 
     def offboard_pilot(self, link: Any, *, peer: str = "peer", **options: Any) -> OffboardPilot:

@@ -35,7 +35,7 @@ class SimulatedWorld(OffboardWorld):
     async def _rounds(self) -> None:
         """As often as the vehicle steps: what is sent within a step arrives at its end anyway."""
         while True:
-            self.streamer._thread.step()
+            self.streamer._streams.step()
             await self.clock.sleep(TICK_S)
 
     async def _simulate(self) -> None:

@@ -115,12 +115,12 @@ def test_a_loop_that_stalls_while_attitude_is_flown_leaves_no_gap_and_then_falls
     async def story(world, vehicle, pilot, link):
         targets = pilot.other_targets
         await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5), 60.0))
-        beat, world.streamer._thread.beat = world.streamer._thread.beat, lambda snapshots: None
+        beat, world.streamer._streams.beat = world.streamer._streams.beat, lambda snapshots: None
         await seconds(0.4)
         assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
         await seconds(1.6)
         assert world.loop.time() - targets[-1][0] > 0.3
-        world.streamer._thread.beat = beat
+        world.streamer._streams.beat = beat
         await seconds(0.2)
         assert "server_silent" in codes(vehicle)
 

@@ -11,6 +11,7 @@ from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.streamer import offboard
 from gcs_server.streamer import offboard_control as module
 from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import Order, Position
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
@@ -77,10 +78,23 @@ def _short(monkeypatch):
     monkeypatch.setattr(module, "PRE_STREAM_S", 0.2)
 
 
+def streaming(clock):
+    """A streamer whose rounds the loop runs."""
+    supervisor, rounds = Supervisor(clock), Rounds(clock)
+
+    async def run():
+        while True:
+            rounds.step()
+            await clock.sleep(0.004)
+
+    supervisor.start("rounds", run)
+    return supervisor, Streamer(clock, rounds)
+
+
 def told(story):
     async def run():
         clock, vehicle = SystemClock(), Vehicle()
-        supervisor, streamer = Supervisor(clock), Streamer(clock)
+        supervisor, streamer = streaming(clock)
         streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
@@ -170,7 +184,7 @@ def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_
 
     async def run():
         clock = SystemClock()
-        supervisor, streamer = Supervisor(clock), Streamer(clock)
+        supervisor, streamer = streaming(clock)
         fleet = [Vehicle() for _ in range(3)]
         for number, vehicle in enumerate(fleet, 1):
             vehicle.id = str(number)

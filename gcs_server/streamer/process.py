@@ -1,0 +1,392 @@
+"""The server's side of the process that flies all setpoint streams (`worker.py`).
+
+Measured with ten streams beside 5,000 messages a second, ten WebSocket clients and a browser's 3D view on
+two cores (docs/performance.md): a thread of the server's was late by 12 ms and more (p99), since whoever
+holds the interpreter lock may itself wait for a processor; a process with real-time priority is not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import pickle
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection as Pipe
+from typing import Any
+
+from gcs_server.clock import Clock
+from gcs_server.errors import Refused
+from gcs_server.mavlink.connection import Connection
+from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
+from gcs_server.streamer.news import WARNING, Report, Snapshot
+from gcs_server.streamer.setpoints import Order
+from gcs_server.streamer.streams import PayloadSender, Streams, StreamState
+from gcs_server.streamer.worker import Route
+
+log = logging.getLogger(__name__)
+
+STARTS_WITHIN_S = 10.0
+ANSWERS_WITHIN_S = 2.0
+"""A process that does not answer for so long is ended: the vehicles fail safe rather than fly on unseen."""
+STATES_FRESH_S = 0.02
+SWITCH_INTERVAL_S = 0.0005
+"""What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
+the loop: Python's own 5 ms are a quarter of a stream's period."""
+LONGEST_MAIL = 1 << 20
+ENDED = "The process that flies setpoint streams ended; nothing is sent any more, and the vehicle fails safe."
+
+
+class _Gone(Exception):
+    """The process does not answer."""
+
+
+class _Child:
+    """One run of the process."""
+
+    def __init__(self, own_ids: tuple[int, int], silent_limit_s: float) -> None:
+        calls, its_calls = socket.socketpair()
+        self._way, its_way = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ends = [its_calls.fileno(), its_way.fileno()]
+        arguments = [*ends, *own_ids, silent_limit_s]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "gcs_server.streamer.worker", *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            pass_fds=ends,
+            start_new_session=True,  # Ctrl-C is the server's: it puts the vehicles into Hold first
+        )
+        its_calls.close()
+        its_way.close()
+        self._calls = Pipe(calls.detach())
+        self._greeted = False
+        self._numbers: dict[socket.socket, int] = {}
+        self.connections: dict[int, Connection] = {}
+        """By the number of their socket."""
+        self.known: set[str] = set()
+        """Vehicles that the process knows."""
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    @property
+    def dead(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def call(self, name: str, *arguments: object) -> Any:
+        """Waits for the answer.
+
+        Raises:
+            _Gone: there is none.
+            ValueError: what was asked for cannot be.
+            RuntimeError: it failed otherwise; the process has logged how.
+        """
+        try:
+            if not self._greeted:
+                self._expect(STARTS_WITHIN_S)
+                if not self._calls.recv():
+                    log.info("setpoint streams have no real-time priority: see docs/performance.md")
+                self._greeted = True
+            self._calls.send((name, arguments))
+            self._expect(ANSWERS_WITHIN_S)
+            error, result = self._calls.recv()
+        except (EOFError, OSError) as problem:
+            raise _Gone from problem
+        if error:
+            raise (ValueError if error == "ValueError" else RuntimeError)(result)
+        return result
+
+    def _expect(self, within_s: float) -> None:
+        if not self._calls.poll(within_s):
+            raise EOFError
+
+    def route(self, sender: PayloadSender) -> Route | None:
+        """A vehicle's way as the process takes it, its socket handed over; None: by the server."""
+        way = sender.way_out()
+        if way is None or way.peer.address is None:
+            return None
+        link_socket = way.connection.link.datagrams()
+        if link_socket is None:
+            return None
+        if link_socket not in self._numbers:
+            number = self._numbers[link_socket] = len(self._numbers) + 1
+            self.connections[number] = way.connection
+            with contextlib.suppress(OSError):  # gone: the next call says so
+                socket.send_fds(self._way, [b"%d" % number], [link_socket.fileno()])
+        return Route(self._numbers[link_socket], way.peer.address)
+
+    def mail(self) -> tuple[Any, ...] | None:
+        """Waits for the next; None when the process has ended."""
+        try:
+            data = self._way.recv(LONGEST_MAIL)
+        except OSError:
+            return None
+        return pickle.loads(data) if data else None
+
+    def end(self) -> None:
+        """Closes its calls, at which it ends by itself."""
+        self._calls.close()
+        try:
+            self._process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        with contextlib.suppress(OSError):
+            self._way.shutdown(socket.SHUT_RDWR)  # wakes whoever waits for mail
+        self._way.close()
+
+
+@dataclass(slots=True)
+class _Known:
+    """What the server keeps of a vehicle's streams."""
+
+    sender: PayloadSender
+    target: tuple[int, int]
+    last: StreamState = field(default_factory=StreamState)
+    """As it stood when it was last seen idle."""
+    number: int = 0
+    """Of its newest stream."""
+
+
+class StreamProcess(Streams):
+    """See `Streams`. Should the process end, it is started again; no stream is.
+
+    Args:
+        clock: the machine's: the process has the same.
+        own_ids: system and component id of what is sent. The component is not the server's own, so that each
+            has its own sequence numbers.
+        server_silent_limit_s: the loop's silence after which sending stops.
+    """
+
+    def __init__(self, clock: Clock, own_ids: tuple[int, int], *, server_silent_limit_s: float = 1.5) -> None:
+        self._clock = clock
+        self._own_ids = own_ids
+        self._silent_limit_s = server_silent_limit_s
+        self._wanted = False
+        self._child: _Child | None = None
+        self._vehicles: dict[str, _Known] = {}
+        self._begun: set[str] = set()
+        """Who may be streamed to; of all others it is known that nobody does."""
+        self._groups: set[str] = set()
+        self._may_report = False
+        self._reports: list[tuple[str, Report]] = []
+        """Of the process's own end."""
+        self._states: dict[str, StreamState] = {}
+        self._states_s = float("-inf")
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process; None where there is none."""
+        return None if self._child is None else self._child.pid
+
+    def start(self) -> None:
+        """The process itself begins with the first vehicle."""
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._wanted = True
+        self._spawn()
+
+    def close(self) -> None:
+        self._wanted = False
+        if self._child is not None:
+            self._child.end()
+            self._child = None
+        self._begun.clear()
+        self._groups.clear()
+
+    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+        if self._child is not None and self._child.dead:
+            self._gone()
+        self._spawn()
+        if self._begun:
+            self._ask("routes", self._routes(self._begun))
+            self._ask("beat", dict(snapshots))
+
+    # --- one vehicle's stream ---------------------------------------------------------------------
+
+    def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
+        self._vehicles[vehicle_id] = _Known(sender, target)
+        self._spawn()
+
+    def active(self) -> list[str]:
+        return [vehicle_id for vehicle_id in sorted(self._begun) if self.state(vehicle_id).phase != "idle"]
+
+    def state(self, vehicle_id: str) -> StreamState:
+        if vehicle_id not in self._begun:
+            return self._vehicles[vehicle_id].last
+        now_s = self._clock.monotonic_s()
+        if now_s - self._states_s > STATES_FRESH_S:
+            self._states = self._ask("states", otherwise={})
+            self._states_s = now_s
+        state = self._states.get(vehicle_id)
+        if state is None:  # the process has ended
+            return self._vehicles[vehicle_id].last
+        if state.phase == "idle":
+            self._begun.discard(vehicle_id)
+            self._vehicles[vehicle_id].last = state
+            return state
+        return _older(state, now_s - self._states_s)
+
+    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        """See `Streams`. Raises Refused where the process is just being started again."""
+        child, known = self._child, self._vehicles[vehicle_id]
+        try:
+            if child is None:
+                raise _Gone
+            if vehicle_id not in child.known:
+                child.call("attach", vehicle_id, known.target, known.number)
+                child.known.add(vehicle_id)
+            child.call("routes", self._routes(self._begun | {vehicle_id}))
+            number: int = child.call("begin", vehicle_id, order, rate_hz, snapshot)
+        except _Gone:
+            self._gone()
+            raise Refused(
+                "The process that flies setpoint streams is being started again.",
+                remedy="Try again in a second.",
+            ) from None
+        self._begun.add(vehicle_id)
+        known.number = max(known.number, number)
+        self._changed()
+        return number
+
+    def starting(self, vehicle_id: str, number: int) -> bool:
+        return vehicle_id in self._begun and self._ask("starting", vehicle_id, number, otherwise=False)
+
+    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        return vehicle_id in self._begun and self._tell("engage", vehicle_id, snapshot, number) is True
+
+    def abandon(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        if vehicle_id in self._begun:
+            self._tell("abandon", vehicle_id, snapshot, number)
+
+    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        return vehicle_id in self._begun and self._tell("change", vehicle_id, order, snapshot) is True
+
+    def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
+        if vehicle_id in self._begun:
+            self._tell("wind_down", vehicle_id, snapshot)
+
+    def refrain(self, vehicle_id: str) -> None:
+        if vehicle_id in self._begun:
+            self._tell("refrain", vehicle_id)
+
+    def call_off(self, vehicle_id: str, why: str) -> None:
+        if vehicle_id in self._begun:
+            self._tell("call_off", vehicle_id, why)
+
+    def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        if vehicle_id in self._begun:
+            self._tell("end", vehicle_id, code, text, number)
+
+    def take_reports(self) -> list[tuple[str, Report]]:
+        taken, self._reports = self._reports, []
+        if self._may_report:
+            self._may_report = bool(self._begun)  # whoever is idle by now has reported why
+            taken += self._ask("take_reports", otherwise=[])
+        return taken
+
+    # --- groups -----------------------------------------------------------------------------------
+
+    def watch(self, guard: GroupGuard) -> None:
+        self._groups.add(guard.name)
+        self._tell("watch", guard)
+
+    def unwatch(self, name: str) -> None:
+        if name in self._groups:
+            self._tell("unwatch", name)
+            self._groups.discard(name)
+
+    def stand_down(self, name: str) -> None:
+        if name in self._groups:
+            self._tell("stand_down", name)
+
+    def guard(self, name: str) -> GuardState | None:
+        return self._ask("guard", name) if name in self._groups else None
+
+    def change_together(
+        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+    ) -> bool:
+        return self._tell("change_together", name, dict(orders), dict(snapshots), until_s) is True
+
+    def watched(self) -> dict[str, Order | None]:
+        return self._ask("watched", otherwise={}) if self._groups else {}
+
+    def take_findings(self) -> list[tuple[str, Finding]]:
+        return self._ask("take_findings", otherwise=[]) if self._groups else []
+
+    # --- the process ------------------------------------------------------------------------------
+
+    def _spawn(self) -> None:
+        if self._child is not None or not self._wanted or not self._vehicles:
+            return
+        child = self._child = _Child(self._own_ids, self._silent_limit_s)
+        threading.Thread(target=self._pass_on, args=(child,), name="offboard-mail", daemon=True).start()
+
+    def _routes(self, vehicles: set[str]) -> dict[str, Route | None]:
+        assert self._child is not None
+        return {v: self._child.route(self._vehicles[v].sender) for v in vehicles}
+
+    def _tell(self, name: str, *arguments: object) -> Any:
+        """A call after which the streams may stand otherwise."""
+        result = self._ask(name, *arguments)
+        self._changed()
+        return result
+
+    def _ask(self, name: str, *arguments: object, otherwise: Any = None) -> Any:
+        """What the process answers; `otherwise` where it has ended."""
+        if self._child is None:
+            return otherwise
+        try:
+            return self._child.call(name, *arguments)
+        except _Gone:
+            self._gone()
+            return otherwise
+
+    def _changed(self) -> None:
+        self._states_s = float("-inf")
+        self._may_report = True
+
+    def _gone(self) -> None:
+        """It ended, or does not answer: nothing is streamed any more, and who was is told."""
+        child, self._child = self._child, None
+        if child is None:
+            return
+        log.error("the process that flies setpoint streams (%d) ended", child.pid)
+        child.end()
+        report = Report("fault", WARNING, ENDED)
+        for vehicle_id in sorted(self._begun):
+            known = self._vehicles[vehicle_id]
+            known.last = StreamState(last_end=report, number=known.number)
+            self._reports.append((vehicle_id, report))
+        self._begun.clear()
+        self._groups.clear()
+        self._states = {}
+        self._spawn()
+
+    def _pass_on(self, child: _Child) -> None:
+        """A thread of its own: sends what the process cannot, records what it sent."""
+        while (mail := child.mail()) is not None:
+            if mail[0] == "relay":
+                _, vehicle_id, msg_id, payload = mail
+                self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
+            else:
+                for number, time_us, raw in mail[1]:
+                    child.connections[number].sent_elsewhere(time_us, raw)
+
+
+def _older(state: StreamState, by_s: float) -> StreamState:
+    """As it stands a moment after it was read."""
+    if by_s <= 0:
+        return state
+    left_s = state.valid_left_s
+    return replace(
+        state,
+        age_s=None if state.age_s is None else state.age_s + by_s,
+        sent_age_s=None if state.sent_age_s is None else state.sent_age_s + by_s,
+        valid_left_s=None if left_s is None else max(0.0, left_s - by_s),
+    )

@@ -1,0 +1,260 @@
+"""All vehicles' setpoint streams and groups as rounds: `step` sends what is due and says when to come again.
+
+It knows no thread, socket or process: `worker.py` runs it in a process of its own, tests run it by hand.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.streamer.core import StreamCore
+from gcs_server.streamer.group_guard import Actions, Finding, GroupGuard, GuardState, Seen
+from gcs_server.streamer.news import WARNING, Report, Snapshot
+from gcs_server.streamer.setpoints import Order
+from gcs_server.streamer.streams import PayloadSender, Streams, StreamState
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class _Stream:
+    core: StreamCore
+    sender: PayloadSender
+    snapshot: Snapshot
+    sends_failed: int = 0
+    number: int = 0
+    """Of the newest `begin`: whoever began an earlier stream has no say in this one."""
+
+
+class Rounds(Streams):
+    """See `Streams`; whoever calls anything here calls `step` soon afterwards.
+
+    Args:
+        clock: `monotonic_s` alone is used.
+        server_silent_limit_s: the loop's silence after which sending stops.
+    """
+
+    def __init__(self, clock: Clock, *, server_silent_limit_s: float = 1.5) -> None:
+        self._clock = clock
+        self._silent_limit_s = server_silent_limit_s
+        self._streams: dict[str, _Stream] = {}
+        self._guards: dict[str, GroupGuard] = {}
+        self._beat_s = clock.monotonic_s()
+
+    def start(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._streams.clear()
+        self._guards.clear()
+
+    def step(self) -> float:
+        """One round over all streams; returns when the next is due (monotonic), infinity where none is."""
+        due_s = float("inf")
+        for guard in self._guards.values():
+            self._look_after(guard)
+            due_s = min(due_s, guard.due_s)
+        for vehicle_id, stream in self._streams.items():
+            core = stream.core
+            if not core.streaming:
+                continue
+            try:
+                for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._beat_s):
+                    if not stream.sender.send_payload(out.msg_id, out.payload):
+                        stream.sends_failed += 1
+            except Exception as error:  # one vehicle's fault must not take the others' stream with it
+                log.exception("the stream to vehicle %s failed", vehicle_id)
+                core.end("fault", f"The setpoint stream failed: {error}", WARNING)
+            due_s = min(due_s, core.due_s(self._beat_s))
+        return due_s
+
+    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+        self._alive(self._clock.monotonic_s())
+        for vehicle_id, snapshot in snapshots.items():
+            stream = self._streams.get(vehicle_id)
+            if stream is not None:
+                stream.snapshot = snapshot
+
+    # --- one vehicle's stream ---------------------------------------------------------------------
+
+    def attach(
+        self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int], number: int = 0
+    ) -> None:
+        """See `Streams`; `number` is that of its last stream, where it had some before."""
+        core = StreamCore(*target, server_silent_limit_s=self._silent_limit_s)
+        nothing = Snapshot(-1.0, "", None, None, None)
+        self._streams[vehicle_id] = _Stream(core, sender, nothing, number=number)
+
+    def active(self) -> list[str]:
+        return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.core.streaming]
+
+    def state(self, vehicle_id: str) -> StreamState:
+        stream = self._streams[vehicle_id]
+        core, now_s = stream.core, self._clock.monotonic_s()
+        return StreamState(
+            core.phase,
+            core.order if core.streaming else None,
+            core.sent if core.streaming else None,
+            core.limited if core.streaming else (),
+            core.rate_hz,
+            core.rate_achieved_hz(now_s),
+            core.age_s(now_s),
+            core.sent_age_s(now_s),
+            core.valid_left_s(now_s),
+            stream.sends_failed,
+            core.last_end,
+            stream.number,
+        )
+
+    def states(self) -> dict[str, StreamState]:
+        """Of all vehicles that are known here."""
+        return {vehicle_id: self.state(vehicle_id) for vehicle_id in self._streams}
+
+    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
+        if stream.core.streaming:
+            return 0
+        stream.snapshot = snapshot
+        stream.number += 1
+        stream.sends_failed = 0
+        self._alive(now_s)  # the loop is here
+        stream.core.begin(now_s, order, rate_hz, snapshot)
+        return stream.number
+
+    def starting(self, vehicle_id: str, number: int) -> bool:
+        stream = self._streams[vehicle_id]
+        return stream.number == number and stream.core.phase == "starting"
+
+    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        stream = self._streams[vehicle_id]
+        if number not in (None, stream.number):
+            return False
+        stream.snapshot = snapshot
+        return stream.core.engage(self._clock.monotonic_s())
+
+    def abandon(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        stream = self._streams[vehicle_id]
+        if stream.number == number:
+            stream.snapshot = snapshot
+            stream.core.abandon(self._clock.monotonic_s(), snapshot)
+
+    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        stream = self._streams[vehicle_id]
+        stream.snapshot = snapshot
+        return stream.core.change(self._clock.monotonic_s(), order, snapshot)
+
+    def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
+        stream = self._streams[vehicle_id]
+        stream.snapshot = snapshot
+        stream.core.wind_down(self._clock.monotonic_s(), snapshot)
+
+    def refrain(self, vehicle_id: str) -> None:
+        self._streams[vehicle_id].core.refrain(self._clock.monotonic_s())
+
+    def call_off(self, vehicle_id: str, why: str) -> None:
+        stream = self._streams[vehicle_id]
+        stream.core.call_off(self._clock.monotonic_s(), stream.snapshot, "group", why)
+
+    def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        stream = self._streams[vehicle_id]
+        if number in (None, stream.number):
+            stream.core.end(code, text, tell=False)
+
+    def take_reports(self) -> list[tuple[str, Report]]:
+        taken: list[tuple[str, Report]] = []
+        for vehicle_id, stream in self._streams.items():
+            while stream.core.reports:
+                taken.append((vehicle_id, stream.core.reports.popleft()))
+        return taken
+
+    # --- groups -----------------------------------------------------------------------------------
+
+    def watch(self, guard: GroupGuard) -> None:
+        self._guards[guard.name] = guard
+
+    def unwatch(self, name: str) -> None:
+        self._guards.pop(name, None)
+
+    def stand_down(self, name: str) -> None:
+        guard = self._guards.get(name)
+        if guard is not None:
+            guard.stand_down()
+
+    def guard(self, name: str) -> GuardState | None:
+        guard = self._guards.get(name)
+        return None if guard is None else guard.state()
+
+    def watched(self) -> dict[str, Order | None]:
+        return {v: guard.order_to_come(v) for guard in self._guards.values() for v in guard.members}
+
+    def take_findings(self) -> list[tuple[str, Finding]]:
+        taken: list[tuple[str, Finding]] = []
+        for name, guard in self._guards.items():
+            while guard.findings:
+                taken.append((name, guard.findings.popleft()))
+        return taken
+
+    def change_together(
+        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+    ) -> bool:
+        guard, now_s = self._guards.get(name), self._clock.monotonic_s()
+        if guard is None:
+            return False
+        flying = [v for v in guard.members if v not in guard.held]
+        phases = {self._streams[v].core.phase for v in flying}
+        if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
+            return False
+        if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
+            return False  # what has expired is not revived unasked: a path would begin again
+        for vehicle_id in orders:
+            self._streams[vehicle_id].snapshot = snapshots[vehicle_id]
+        self._obey(guard, now_s, Actions(take=dict(orders)), until_s)
+        return True
+
+    def _look_after(self, guard: GroupGuard) -> None:
+        now_s = self._clock.monotonic_s()
+        if now_s < guard.due_s:
+            return
+        try:
+            actions = guard.look(now_s, {v: self._seen(v) for v in guard.members})
+        except Exception as error:  # what keeps them apart must not fail in silence
+            log.exception("the guard of group %s failed", guard.name)
+            actions = guard.fault(now_s, f"What keeps the group apart failed ({error})")
+        self._obey(guard, now_s, actions, guard.until_s)
+
+    def _seen(self, vehicle_id: str) -> Seen:
+        stream = self._streams[vehicle_id]
+        core = stream.core
+        ended = core.last_end.text if core.last_end is not None and not core.streaming else None
+        return Seen(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
+
+    def _obey(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
+        """All in one go, before any of them is sent anything else."""
+        refused = None
+        for vehicle_id, order in actions.take.items():
+            stream = self._streams[vehicle_id]
+            try:
+                if not stream.core.change(now_s, order, stream.snapshot):
+                    refused = f"Vehicle {vehicle_id} could not begin"
+            except ValueError as error:
+                refused = f"Vehicle {vehicle_id} could not begin ({error})"
+        if refused is not None:
+            actions = guard.fault(now_s, refused)
+        elif actions.take:
+            guard.renewed(until_s)
+            for vehicle_id in guard.members:
+                if vehicle_id not in guard.held:
+                    self._streams[vehicle_id].core.prolong(until_s)
+        for vehicle_id, why in actions.hold.items():
+            stream = self._streams[vehicle_id]
+            stream.core.call_off(now_s, stream.snapshot, actions.code, why)
+
+    def _alive(self, now_s: float) -> None:
+        """The loop lives; streams that its silence should have ended (the process stood still) end first."""
+        if now_s - self._beat_s >= self._silent_limit_s:
+            for stream in self._streams.values():
+                stream.core.tick(now_s, stream.snapshot, self._beat_s)
+        self._beat_s = max(self._beat_s, now_s)

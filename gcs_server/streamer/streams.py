@@ -1,0 +1,158 @@
+"""What the event loop asks of whatever flies the setpoint streams, and what it is told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from gcs_server.links.base import Peer
+from gcs_server.mavlink.connection import Connection
+from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
+from gcs_server.streamer.news import Report, Snapshot
+from gcs_server.streamer.setpoints import Order, Sendable
+
+
+class WayOut(Protocol):
+    """Where a vehicle is heard, and so spoken to."""
+
+    @property
+    def connection(self) -> Connection: ...
+
+    @property
+    def peer(self) -> Peer: ...
+
+
+class PayloadSender(Protocol):
+    """A vehicle's way out, for any thread."""
+
+    def send_payload(self, msg_id: int, payload: bytes) -> bool:
+        """False where nothing went out."""
+        ...
+
+    def way_out(self) -> WayOut | None:
+        """The link and peer by which it is spoken to now; None where there is none."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class StreamState:
+    """How a stream stands, read in one moment."""
+
+    phase: str = "idle"
+    order: Order | None = None
+    sent: Sendable | None = None
+    """What goes out; None while nothing does."""
+    limited: tuple[str, ...] = ()
+    """What the limits take away from the order now."""
+    rate_hz: float = 50.0
+    rate_achieved_hz: float | None = None
+    age_s: float | None = None
+    sent_age_s: float | None = None
+    valid_left_s: float | None = None
+    sends_failed: int = 0
+    last_end: Report | None = None
+    number: int = 0
+    """Counts a vehicle's streams."""
+
+
+class Streams(Protocol):
+    """All streams of the server.
+
+    In a running server they are a process of their own (`process.py`); tests run its rounds themselves
+    (`rounds.py`). The event loop alone calls this; no call waits for anything but that process.
+    """
+
+    def start(self) -> None:
+        """Begins; nothing is sent before a `begin`."""
+        ...
+
+    def close(self) -> None:
+        """Ends; nothing is sent afterwards."""
+        ...
+
+    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+        """The loop lives, and this is what it knows of the vehicles that are streamed to."""
+        ...
+
+    def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
+        """Makes a vehicle known by its (system, component) id; sends nothing."""
+        ...
+
+    def active(self) -> list[str]:
+        """Ids of the vehicles that are streamed to."""
+        ...
+
+    def state(self, vehicle_id: str) -> StreamState:
+        """How a vehicle's stream stands."""
+        ...
+
+    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        """Starts a stream and numbers it; 0 where there is one already."""
+        ...
+
+    def starting(self, vehicle_id: str, number: int) -> bool:
+        """Whether that stream is still being started."""
+        ...
+
+    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        """The vehicle reports Offboard; False: that stream has ended meanwhile."""
+        ...
+
+    def abandon(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        """That stream's start failed after Offboard had been asked for."""
+        ...
+
+    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        """A new setpoint, sent at once; False where there is no stream to change."""
+        ...
+
+    def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
+        """Holds the place until Hold is confirmed."""
+        ...
+
+    def refrain(self, vehicle_id: str) -> None:
+        """A mode is being commanded: the stream asks for none meanwhile."""
+        ...
+
+    def call_off(self, vehicle_id: str, why: str) -> None:
+        """Stops a vehicle at its place and asks for Hold, without waiting for the loop."""
+        ...
+
+    def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        """Stops sending now (that stream, where it is named); the caller tells whom it concerns."""
+        ...
+
+    def take_reports(self) -> list[tuple[str, Report]]:
+        """What happened since the last call, for the loop to tell."""
+        ...
+
+    def watch(self, guard: GroupGuard) -> None:
+        """From now on a group's vehicles are kept apart, and begin together at their instant."""
+        ...
+
+    def unwatch(self, name: str) -> None:
+        """A group is over."""
+        ...
+
+    def stand_down(self, name: str) -> None:
+        """Somebody stops a whole group."""
+        ...
+
+    def guard(self, name: str) -> GuardState | None:
+        """How a group's guard stands; None where it is watched no more."""
+        ...
+
+    def change_together(
+        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+    ) -> bool:
+        """New setpoints for some of a group, sent at once and expiring with all others; False: none taken."""
+        ...
+
+    def watched(self) -> dict[str, Order | None]:
+        """Vehicles of groups, each with the order that it is to begin with."""
+        ...
+
+    def take_findings(self) -> list[tuple[str, Finding]]:
+        """What went wrong in groups since the last call, for the loop to tell."""
+        ...
