@@ -61,18 +61,20 @@ class Scene:
     """WebSocket clients that read all telemetry."""
     page: bool = False
     """One Chromium with the page's 3D view."""
+    mavsdk: bool = False
+    """MAVSDK streams to a vehicle of its own beside it."""
 
 
 SCENES = (
     Scene("idle"),
     Scene("5,000 msg/s from 50 other vehicles", other_vehicles=50),
     Scene("ten streams, 5,000 msg/s from 50 others, ten WebSocket clients", 10, 50, 10),
-    Scene("the same and one Chromium with the 3D view", 10, 50, 10, page=True),
+    Scene("the same and one Chromium with the 3D view", 10, 50, 10, page=True, mavsdk=True),
 )
 
 
-def measure(scene: Scene) -> list[list[float]]:
-    """Each stream's arrivals over the window."""
+def measure(scene: Scene) -> tuple[list[list[float]], list[float]]:
+    """Each stream's arrivals over the window, and those of MAVSDK's where it streams, too."""
     feed_port, link_port = free_port(), free_port()
     links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
     with contextlib.ExitStack() as running_now:
@@ -100,10 +102,12 @@ def measure(scene: Scene) -> list[list[float]]:
             )
         if scene.page:
             running_now.enter_context(watching(url))
+        other = running_now.enter_context(mavsdk_streaming()) if scene.mavsdk else None
         time.sleep(1)
-        relay.setpoints.clear()
+        for tap in filter(None, (relay, other)):
+            tap.setpoints.clear()
         time.sleep(WINDOW_S)
-        return list(relay.arrivals_s().values())
+        return list(relay.arrivals_s().values()), [] if other is None else _only(other)
 
 
 @contextlib.contextmanager
@@ -123,19 +127,29 @@ def watching(url: str) -> Generator[None]:
             browser.close()
 
 
-def mavsdk_arrivals_s() -> list[float]:
-    """MAVSDK's own streamer (20 Hz, fixed) on the same wire, in this run, nothing else going on."""
+@contextlib.contextmanager
+def mavsdk_streaming() -> Generator[Relay]:
+    """MAVSDK's own streamer (20 Hz, fixed) and its vehicle, by a tap of their own."""
     port = free_port()
     with Relay(port) as relay, vehicle(relay.vehicle_port):
         command = [sys.executable, "-W", "ignore", "-m", "tests.bench.mavsdk_streamer", str(port)]
         with running(command, stdout=subprocess.PIPE) as streamer:
             assert streamer.stdout is not None
             streamer.stdout.readline()  # it streams
-            time.sleep(1)
-            relay.setpoints.clear()
-            time.sleep(WINDOW_S)
-            arrivals = relay.arrivals_s()
-    return max(arrivals.values(), key=len, default=[])
+            yield relay
+
+
+def _only(relay: Relay) -> list[float]:
+    return max(relay.arrivals_s().values(), key=len, default=[])
+
+
+def mavsdk_idle_s() -> list[float]:
+    """Arrivals of MAVSDK's stream on the same wire, nothing else going on."""
+    with mavsdk_streaming() as relay:
+        time.sleep(1)
+        relay.setpoints.clear()
+        time.sleep(WINDOW_S)
+        return _only(relay)
 
 
 def row(words: str, streams: list[list[float]], rate_hz: float) -> str:
@@ -154,5 +168,8 @@ def table() -> Iterator[str]:
     yield "| when | load average | setpoints | left out | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|"
     for scene in SCENES:
-        yield row(scene.words, measure(scene), RATE_HZ)
-    yield row("MAVSDK's streamer at its 20 Hz, idle", [mavsdk_arrivals_s()], MAVSDK_RATE_HZ)
+        ours, mavsdk = measure(scene)
+        yield row(scene.words, ours, RATE_HZ)
+        if scene.mavsdk:
+            yield row("MAVSDK's streamer at its 20 Hz, beside all that", [mavsdk], MAVSDK_RATE_HZ)
+    yield row("MAVSDK's streamer, idle", [mavsdk_idle_s()], MAVSDK_RATE_HZ)
