@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 STARTS_WITHIN_S = 10.0
 ANSWERS_WITHIN_S = 2.0
 """A process that does not answer for so long is ended: the vehicles fail safe rather than fly on unseen."""
-STATES_FRESH_S = 0.02
+STATES_FRESH_S = 0.05
 SWITCH_INTERVAL_S = 0.0005
 """What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
 the loop: Python's own 5 ms are a quarter of a stream's period."""
@@ -90,12 +90,12 @@ class _Child:
         try:
             if not self._greeted:
                 self._expect(STARTS_WITHIN_S)
-                if not self._calls.recv():
+                if not pickle.loads(self._calls.recv_bytes()):
                     log.info("setpoint streams have no real-time priority: see docs/performance.md")
                 self._greeted = True
-            self._calls.send((name, arguments))
+            self._calls.send_bytes(pickle.dumps((name, arguments)))
             self._expect(ANSWERS_WITHIN_S)
-            error, result = self._calls.recv()
+            error, result = pickle.loads(self._calls.recv_bytes())
         except (EOFError, OSError) as problem:
             raise _Gone from problem
         if error:
@@ -265,7 +265,12 @@ class StreamProcess(Streams):
             self._tell("abandon", vehicle_id, snapshot, number)
 
     def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        return vehicle_id in self._begun and self._tell("change", vehicle_id, order, snapshot) is True
+        if vehicle_id not in self._begun:
+            return False
+        self._may_report = True
+        taken, states = self._ask("changed", vehicle_id, order, snapshot, otherwise=(False, {}))
+        self._states, self._states_s = states, self._clock.monotonic_s()
+        return taken
 
     def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
         if vehicle_id in self._begun:

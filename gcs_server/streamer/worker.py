@@ -26,7 +26,10 @@ from typing import Any
 
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.mavlink.codec import encode_frame
+from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.rounds import Rounds
+from gcs_server.streamer.setpoints import Order
+from gcs_server.streamer.streams import StreamState
 
 SENT_EVERY_S = 0.01
 """What went out is told no more often than this."""
@@ -151,22 +154,30 @@ class Worker:
             timeout_s = None if wait_s == float("inf") else max(0.0, wait_s)
             if select.select([calls], [], [], timeout_s)[0]:
                 try:
-                    name, arguments = self._calls.recv()
-                    self._calls.send(self._answer(name, arguments))
+                    answer = self._answer(*pickle.loads(self._calls.recv_bytes()))
+                    self._calls.send_bytes(pickle.dumps(answer))
                 except (EOFError, OSError):
                     return
 
     def _answer(self, name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
         """Carries a call out, and sends what it has made due before the server hears of it."""
-        own = {"attach": self._attach, "routes": self._routes}
+        own = {"attach": self._attach, "routes": self._routes, "changed": self._changed}
         try:
             result = (own.get(name) or getattr(self._rounds, name))(*arguments)
         except Exception as error:
             logging.getLogger(__name__).exception("%s failed", name)
             return type(error).__name__, str(error)
-        if name in ("begin", "change", "change_together"):
+        if name in ("begin", "change_together"):
             self._rounds.step()
         return "", result
+
+    def _changed(
+        self, vehicle_id: str, order: Order, snapshot: Snapshot
+    ) -> tuple[bool, dict[str, StreamState]]:
+        """A changed setpoint, sent, and how all streams stand then."""
+        taken = self._rounds.change(vehicle_id, order, snapshot)
+        self._rounds.step()
+        return taken, self._rounds.states()
 
     def _attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
         outlet = self._outlets[vehicle_id] = Outlet(vehicle_id, self)
@@ -209,7 +220,7 @@ def main(arguments: list[str]) -> None:
     worker = Worker(calls, way, (int(arguments[2]), int(arguments[3])), clock, rounds)
     gc.collect()
     gc.freeze()
-    calls.send(take_priority())
+    calls.send_bytes(pickle.dumps(take_priority()))
     worker.run()
 
 
