@@ -1,4 +1,4 @@
-"""What a stream hears of its vehicle, sends to it, and tells of itself: frozen values between the processes."""
+"""What a stream hears of its vehicle, sends to it, and tells of itself: frozen values between processes."""
 
 from __future__ import annotations
 
