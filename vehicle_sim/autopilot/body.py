@@ -6,7 +6,7 @@ Reading single elements of NumPy arrays is what costs in a Python autopilot; thi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.simulation import Simulation
@@ -14,8 +14,7 @@ from vehicle_sim.simulation import Simulation
 Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(NamedTuple):
     """What the estimator says now; NED, FRD, SI."""
 
     position_ned_m: Vector

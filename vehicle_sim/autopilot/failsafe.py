@@ -76,6 +76,7 @@ ACTION_MODES: dict[Action, NavState] = {
 _NOT_DELAYED = (Action.HOLD, Action.DISARM, Action.TERMINATE)
 _LADDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
 """What cannot run gives way to the next."""
+_NOBODY: frozenset[str] = frozenset()
 _LANDING = (NavState.LAND, NavState.PRECISION_LAND)
 
 
@@ -87,6 +88,9 @@ class Decision:
     cause: Cause = Cause.GENERIC
     pending: Action = Action.NONE
     """What Hold is only the delay for (COM_FAIL_ACT_T); NONE: no delay."""
+
+
+_FINE = Decision()
 
 
 class Failsafe:
@@ -127,6 +131,9 @@ class Failsafe:
         delay_s: float,
     ) -> Decision:
         """Decide for this moment; call it at 50 Hz while armed."""
+        if not demands and not self._active:  # nearly always
+            self._taken_over, self._present, self._acts_at_s, self._decision = False, _NOBODY, None, _FINE
+            return _FINE
         self._remember(demands)
         worst = self._worst()
         if self._taken_over and worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:

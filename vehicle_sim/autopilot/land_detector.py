@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class LandedState(IntEnum):
@@ -21,8 +22,7 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """What the detector looks at."""
 
     armed: bool

