@@ -24,6 +24,8 @@ PART_OF_SIZE = 0.05
 GRID_S = 0.02
 MOVED = 0.1
 """Part of the manoeuvre that counts as first motion."""
+MOVED_ROWS = 3
+"""For so many rows on end: a single one may be gyro noise."""
 RISEN = 0.8
 """Of the way; the last fifth of a slow approach is the wander of GPS."""
 SETTLED = 0.1
@@ -146,7 +148,7 @@ class Comparison:
     def rises_alike(self) -> bool:
         """Whether the rise times agree (flights without a rise do)."""
         gap = abs(self.sim.rise_s - self.real.rise_s)
-        return not gap > self.rise_limit_s
+        return not gap > self.rise_limit_s + 1e-9  # both are multiples of the grid
 
 
 def compare(recording: Recording, replay: Replay) -> Comparison:
@@ -205,7 +207,8 @@ def _shape(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
     ends = float(np.mean(values[-END_ROWS:])) - values[0]
     size = ends if abs(ends) > HOLDS * abs(farthest) else farthest
     way = (values - values[0]) / size if size else np.zeros_like(values)
-    moved, risen = np.flatnonzero(way >= MOVED), np.flatnonzero(way >= RISEN)
+    beyond = np.lib.stride_tricks.sliding_window_view(way >= MOVED, MOVED_ROWS).all(axis=1)
+    moved, risen = np.flatnonzero(beyond), np.flatnonzero(way >= RISEN)
     first_s = float(grid[moved[0]]) if len(moved) else math.nan
     rise_s = float(grid[risen[0]]) - first_s if len(risen) else math.nan
     end = float(np.mean(way[-END_ROWS:]))

@@ -3,6 +3,7 @@
 import { ActionController } from '../features/actions/controller.svelte';
 import { ControlDesk } from '../features/control/control.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
+import { GroupDesk } from '../features/groups/groups.svelte';
 import { OffboardControl } from '../features/offboard/control.svelte';
 import { ReplayControl } from '../features/replay/replay.svelte';
 import { room } from '../features/setpoints/room.svelte';
@@ -16,6 +17,10 @@ const nowS = (): number => performance.now() / 1000;
 export const offboard = new OffboardControl(page.api, nowS);
 
 export const actions = new ActionController(page.api, nowS, (facts, wish) => offboard.start(facts, wish), (id) => page.factsOf(id));
+
+export const groups = new GroupDesk(
+  page.api, actions, nowS, () => document.visibilityState === 'visible', (id) => page.factsOf(id)?.name ?? `Vehicle ${id}`,
+);
 
 export const control = new ControlDesk(page.api, actions);
 
@@ -35,9 +40,11 @@ export const replay = new ReplayControl({
 
 export function start(): void {
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
+  page.onTelemetry.push(() => groups.tick(page.connection));
   page.onTelemetry.push(() => replay.follow());
   page.onEvent.push((event) => actions.heard(event));
   page.onEvent.push((event) => control.heard(event));
+  page.onEvent.push((event) => groups.heard(event));
   page.onPaint.push(() => actions.paint(page.selectedId));
   page.onEvent.push((event) => spotMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
   page.onEvent.push((event) => {

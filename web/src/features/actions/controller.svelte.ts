@@ -12,6 +12,18 @@ import { Confirmation } from './confirmation';
 /** Where a button stands, so that what comes back appears there. */
 export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
 
+/** A question about several vehicles at once: its words as of now, and what is done once it is confirmed. */
+export interface Together {
+  what: string;
+  /** The vehicles, for what comes back. */
+  names: string;
+  question: () => Question;
+  run: () => Promise<Outcome<unknown>>;
+}
+
+/** In place of a vehicle's id, where several are asked at once. */
+export const TOGETHER = 'together';
+
 export interface Asked {
   action: ActionName;
   place: Place;
@@ -19,6 +31,8 @@ export interface Asked {
   goal: Goal | null;
   /** What the stream begins with; null: where the vehicle is. */
   start: StartWish | null;
+  /** Null: it concerns one vehicle. */
+  together: Together | null;
   question: Question;
   confirmation: Confirmation;
 }
@@ -75,7 +89,7 @@ export class ActionController {
 
   /** The question's words with the height as it is now. */
   words(asked: Asked): Question {
-    return question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
+    return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
 
   /** A button or a key: opens the confirmation, or acts at once where none is needed. */
@@ -101,11 +115,20 @@ export class ActionController {
       void this.run(action, facts, place);
       return;
     }
-    this.asked = { action, place, facts, goal, start, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.asked = { action, place, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
     this.left_s = this.asked.confirmation.left_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.askReturnHeight(facts.id);
+  }
+
+  /** Asks about several vehicles; `facts` is the one on the screen. */
+  requestTogether(together: Together, facts: VehicleFacts, place: Place): void {
+    this.dismiss(place);
+    const confirmation = new Confirmation(false, this.nowS());
+    this.asked = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: together.question(), confirmation };
+    this.progress = 0;
+    this.left_s = confirmation.left_s(this.nowS());
   }
 
   /** As it is typed: what is no height, or none the server takes, is said and cannot be confirmed. */
@@ -144,16 +167,17 @@ export class ActionController {
     const asked = this.asked;
     if (asked === null) return;
     const now = this.nowS();
-    const phase = asked.facts.id === selectedId ? asked.confirmation.tick(now) : 'cancelled';
+    const phase = asked.together !== null || asked.facts.id === selectedId ? asked.confirmation.tick(now) : 'cancelled';
     this.progress = asked.confirmation.progress(now);
     this.left_s = asked.confirmation.left_s(now);
     if (phase === 'asking') return;
     this.asked = null;
-    if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
+    if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.place);
+    else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
   }
 
   /** Any other call whose refusal belongs to a place: nudges, gimbal. */
-  async attempt<T>(what: string, facts: VehicleFacts, place: Place, send: () => Promise<Outcome<T>>): Promise<boolean> {
+  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: Place, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
     const refusal = outcome.ok ? undefined : { what, vehicleName: facts.name, problem: outcome.problem };
     this.refusals = { ...this.refusals, [place]: refusal };
@@ -167,6 +191,13 @@ export class ActionController {
     const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
     goal?.settled?.(taken);
+  }
+
+  private async runTogether({ what, names, run }: Together, place: Place): Promise<void> {
+    const entry: Running = { id: this.nextId++, action: 'offboard_start', place, vehicle: TOGETHER, vehicleName: names, told: null, fraction: null };
+    this.running = [...this.running, entry];
+    await this.attempt(what, { name: names }, place, run);
+    this.running = this.running.filter((r) => r.id !== entry.id);
   }
 
   private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StartWish | null): Promise<Outcome<unknown>> {

@@ -111,7 +111,7 @@ class Desk {
   }
 
   preview(facts: VehicleFacts): Preview | null {
-    if (this.way === 'gamepad') return null;
+    if (this.way === 'gamepad' || this.way === 'group') return null;
     if (this.way === 'drag') return this.drag === null ? null : { ...this.drag, leads: false };
     const built = build(this.form(facts));
     return built.ok ? previewOf(built.setpoint, facts) : null;
@@ -182,7 +182,7 @@ class Desk {
     if (answer !== null) this.answered(line, answer, performance.now() / 1000 - began_s);
   }
 
-  private answered(line: number, answer: Outcome<unknown>, took_s: number | null): void {
+  answered(line: number, answer: Outcome<unknown>, took_s: number | null): void {
     const limited = answer.ok ? (readOffboard(answer.value)?.limited ?? []) : [];
     this.log.answer(line, { note: answer.ok ? limited.join(' ') || null : answer.problem.detail, refused: !answer.ok, took_s });
     this.lines = this.log.lines;

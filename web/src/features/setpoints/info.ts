@@ -2,7 +2,7 @@
 
 import type { components } from '../../api/schema';
 import { fixed } from '../../ui/format';
-import type { Kind } from './kinds';
+import { KINDS, type Kind } from './kinds';
 
 type Schemas = components['schemas'];
 export type OffboardView = Schemas['OffboardView'];
@@ -11,10 +11,15 @@ export type Failsafe = Schemas['OffboardFailsafe'];
 export type OperatorLimits = Limits['operator'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
+/** The server's words with the kinds called as the form calls them: "thrust and torque", not "thrust_torque". */
+export function humanWords(words: string): string {
+  return KINDS.reduce((said, one) => (one.kind.includes('_') || one.kind === 'actuators' ? said.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by ')) : said), words);
+}
+
 /** Why a kind cannot be flown now; null where it can, or where the server has not said. */
 export function whyNot(view: OffboardView | null, kind: Kind): string | null {
   const said = view?.available[kind];
-  return said === undefined || said.can ? null : (said.why_not ?? 'Not on this vehicle.');
+  return said === undefined || said.can ? null : humanWords(said.why_not ?? 'Not on this vehicle.');
 }
 
 export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[] = [

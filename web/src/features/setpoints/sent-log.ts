@@ -3,7 +3,7 @@
 import { fixed } from '../../ui/format';
 import { kindName } from './kinds';
 
-export type Way = 'form' | 'drag' | 'gamepad';
+export type Way = 'form' | 'drag' | 'gamepad' | 'group';
 
 export interface SentLine {
   id: number;
@@ -34,7 +34,7 @@ export class SentLog {
   add(way: Way, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
     const [newest, ...rest] = this.lines;
     const words = setpointWords(setpoint);
-    const joins = newest !== undefined && way !== 'form' && newest.way === way && unix_s - this.last_unix_s < RUN_S && !newest.refused && newest.words.split(' ')[0] === words.split(' ')[0];
+    const joins = newest !== undefined && way !== 'form' && way !== 'group' && newest.way === way && unix_s - this.last_unix_s < RUN_S && !newest.refused && newest.words.split(' ')[0] === words.split(' ')[0];
     this.last_unix_s = unix_s;
     if (joins) {
       this.lines = [{ ...newest, words, count: newest.count + 1 }, ...rest];
