@@ -20,6 +20,7 @@ export const actions = new ActionController(page.api, nowS, (facts, wish) => off
 
 export const groups = new GroupDesk(
   page.api, actions, nowS, () => document.visibilityState === 'visible', (id) => page.factsOf(id)?.name ?? `Vehicle ${id}`,
+  (id) => offboard.drop(id),
 );
 
 export const control = new ControlDesk(page.api, actions);
@@ -39,6 +40,7 @@ export const replay = new ReplayControl({
 });
 
 export function start(): void {
+  offboard.onAlone = (id) => groups.sentAlone(id);
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
   page.onTelemetry.push(() => groups.tick(page.connection));
   page.onTelemetry.push(() => replay.follow());

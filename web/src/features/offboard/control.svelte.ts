@@ -21,6 +21,8 @@ function noPosition(age_s: number | null): Outcome<never> {
 export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly keepers = new Map<string, SetpointKeeper>();
+  /** Told of each vehicle that is sent something by itself. */
+  onAlone: (id: string) => void = () => undefined;
 
   constructor(
     private readonly api: ApiClient,
@@ -46,6 +48,7 @@ export class OffboardControl {
   /** A new target of any kind; what was refused is not said again. */
   async send(id: string, setpoint: AnySetpoint, lasting: Lasting): Promise<Outcome<unknown>> {
     const keeper = this.keeper(id);
+    this.onAlone(id);
     keeper.keep(setpoint, lasting, this.nowS());
     const outcome = await this.say(id, setpoint, lasting);
     if (keeper.setpoint !== setpoint) return outcome;
@@ -54,8 +57,14 @@ export class OffboardControl {
     return outcome;
   }
 
-  /** Something else steers now (gamepad, drag): what was sent before is not said again. */
+  /** A hand steers now (gamepad, drag): what was sent before is not said again. */
   forget(id: string): void {
+    this.onAlone(id);
+    this.drop(id);
+  }
+
+  /** It flies in a group now: what it was sent alone is not said again. */
+  drop(id: string): void {
     this.keepers.get(id)?.forget();
   }
 
