@@ -215,15 +215,49 @@ def tablet(at: Set) -> None:
     until_pill(at.page, "Holding")
 
 
-def two(at: Set) -> None:
-    """A second vehicle is heard and flies."""
-    at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", *FAST]))
+@contextlib.contextmanager
+def beside(at: Set) -> Generator[SyncVehicle]:
+    """A second vehicle takes off, and lands at the end; its simulator stays."""
     with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
+        if len(gcs.request("GET", "/vehicles")) < 2:
+            at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", *FAST]))
         second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         second.takeoff(8)
         time.sleep(4)
-        shoot(at.page, at.folder, "two")
+        yield second
         second.land()
+        second.until_disarmed()
+
+
+def two(at: Set) -> None:
+    """A second vehicle is heard and flies."""
+    with beside(at):
+        shoot(at.page, at.folder, "two")
+
+
+def group(at: Set) -> None:
+    """Both fly as one: state, members, the nearest two, what is left of the validity."""
+    page = at.page
+    with beside(at) as second:
+        second.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+        page.keyboard.press("m")
+        page.keyboard.press("p")
+        dock = page.get_by_role("region", name="Offboard room")
+        dock.get_by_role("button", name="Group", exact=True).click()
+        for box in dock.get_by_role("checkbox").all()[:2]:
+            box.check()
+        dock.get_by_label("Keep apart, at least").fill("2")
+        dock.get_by_label("Move, North").fill("12")
+        dock.get_by_label("Move, East").fill("8")
+        dock.get_by_role("button", name="Start group…").click()
+        hold_space(page)
+        dock.get_by_text("Flying", exact=True).wait_for()
+        time.sleep(3)
+        shoot(page, at.folder, "group")
+        dock.get_by_role("button", name="Hold group").click()
+        until_pill(page, "Holding")
+        page.get_by_role("button", name="Close the offboard room").click()
+        page.keyboard.press("m")
 
 
 def lost(at: Set) -> None:
@@ -263,6 +297,7 @@ STATES: tuple[Callable[[Set], None], ...] = (
     drag,
     refused,
     two,
+    group,
     lost,
     replay,
 )

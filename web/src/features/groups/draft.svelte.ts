@@ -7,7 +7,7 @@ import type { Outcome } from '../../api/client';
 import { UNKNOWN_IDENTITY } from '../../live/vehicle-state';
 import { desk } from '../setpoints/desk.svelte';
 import { commandable, listed, type Group } from './group';
-import { lastingOf, NEW_DRAFT, problemsOf, setpointsFor, startBody, startQuestion, togetherWords, type Draft, type Ordered, type Problems } from './order';
+import { formWords, lastingOf, NEW_DRAFT, problemsOf, setpointsFor, startBody, startQuestion, togetherWords, type Draft, type Ordered, type Problems } from './order';
 
 class GroupDraft {
   now = $state.raw<Draft>(NEW_DRAFT);
@@ -66,7 +66,9 @@ class GroupDraft {
     const line = desk.noteSent('group', { type: `Group of ${listed(members)}: ${togetherWords(draft)}` });
     const outcome = await send();
     desk.answered(line, outcome, null);
-    return outcome;
+    if (outcome.ok) return outcome;
+    const { detail, remedy } = outcome.problem;
+    return { ok: false, problem: { ...outcome.problem, detail: formWords(detail), remedy: remedy === null ? null : formWords(remedy) } };
   }
 }
 

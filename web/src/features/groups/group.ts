@@ -61,7 +61,7 @@ export function stateWords(group: Group, now_unix_s: number): { text: string; to
       return { text: `Waiting, starts in ${fixed(left_s, 1)} s`, tone: 'target' };
     }
     case 'flying': return { text: 'Flying', tone: 'ok' };
-    case 'holding': return { text: 'Holding: no setpoints any more', tone: 'caution' };
+    case 'holding': return { text: 'Being held', tone: 'caution' };
     case 'ended': return { text: 'Ended', tone: 'dim' };
   }
 }
@@ -71,9 +71,10 @@ const STREAMS: Readonly<Record<string, string>> = {
 };
 
 /** What a member flies: its stream, then its mode as the vehicle shows it. */
-export function memberWords(member: Member, modeLabel: string | null): { text: string; tone: Tone } {
+export function memberWords(member: Member, modeLabel: string | null, waits = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
+  if (waits && member.stream === 'streaming') return { text: `waits · ${mode}`, tone: 'dim' };
   if (member.held) return { text: `held · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
@@ -81,6 +82,11 @@ export function memberWords(member: Member, modeLabel: string | null): { text: s
 /** How long the setpoints of all are good still [s]; null where none are flown. */
 export function validLeft_s({ group, heardAt_s }: Heard, now_s: number): number | null {
   return group.valid_left_s === null ? null : Math.max(0, group.valid_left_s - (now_s - heardAt_s));
+}
+
+/** Newest first; what says no more than why it ended is left out. */
+export function findingsShown(group: Group, most: number): Group['findings'] {
+  return group.findings.slice(-most).reverse().filter((finding) => finding.text !== group.ended);
 }
 
 /** Within a quarter of the minimum it is worth a look. */

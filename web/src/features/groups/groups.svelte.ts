@@ -41,7 +41,11 @@ export class GroupDesk {
   readonly live = $derived(this.list.filter((one) => isLive(one.group)));
   readonly over = $derived(newestOver(this.list, this.seenLive));
   /** The one that this page started or commands. */
-  readonly own = $derived.by(() => this.live.find((one) => one.group.client === this.api.name) ?? null);
+  readonly own = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
+
+  isOwn(group: Group): boolean {
+    return group.client === this.api.name;
+  }
 
   names(group: Group): string[] {
     return group.members.map((member) => this.nameOf(member.vehicle));

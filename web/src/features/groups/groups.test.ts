@@ -2,9 +2,9 @@ import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../app/facts';
 import { UNKNOWN_IDENTITY } from '../../live/vehicle-state';
 import { humanWords } from '../setpoints/info';
-import { commandable, distanceTone, listed, memberWords, nearestNow, newestOver, readGroup, stateWords, validLeft_s, withGroup, keyOf, type Group, type Heard } from './group';
+import { commandable, distanceTone, findingsShown, listed, memberWords, nearestNow, newestOver, readGroup, stateWords, validLeft_s, withGroup, keyOf, type Group, type Heard } from './group';
 import { GroupKeeper, type Said } from './keeper';
-import { NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
+import { formWords, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
 
 const reading = <T>(value: T, stale = false): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale });
 
@@ -83,7 +83,15 @@ describe('how a group stands', () => {
     expect(memberWords(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
     expect(memberWords({ ...member, held: true }, null)).toEqual({ text: 'held · offboard', tone: 'caution' });
     expect(memberWords({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
+    expect(memberWords(member, 'Offboard', true).text).toBe('waits · Offboard');
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
+  });
+
+  it('tells findings newest first, and why it ended once', () => {
+    const finding = (text: string): Group['findings'][number] => ({ unix_s: 1, code: 'left', vehicles: ['1'], held: [], text, distance_m: null });
+    const group = as({ findings: ['a', 'b', 'c', 'd'].map(finding) });
+    expect(findingsShown(group, 3).map((f) => f.text)).toEqual(['d', 'c', 'b']);
+    expect(findingsShown({ ...group, state: 'ended', ended: 'd' }, 3).map((f) => f.text)).toEqual(['c', 'b']);
   });
 
   it('finds the two that are nearest, of those whose place is known', () => {
@@ -163,6 +171,10 @@ describe('the keeper of a group', () => {
 });
 
 describe('the server’s words', () => {
+  it('name the form’s fields as the form does', () => {
+    expect(formWords('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Keep apart”.');
+  });
+
   it('call kinds of setpoints as the form does', () => {
     expect(humanWords('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.'))
       .toBe('A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.');

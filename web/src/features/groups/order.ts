@@ -99,6 +99,11 @@ export function startBody(setpoints: readonly { vehicle: string; setpoint: AnySe
   };
 }
 
+/** The API's names of fields as this form calls them; the rest is the server's own words. */
+export function formWords(words: string): string {
+  return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Good for”');
+}
+
 const WAYS: readonly (readonly [string, string])[] = [['north', 'south'], ['east', 'west'], ['up', 'down']];
 
 /** "move 5.0 m north, 2.0 m down". */

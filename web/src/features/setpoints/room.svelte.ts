@@ -21,6 +21,8 @@ export interface ScenePreview {
 
 class Room {
   open = $state(false);
+  /** It shall open at its part for groups. */
+  atGroups = $state(false);
   /** Not painted from: read once per frame by the map. */
   shown: ShownPreview | null = null;
   /** Null: none. Told to the 3D view whenever it changes. */
@@ -30,6 +32,10 @@ class Room {
 
   toggle(): void {
     this.open = !this.open;
+  }
+
+  showGroups(): void {
+    this.open = this.atGroups = true;
   }
 
   clear(): void {

@@ -1,0 +1,146 @@
+"""Two vehicles flown as one from the page: chosen, started, kept alive while it is seen, held by a click."""
+
+from __future__ import annotations
+
+import re
+import time
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from gcs_server.client import SyncGcs, setpoints
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, number, opened, slide, tab_to
+from tests.e2e.conftest import FAST
+from tests.station import free_port, server, vehicle, wait_until
+from tools import build_page
+
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+IDS: tuple[str, ...] = ("101", "102")
+HIDE = """
+(state) => {
+  Object.defineProperty(document, 'visibilityState', { configurable: true, get: () => state });
+  document.dispatchEvent(new Event('visibilitychange'));
+}
+"""
+
+
+def places(drones: list[Any]) -> list[list[float]]:
+    return [drone.topic("local_position")["position_ned_m"] for drone in drones]
+
+
+def modes(drones: list[Any]) -> set[str]:
+    return {drone.status()["mode"] for drone in drones}
+
+
+def open_group(page: Page) -> Any:
+    """The room's part for groups."""
+    expect(page.locator(".pill b")).to_have_text("Holding")
+    page.keyboard.press("p")
+    room = page.get_by_role("region", name="Offboard room")
+    room.get_by_role("button", name="Group", exact=True).click()
+    return room
+
+
+def test_two_vehicles_are_flown_together_and_held() -> None:
+    build_page.build(REPOSITORY)
+    port = free_port()
+    with (
+        chromium() as browser,
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, instances=2, more=FAST),
+        SyncGcs(url, client="e2e") as gcs,
+        opened(browser, url, scene=False, size=(1280, 720)) as page,
+    ):
+        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=60) for v in IDS]
+        for drone in drones:
+            drone.takeoff(8)
+        for drone in drones:
+            drone.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+        room = open_group(page)
+
+        # What is missing is said in the form, what the server refuses beside the button, naming vehicles.
+        room.get_by_role("button", name="Start group…").click()
+        expect(room).to_contain_text("Choose two vehicles or more.")
+        for drone in IDS:
+            room.get_by_role("checkbox", name=re.compile(f"^{drone} Quad")).check()
+        expect(room).to_contain_text(re.compile(r"Nearest now: 101 and 102, \d"))
+        room.get_by_label("Move, North").fill("6")
+        room.get_by_label("Keep apart, at least").fill("60")
+        room.get_by_role("button", name="Start group…").click()
+        expect(page.get_by_role("alertdialog")).to_contain_text("Group: 101 Quad and 102 Quad")
+        expect(page.get_by_role("alertdialog")).to_contain_text("all move 6.0 m north together")
+        slide(page)
+        refusal = room.get_by_role("alert")
+        expect(refusal).to_contain_text("101 Quad and 102 Quad")
+        expect(refusal).to_contain_text(re.compile("[Vv]ehicles? 10[12]"))
+        assert in_both_themes(page) == []
+        assert modes(drones) == {"hold"}
+
+        # Started, flown, renewed for as long as somebody sees the page.
+        before = places(drones)
+        room.get_by_label("Keep apart, at least").fill("1")
+        room.get_by_label("Good for, seconds").fill("4")
+        tab_to(page, "Start group…")
+        page.keyboard.press("Enter")
+        hold_space(page)
+        card = room.get_by_role("region", name=re.compile("^Group"))
+        expect(card).to_contain_text("Flying")
+        expect(card).to_contain_text("of this page")
+        expect(refusal).to_be_hidden()
+        began_s = time.monotonic()
+
+        def flown(north_m: float) -> bool:
+            return all(now[0] - was[0] > north_m for now, was in zip(places(drones), before, strict=True))
+
+        wait_until(lambda: flown(5.5), "both six metres north", 30)
+        expect(card).to_contain_text("Renewed while this page is in sight")
+        assert number(card.locator(".figures b").first.inner_text()) > 1
+        wait_until(lambda: time.monotonic() - began_s > 10, "longer than it is good for", 15)
+        group = gcs.request("GET", "/groups")["groups"][-1]
+        assert (group["state"], group["findings"]) == ("flying", [])
+
+        # Another offset for all, from where they are; then held by one press.
+        room.get_by_label("Move, North").fill("3")
+        room.get_by_label("Good for, seconds").fill("30")
+        room.get_by_role("button", name="Send to group").click()
+        wait_until(lambda: flown(8.4), "three metres more", 30)
+        expect(page.get_by_label("Sent setpoints").get_by_role("listitem").first).to_contain_text(
+            "Group · taken"
+        )
+        assert in_both_themes(page) == []
+        tab_to(page, "Hold group")
+        page.keyboard.press("Enter")
+        wait_until(lambda: modes(drones) == {"hold"}, "Hold", 10)
+        expect(card).to_contain_text("commanded Hold.")
+        expect(room.get_by_role("button", name="Hold group")).to_have_count(0)
+
+        # What it says is what is: the reason once, no longer a way to hold or send.
+        expect(card).to_contain_text("Ended")
+        expect(room.get_by_role("button", name="Send to group")).to_have_count(0)
+
+        # Nobody sees the page: it renews nothing, the group expires into Hold.
+        room.get_by_label("Good for, seconds").fill("3")
+        room.get_by_role("button", name="Start group…").click()
+        hold_space(page)
+        expect(card).to_contain_text("Flying")
+        page.evaluate(HIDE, "hidden")
+        wait_until(lambda: modes(drones) == {"hold"}, "the expiry", 25)
+        page.evaluate(HIDE, "visible")
+        expect(card).to_contain_text("Its setpoints expired.")
+
+        # Somebody else's is seen too, and can be held.
+        with SyncGcs(url, client="pair", client_id="e2e") as other:
+            orders = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
+            with other.group(orders, minimum_separation_m=1, valid_for_s=60):
+                theirs = room.get_by_role("region", name="Group 3")
+                expect(theirs).to_contain_text("of pair")
+                expect(theirs).to_contain_text("Flying")
+                room.get_by_role("button", name="Form", exact=True).click()
+                page.keyboard.press("p")
+                alone = page.get_by_label("Offboard", exact=True)
+                expect(alone).to_contain_text("Flies in group 3 of pair.")
+                alone.get_by_role("button", name="Show the group").click()
+                room.get_by_role("button", name="Hold group").click()
+                wait_until(lambda: modes(drones) == {"hold"}, "Hold by who only watches", 10)
