@@ -86,7 +86,7 @@ MANOEUVRES: dict[str, Manoeuvre] = {
     "mission_box_40m": Manoeuvre(POSITION, _XYZ, "x"),
     "offboard_stop_streaming": Manoeuvre(PATH, ("z",), "z"),
     "orbit_r10_v3": Manoeuvre(POSITION, _XYZ, "x"),
-    "orbit_to_hold": Manoeuvre(POSITION, _XYZ, "x"),
+    "orbit_to_hold": Manoeuvre(PATH, _XYZ, "x"),
     "pos_step_x_p5": Manoeuvre(POSITION, _XYZ, "x"),
     "pos_step_y_10": Manoeuvre(POSITION, _XYZ, "y"),
     "pos_step_z_up3": Manoeuvre(POSITION, _XYZ, "z"),

@@ -183,7 +183,10 @@ class Smoothing:
         return (vn * dn + ve * de) / (speed * left_m) < ALIGNED
 
     def _crossing(self, way: Way) -> tuple[float, float]:
-        """Where to aim while turning: on the line to the target, a radius ahead of the trajectory."""
+        """Where to aim while turning: on the line to the target, a radius ahead of the trajectory.
+
+        Who has passed the target aims back at it.
+        """
         pn, pe, _ = way.previous_ned_m
         tn, te, _ = way.target_ned_m
         length = math.hypot(tn - pn, te - pe)
@@ -192,6 +195,8 @@ class Smoothing:
         un, ue = (tn - pn) / length, (te - pe) / length
         x, y = self.x.position_m, self.y.position_m
         along = (x - pn) * un + (y - pe) * ue
+        if along > length:
+            return tn, te
         closest_n, closest_e = pn + un * along, pe + ue * along
         off_m = math.hypot(closest_n - x, closest_e - y)
         radius = max(way.acceptance_m, L1_LEAST_M)

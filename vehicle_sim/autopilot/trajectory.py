@@ -36,13 +36,15 @@ class Axis:
     _acceleration_limit_m_s2: float = 0.0
     _change_m_s: float = 0.0
     _parts_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    _planned: bool = False
+    """Before the first plan an acceleration that was taken over goes on."""
 
     def reset(self, position_m: float, velocity_m_s: float = 0.0) -> None:
         """Start over from where the vehicle is."""
         self.position_m = position_m
         self.velocity_m_s = velocity_m_s
         self.acceleration_m_s2 = 0.0
-        self._parts_s = (0.0, 0.0, 0.0)
+        self._parts_s, self._planned = (0.0, 0.0, 0.0), False
 
     @property
     def change_s(self) -> float:
@@ -64,7 +66,7 @@ class Axis:
         root = math.sqrt(max(0.0, 0.5 * a * a + change * jerk))
         first_s = self._within_limit(max(0.0, (root - abs(a) * math.copysign(1.0, a * jerk)) / abs(jerk)))
         last_s = max(0.0, a / jerk + first_s)
-        self._parts_s = (first_s, self._middle_s(first_s, last_s), last_s)
+        self._parts_s, self._planned = (first_s, self._middle_s(first_s, last_s), last_s), True
 
     def take(self, total_s: float) -> None:
         """Let the planned change take so long; a fastest one that is longer stays."""
@@ -104,8 +106,9 @@ class Axis:
             left_s, last_s = left_s - step_s, last_s - step_s
         self._parts_s = (first_s, middle_s, last_s)
         if left_s > 0.0:
-            self.acceleration_m_s2 = 0.0
-            self.position_m += self.velocity_m_s * left_s
+            if self._planned:
+                self.acceleration_m_s2 = 0.0
+            self._move(left_s, 0.0)
 
     def advance(
         self,

@@ -39,7 +39,7 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
     s.command(176, 1, 4, 3)
     s.run(0.2)
     assert s.flown_mode == HOLD
-    s.run(1.5)
+    s.run(7.0)  # it was just gaining speed: it runs past its place and comes back
     held = s.place
     s.run(1.0)
     assert math.dist(held, s.place) < 0.6, "Hold waits"
@@ -147,3 +147,19 @@ def test_a_mission_uploaded_or_cleared_in_flight(s: PlanStation) -> None:
     s.command(176, 1, 4, 4)
     s.run(0.1)
     assert s.texts()[-1] == "Switching to Mission is currently not available\t"
+
+
+def test_held_while_it_gains_speed_it_runs_past_the_place_and_comes_back_to_it(s: PlanStation) -> None:
+    assert s.upload([s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 60, 0, 4)]) == 0
+    s.start()
+    s.run_until(lambda: s.place[0] > 0.3, 20)
+    s.command(176, 1, 4, 3)
+    farthest_m = 0.0
+    for _ in range(100):
+        s.run(0.1)
+        farthest_m = max(farthest_m, s.place[0])
+    assert 2.0 < farthest_m < 8.0
+    assert s.place[0] < farthest_m - 1.0
+    held = s.place
+    s.run(3.0)
+    assert math.dist(held, s.place) < 0.3

@@ -97,30 +97,31 @@ class Orbit:
         fastest = math.sqrt(SIDEWAYS_MAX_M_S2 * abs(radius))
         speed = math.copysign(min(abs(speed), fastest), radius * speed)
         self._circle = Circle(north, east, down, abs(radius), speed, yaw)
-        self._around, self._asked, self._commanded = False, True, True
+        self._asked = self._commanded = True
+        self._around = self._around and self._on_circle(self._circle)
+
+    def _on_circle(self, circle: Circle) -> bool:
+        north, east, down = self._body.belief.position_ned_m
+        off_m = math.hypot(north - circle.north_m, east - circle.east_m) - circle.radius_m
+        return abs(off_m) < ON_CIRCLE_M and abs(down - circle.down_m) < self._body.parameter("NAV_MC_ALT_RAD")
 
     def _parameter_yaw(self) -> YawBehaviour:
         choice = self._body.choice("MC_ORBIT_YAW_MOD")
         return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
     def run(self, flying: bool) -> None:
-        """One tick around the circle, or towards it."""
+        """One tick towards the circle, or around it: who once was on it does not approach it anew."""
         circle = self._circle
         if circle is None:
             self._path.fly_to_target(flying)
             return
-        north, east, down = self._body.belief.position_ned_m
+        north, east, _ = self._body.belief.position_ned_m
         dn, de = north - circle.north_m, east - circle.east_m
         distance = math.hypot(dn, de)
         un, ue = (dn / distance, de / distance) if distance > 0.01 else (1.0, 0.0)
-        near_m = self._body.parameter("NAV_MC_ALT_RAD")
-        on_circle = abs(distance - circle.radius_m) < ON_CIRCLE_M and abs(down - circle.down_m) < near_m
-        if on_circle:
+        if self._around or self._on_circle(circle):
             self._go_around(circle, (un, ue), distance, flying)
             return
-        if self._around:
-            self._around = False
-            self._path.restart(in_air=True)
         self._path.target_ned_m = (
             circle.north_m + un * circle.radius_m, circle.east_m + ue * circle.radius_m, circle.down_m,
         )  # fmt: skip
