@@ -197,7 +197,7 @@ def in_3d(page: Page) -> None:
     expect(menu).to_be_hidden()
 
 
-@pytest.mark.parametrize("kind", ["pmtiles", "mbtiles"])
+@pytest.mark.parametrize("kind", ["pmtiles", pytest.param("mbtiles", marks=pytest.mark.realtime)])
 def test_a_map_file_of_the_operators_own(browser: Browser, station: Station, kind: str) -> None:
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
     write, made = (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")

@@ -152,6 +152,7 @@ def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_pa
                 os.kill(json.loads(note.read_text())["pid"], signal.SIGKILL)
 
 
+@pytest.mark.realtime
 def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_path: Path) -> None:
     port = free_port()
     with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
@@ -175,6 +176,7 @@ def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_pat
         assert (tmp_path / "recordings" / recording["file"]).stat().st_size >= recording["bytes"] > 0
 
 
+@pytest.mark.realtime
 def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: Path) -> None:
     port = free_port()
     with (
@@ -192,6 +194,7 @@ def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: 
         assert sorted(places) == pytest.approx([47.397, 47.5], abs=0.01)
 
 
+@pytest.mark.realtime
 def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_hold(tmp_path: Path) -> None:
     port = free_port()
     command = bare([f"udpin://127.0.0.1:{port}"], tmp_path)
