@@ -7,21 +7,16 @@ holds the interpreter lock may itself wait for a processor; a process with real-
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import pickle
-import socket
-import subprocess
 import sys
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection as Pipe
 from typing import Any
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
-from gcs_server.mavlink.connection import Connection
+from gcs_server.streamer.child import Child, Gone
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order
@@ -30,116 +25,11 @@ from gcs_server.streamer.worker import Route
 
 log = logging.getLogger(__name__)
 
-STARTS_WITHIN_S = 10.0
-ANSWERS_WITHIN_S = 2.0
-"""A process that does not answer for so long is ended: the vehicles fail safe rather than fly on unseen."""
 STATES_FRESH_S = 0.05
 SWITCH_INTERVAL_S = 0.0005
 """What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
 the loop: Python's own 5 ms are a quarter of a stream's period."""
-LONGEST_MAIL = 1 << 20
 ENDED = "The process that flies setpoint streams ended; nothing is sent any more, and the vehicle fails safe."
-
-
-class _Gone(Exception):
-    """The process does not answer."""
-
-
-class _Child:
-    """One run of the process."""
-
-    def __init__(self, own_ids: tuple[int, int], silent_limit_s: float) -> None:
-        calls, its_calls = socket.socketpair()
-        self._way, its_way = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        ends = [its_calls.fileno(), its_way.fileno()]
-        arguments = [*ends, *own_ids, silent_limit_s]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "gcs_server.streamer.worker", *map(str, arguments)],
-            stdin=subprocess.DEVNULL,
-            pass_fds=ends,
-            start_new_session=True,  # Ctrl-C is the server's: it puts the vehicles into Hold first
-        )
-        its_calls.close()
-        its_way.close()
-        self._calls = Pipe(calls.detach())
-        self._greeted = False
-        self._numbers: dict[socket.socket, int] = {}
-        self.connections: dict[int, Connection] = {}
-        """By the number of their socket."""
-        self.known: set[str] = set()
-        """Vehicles that the process knows."""
-
-    @property
-    def pid(self) -> int:
-        """Of the process."""
-        return self._process.pid
-
-    @property
-    def dead(self) -> bool:
-        """Whether it has ended."""
-        return self._process.poll() is not None
-
-    def call(self, name: str, *arguments: object) -> Any:
-        """Waits for the answer.
-
-        Raises:
-            _Gone: there is none.
-            ValueError: what was asked for cannot be.
-            RuntimeError: it failed otherwise; the process has logged how.
-        """
-        try:
-            if not self._greeted:
-                self._expect(STARTS_WITHIN_S)
-                if not pickle.loads(self._calls.recv_bytes()):
-                    log.info("setpoint streams have no real-time priority: see docs/performance.md")
-                self._greeted = True
-            self._calls.send_bytes(pickle.dumps((name, arguments)))
-            self._expect(ANSWERS_WITHIN_S)
-            error, result = pickle.loads(self._calls.recv_bytes())
-        except (EOFError, OSError) as problem:
-            raise _Gone from problem
-        if error:
-            raise (ValueError if error == "ValueError" else RuntimeError)(result)
-        return result
-
-    def _expect(self, within_s: float) -> None:
-        if not self._calls.poll(within_s):
-            raise EOFError
-
-    def route(self, sender: PayloadSender) -> Route | None:
-        """A vehicle's way as the process takes it, its socket handed over; None: by the server."""
-        way = sender.way_out()
-        if way is None or way.peer.address is None:
-            return None
-        link_socket = way.connection.link.datagrams()
-        if link_socket is None:
-            return None
-        if link_socket not in self._numbers:
-            number = self._numbers[link_socket] = len(self._numbers) + 1
-            self.connections[number] = way.connection
-            with contextlib.suppress(OSError):  # gone: the next call says so
-                socket.send_fds(self._way, [b"%d" % number], [link_socket.fileno()])
-        return Route(self._numbers[link_socket], way.peer.address)
-
-    def mail(self) -> tuple[Any, ...] | None:
-        """Waits for the next; None when the process has ended."""
-        try:
-            data = self._way.recv(LONGEST_MAIL)
-        except OSError:
-            return None
-        return pickle.loads(data) if data else None
-
-    def end(self) -> None:
-        """Closes its calls, at which it ends by itself."""
-        self._calls.close()
-        try:
-            self._process.wait(1.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        with contextlib.suppress(OSError):
-            self._way.shutdown(socket.SHUT_RDWR)  # wakes whoever waits for mail
-        self._way.close()
 
 
 @dataclass(slots=True)
@@ -169,7 +59,7 @@ class StreamProcess(Streams):
         self._own_ids = own_ids
         self._silent_limit_s = server_silent_limit_s
         self._wanted = False
-        self._child: _Child | None = None
+        self._child: Child | None = None
         self._vehicles: dict[str, _Known] = {}
         self._begun: set[str] = set()
         """Who may be streamed to; of all others it is known that nobody does."""
@@ -237,13 +127,13 @@ class StreamProcess(Streams):
         child, known = self._child, self._vehicles[vehicle_id]
         try:
             if child is None:
-                raise _Gone
+                raise Gone
             if vehicle_id not in child.known:
                 child.call("attach", vehicle_id, known.target, known.number)
                 child.known.add(vehicle_id)
             child.call("routes", self._routes(self._begun | {vehicle_id}))
             number: int = child.call("begin", vehicle_id, order, rate_hz, snapshot)
-        except _Gone:
+        except Gone:
             self._gone()
             raise Refused(
                 "The process that flies setpoint streams is being started again.",
@@ -329,7 +219,7 @@ class StreamProcess(Streams):
     def _spawn(self) -> None:
         if self._child is not None or not self._wanted or not self._vehicles:
             return
-        child = self._child = _Child(self._own_ids, self._silent_limit_s)
+        child = self._child = Child(self._own_ids, self._silent_limit_s)
         threading.Thread(target=self._pass_on, args=(child,), name="offboard-mail", daemon=True).start()
 
     def _routes(self, vehicles: set[str]) -> dict[str, Route | None]:
@@ -348,7 +238,7 @@ class StreamProcess(Streams):
             return otherwise
         try:
             return self._child.call(name, *arguments)
-        except _Gone:
+        except Gone:
             self._gone()
             return otherwise
 
@@ -373,7 +263,7 @@ class StreamProcess(Streams):
         self._states = {}
         self._spawn()
 
-    def _pass_on(self, child: _Child) -> None:
+    def _pass_on(self, child: Child) -> None:
         """A thread of its own: sends what the process cannot, records what it sent."""
         while (mail := child.mail()) is not None:
             if mail[0] == "relay":

@@ -38,6 +38,8 @@ SENT_WAITING = 20_000
 """So many frames wait for a server that stands still; more are missing from its recording."""
 LONGEST_RUN_US = 1_000_000
 """With real-time priority: of processor time without a pause, after which the system ends the process."""
+LONGEST_SPELL_S, REST_S = 0.05, 0.005
+"""Streams that want more than a processor are late rather than leave nothing to the server."""
 LONGEST_HANDOVER = 64
 
 Address = tuple[str, int]
@@ -145,12 +147,18 @@ class Worker:
     def run(self) -> None:
         """Returns when the server has gone."""
         calls = self._calls.fileno()
+        rested_s = self.clock.monotonic_s()
         while True:
             due_s = self._rounds.step()
-            self.mail.tell(self.clock.monotonic_s())
-            wait_s = due_s - self.clock.monotonic_s()
+            now_s = self.clock.monotonic_s()
+            self.mail.tell(now_s)
+            wait_s = due_s - now_s
             if self.mail.waits:
                 wait_s = min(wait_s, SENT_EVERY_S)
+            if now_s - rested_s > LONGEST_SPELL_S:
+                wait_s = max(wait_s, REST_S)
+            if wait_s > 0:
+                rested_s = now_s + wait_s
             timeout_s = None if wait_s == float("inf") else max(0.0, wait_s)
             if select.select([calls], [], [], timeout_s)[0]:
                 try:

@@ -17,6 +17,7 @@ from gcs_server.streamer.failsafe import Failsafe
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.process import StreamProcess
 from gcs_server.streamer.setpoints import Follow, OnExpiry, Order, Position, Velocity
+from gcs_server.streamer.worker import Worker
 
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 OWN_IDS = (255, 191)
@@ -182,7 +183,7 @@ def test_a_killed_process_is_told_and_started_again_but_no_stream_is(streams, ve
 
 
 def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
-    monkeypatch.setattr("gcs_server.streamer.process.ANSWERS_WITHIN_S", 0.2)
+    monkeypatch.setattr("gcs_server.streamer.child.ANSWERS_WITHIN_S", 0.2)
     begin(streams, "1", vehicle)
     os.kill(streams.pid, signal.SIGSTOP)
     pid = streams.pid
@@ -213,6 +214,40 @@ def test_expiry_is_brought_about_and_told_there(streams, vehicle):
     begin(streams, "1", vehicle, order=Order(HOVER, 0.1, OnExpiry("stop_stream")))
     soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]
+
+
+def test_streams_that_want_more_than_a_processor_still_let_others_run(monkeypatch):
+    waits = []
+
+    class Hurrying:
+        """Wakes a millisecond later than it was to, and then is due at once."""
+
+        def __init__(self):
+            self.now_s = 10.0
+
+        def monotonic_s(self):
+            self.now_s += 0.0005
+            return self.now_s
+
+        def step(self):
+            return self.now_s
+
+    class Calls:
+        def fileno(self):
+            return 0
+
+        def recv_bytes(self):
+            raise EOFError
+
+    def select(read, _write, _errors, timeout_s):
+        waits.append(timeout_s)
+        hurrying.now_s += timeout_s
+        return (read if len(waits) == 1000 else [], [], [])
+
+    hurrying = Hurrying()
+    monkeypatch.setattr("gcs_server.streamer.worker.select.select", select)
+    Worker(Calls(), socket.socket(), OWN_IDS, hurrying, hurrying).run()
+    assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20
 
 
 def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
