@@ -239,7 +239,10 @@ def group(at: Set) -> None:
     """Both fly as one: state, members, the nearest two, what is left of the validity."""
     page = at.page
     with beside(at) as second:
+        home = at.drone.topic("home")
         second.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+        second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
+        time.sleep(4)
         page.keyboard.press("m")
         page.keyboard.press("p")
         dock = page.get_by_role("region", name="Offboard room")
@@ -248,7 +251,6 @@ def group(at: Set) -> None:
             box.check()
         dock.get_by_label("Keep apart, at least").fill("2")
         dock.get_by_label("Move, North").fill("12")
-        dock.get_by_label("Move, East").fill("8")
         dock.get_by_role("button", name="Start group…").click()
         hold_space(page)
         dock.get_by_text("Flying", exact=True).wait_for()

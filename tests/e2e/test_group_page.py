@@ -90,6 +90,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(card).to_contain_text("of this page")
         expect(refusal).to_be_hidden()
         began_s = time.monotonic()
+        expect(room.get_by_label("Move, North")).to_have_value("0")  # pressed again it moves nothing
 
         def flown(north_m: float) -> bool:
             return all(now[0] - was[0] > north_m for now, was in zip(places(drones), before, strict=True))

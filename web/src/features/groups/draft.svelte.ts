@@ -66,7 +66,11 @@ class GroupDraft {
     const line = desk.noteSent('group', { type: `Group of ${listed(members)}: ${togetherWords(draft)}` });
     const outcome = await send();
     desk.answered(line, outcome, null);
-    if (outcome.ok) return outcome;
+    if (outcome.ok) {
+      // An offset pressed twice would be flown twice: the next one is typed anew.
+      if (draft.how === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });
+      return outcome;
+    }
     const { detail, remedy } = outcome.problem;
     return { ok: false, problem: { ...outcome.problem, detail: formWords(detail), remedy: remedy === null ? null : formWords(remedy) } };
   }
