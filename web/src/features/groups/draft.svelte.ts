@@ -7,7 +7,7 @@ import type { Outcome } from '../../api/client';
 import { UNKNOWN_IDENTITY } from '../../live/vehicle-state';
 import { desk } from '../setpoints/desk.svelte';
 import { commandable, listed, type Group } from './group';
-import { formWords, lastingOf, NEW_DRAFT, problemsOf, setpointsFor, startBody, startQuestion, togetherWords, type Draft, type Ordered, type Problems } from './order';
+import { flownHow, formWords, lastingOf, NEW_DRAFT, problemsOf, setpointsFor, startBody, startQuestion, togetherWords, type Draft, type Ordered, type Problems } from './order';
 
 class GroupDraft {
   now = $state.raw<Draft>(NEW_DRAFT);
@@ -55,11 +55,12 @@ class GroupDraft {
     });
   }
 
-  /** Good for as long again as the form says; renewed from now on, if it says so. */
+  /** Good for as long again as the form says of what flies, whatever is being typed now; kept renewed, if it says so. */
   async renew(group: Group): Promise<void> {
+    const flown: Draft = { ...this.now, how: flownHow(group) };
     this.tried = true;
-    if ('valid' in problemsOf(this.now, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: listed(groups.names(group)) }, 'room', () => groups.renew(group, lastingOf(this.now)));
+    if ('valid' in problemsOf(flown, true)) return;
+    await actions.attempt(`Renewing group ${group.id}`, { name: listed(groups.names(group)) }, 'room', () => groups.renew(group, lastingOf(flown)));
   }
 
   private async logged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {

@@ -1,10 +1,13 @@
 import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../../api/client';
+import type { Refusal } from '../actions/controller.svelte';
 import type { VehicleFacts } from '../../app/facts';
 import { UNKNOWN_IDENTITY } from '../../live/vehicle-state';
 import { humanWords } from '../setpoints/info';
 import { commandable, distanceTone, findingsShown, listed, memberWords, nearestNow, newestOver, readGroup, stateWords, validLeft_s, withGroup, keyOf, type Group, type Heard } from './group';
+import { GroupDesk } from './groups.svelte';
 import { GroupKeeper, type Said } from './keeper';
-import { formWords, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
+import { flownHow, formWords, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
 
 const reading = <T>(value: T, stale = false): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale });
 
@@ -167,6 +170,95 @@ describe('the keeper of a group', () => {
     one.keeper.keep(GROUP, { ...LASTING, renew: false }, 0);
     await run(one, 30, () => [GROUP]);
     expect(one.said).toEqual([]);
+  });
+});
+
+describe('the desk of groups', () => {
+  const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
+  const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
+
+  function station(): { desk: GroupDesk; calls: { call: string; body: unknown }[]; at: { now_s: number; seen: boolean; group: Group; status: number }; dropped: string[]; refused: Refusal[]; settle: () => Promise<void> } {
+    const calls: { call: string; body: unknown }[] = [];
+    const at = { now_s: 0, seen: true, group: GROUP, status: 200 };
+    const api = new ApiClient('me', undefined, (path, init) => {
+      calls.push({ call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`, body: init.body === undefined ? null : JSON.parse(init.body as string) as unknown });
+      const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
+      return Promise.resolve(at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status }));
+    });
+    const refused: Refusal[] = [];
+    const dropped: string[] = [];
+    const actions = {
+      attempt: async <T>(what: string, { name }: { name: string }, _place: string, send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>): Promise<boolean> => {
+        const outcome = await send();
+        if (!outcome.ok) refused.push({ what, vehicleName: name, problem: outcome.problem });
+        return outcome.ok;
+      },
+    };
+    const desk = new GroupDesk(api, actions, () => at.now_s, () => at.seen, (id) => `${id} Quad`, (id) => dropped.push(id));
+    const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
+    return { desk, calls, at, dropped, refused, settle };
+  }
+
+  it('says again what it asked of each, but of whom it has sent alone since or who is held', async () => {
+    const { desk, calls, at, dropped, settle } = station();
+    expect((await desk.start({ members: MEMBERS }, LASTING)).ok).toBe(true);
+    expect(dropped).toEqual(['1', '2']);
+    expect([desk.own?.group.id, desk.keptKey, desk.of('2')?.id, desk.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
+    const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
+    at.now_s = 3;
+    desk.tick('open');
+    await settle();
+    desk.sentAlone('1');
+    at.now_s = 6;
+    desk.tick('open');
+    await settle();
+    expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
+    at.seen = false;
+    at.now_s = 20;
+    desk.tick('open');
+    await settle();
+    expect(renewals()).toHaveLength(2);
+  });
+
+  it('asks once a second while there is one and somebody looks, and after each new connection', async () => {
+    const { desk, calls, at, settle } = station();
+    const asked = (): number => calls.filter((c) => c.call === 'GET /groups').length;
+    for (; at.now_s < 2.95; at.now_s += 0.1) {
+      desk.tick('open');
+      await settle();
+    }
+    expect(asked()).toBe(3);
+    at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
+    desk.heard({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
+    expect([desk.live.length, desk.over?.ended, desk.own]).toEqual([0, 'me commanded Hold.', null]);
+    at.now_s = 60;
+    desk.tick('open');
+    await settle();
+    expect(asked()).toBe(3);
+    desk.tick('another connection');
+    await settle();
+    expect(asked()).toBe(4);
+    desk.putAway();
+    expect(desk.over).toBeNull();
+  });
+
+  it('tells why it was not renewed, and tries no more', async () => {
+    const { desk, at, refused, calls, settle } = station();
+    await desk.start({ members: MEMBERS }, LASTING);
+    at.status = 409;
+    for (const now_s of [3, 6, 9]) {
+      at.now_s = now_s;
+      desk.tick('open');
+      await settle();
+    }
+    expect(refused.map((r) => [r.what, r.vehicleName, r.problem.detail])).toEqual([['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.']]);
+    expect(calls.filter((c) => c.call.endsWith('setpoints'))).toHaveLength(1);
+    expect(desk.keptKey).toBeNull();
+  });
+
+  it('never renews a velocity by the rule for places', () => {
+    expect(flownHow(GROUP)).toBe('move');
+    expect(flownHow(as({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
   });
 });
 

@@ -5,7 +5,7 @@ import { fixed } from '../../ui/format';
 import type { Question } from '../actions/actions';
 import { ON_EXPIRY, type AnySetpoint, type Lasting } from '../offboard/setpoint';
 import { typed } from '../setpoints/form';
-import { listed } from './group';
+import { listed, type Group } from './group';
 
 export type Together = 'move' | 'velocity';
 
@@ -72,6 +72,11 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
   if (facts.local === null || facts.local.stale) return null;
   const [n, e, d] = facts.local.value.position_ned_m;
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
+}
+
+/** What a group flies now, as this form calls it: what moves is never renewed by the rule for places. */
+export function flownHow(group: Group): Together {
+  return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
 
 export type Ordered = { ok: true; setpoints: { vehicle: string; setpoint: AnySetpoint }[] } | { ok: false; detail: string };
