@@ -1,8 +1,10 @@
-"""What happens when a client or the server dies in flight: real processes, really killed."""
+"""What happens when a client, the server or its streams die in flight: real processes, really killed."""
 
 from __future__ import annotations
 
+import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -30,6 +32,7 @@ with SyncGcs(sys.argv[1], client="victim") as gcs:
 """
 
 POSITION = 0x30000
+ORDER = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid_for_s": 60}
 
 
 def speed_m_s(drone: Any) -> float:
@@ -68,7 +71,7 @@ def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
 def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_seize_it(
     tmp_path: Path,
 ) -> None:
-    port, http_port = free_port(), free_port()
+    port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST):
@@ -92,3 +95,33 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
                 journal = gcs.request("GET", "/journal")["entries"]
                 since_restart = [entry for entry in journal if entry["client"] != "e2e"]
                 assert not since_restart, "the server did something by itself"
+
+
+def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_on(tmp_path: Path) -> None:
+    port, http_port = free_port(), free_port(socket.SOCK_STREAM)
+    url = f"http://127.0.0.1:{http_port}"
+    command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
+    with vehicle(port, more=FAST), running(command) as server:
+        wait_until(lambda: answers(url), "the server")
+        with SyncGcs(url, client="e2e") as gcs:
+            drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+            airborne(drone, 25)
+            drone.request("POST", "/offboard/start", ORDER)
+            os.kill(stream_process(server.pid), signal.SIGKILL)
+            ended = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
+            assert ended["status"]["armed"]
+            stream = drone.request("GET", "/offboard")
+            assert stream["state"] == "idle"
+            assert stream["ended"].startswith("The process that flies setpoint streams ended")
+            drone.hold()
+            started = drone.request("POST", "/offboard/start", ORDER)
+            assert started["state"] == "streaming"
+            drone.request("POST", "/offboard/stop")
+            drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=10, what="Hold")
+
+
+def stream_process(server_pid: int) -> int:
+    """The child of the server's that sends the setpoints."""
+    children = Path(f"/proc/{server_pid}/task/{server_pid}/children").read_text().split()
+    commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
+    return next(child for child, line in commands.items() if "gcs_server.streamer.worker" in line)
