@@ -12,14 +12,15 @@ loop does.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, NoReply, NotTogether, Refused, Rejected, UnknownGroup
 from gcs_server.streamer.group_checks import SOONEST_S, GroupChecks, GroupOrder
 from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
-from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
+from gcs_server.streamer.group_record import Group, listed
+from gcs_server.streamer.group_status import GroupFinding, GroupStatus
 from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Setpoint
 from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
@@ -31,25 +32,6 @@ STAY_S = 600.0
 FINDINGS_KEPT = 50
 GROUPS_KEPT = 20
 HOLD_WITHIN_S = 10.0
-
-
-@dataclass(slots=True)
-class _Group:
-    id: str
-    order: GroupOrder
-    setpoints: dict[str, Setpoint]
-    """As flown now."""
-    vehicles: dict[str, Vehicle]
-    created_unix_s: float
-    state: str = "starting"
-    guard: GuardState | None = None
-    """As it was last read; None before all are confirmed."""
-    start_unix_s: float | None = None
-    findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
-    numbers: dict[str, int] = field(default_factory=dict[str, int])
-    """Of the streams that are this group's: a member that left may be flown by one of its own later."""
-    ending: str | None = None
-    ended: str | None = None
 
 
 class Groups:
@@ -66,7 +48,7 @@ class Groups:
         self._streams = streams
         self._find = find
         self._checks = GroupChecks(clock, streams)
-        self._groups: dict[str, _Group] = {}
+        self._groups: dict[str, Group] = {}
         self._count = 0
         self.tell: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
         """Called with each change, in words; set by whoever tells people."""
@@ -96,10 +78,10 @@ class Groups:
         orders = self._checks.orders(order, order.setpoints)
         self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
         self._count += 1
-        group = _Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
+        group = Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
         self._groups[group.id] = group
         self._forget_old()
-        self._told(group, f"Group {group.id} ({_listed(vehicles)}) of {order.client} is being started.")
+        self._told(group, f"Group {group.id} ({listed(vehicles)}) of {order.client} is being started.")
         waits: dict[str, Order] = {}
         try:
             waits = await self._gather(group)
@@ -217,7 +199,7 @@ class Groups:
                 self._end(group, None)
             elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
                 group.state = "flying"
-                self._told(group, f"Group {group.id} has begun: {_listed(group.vehicles)} fly together.")
+                self._told(group, f"Group {group.id} has begun: {listed(group.vehicles)} fly together.")
             elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
                 group.state = "holding"
                 self._told(group, f"Group {group.id} is being stopped.")
@@ -233,7 +215,7 @@ class Groups:
 
     # --- starting ---------------------------------------------------------------------------------
 
-    async def _gather(self, group: _Group) -> dict[str, Order]:
+    async def _gather(self, group: Group) -> dict[str, Order]:
         """All members stream their places and fly Offboard; at the first that does not, all hold."""
         waits: dict[str, Order] = {}
         failed: dict[str, GcsError] = {}
@@ -270,7 +252,7 @@ class Groups:
             )
         return waits
 
-    def _set_off(self, group: _Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
+    def _set_off(self, group: Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
         order = group.order
         lead_s = LEAD_S
         if order.start_at_unix_s is not None:
@@ -290,13 +272,13 @@ class Groups:
         self._streams.watch(guard)
         self._told(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
 
-    async def _give_up(self, group: _Group, why: str) -> None:
+    async def _give_up(self, group: Group, why: str) -> None:
         failed = await self._hold(group, list(group.numbers))
         for vehicle_id, error in failed.items():
             why += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
         self._end(group, why)
 
-    async def _hold(self, group: _Group, members: Iterable[str]) -> dict[str, GcsError]:
+    async def _hold(self, group: Group, members: Iterable[str]) -> dict[str, GcsError]:
         """All whose stream is the group's, at once; what failed, by vehicle."""
         failed: dict[str, GcsError] = {}
 
@@ -318,9 +300,9 @@ class Groups:
         for name, finding in self._streams.take_findings():
             self._found(self._groups[name], finding)
 
-    def _found(self, group: _Group, finding: Finding) -> None:
+    def _found(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
-        held = f" {_listed(finding.held)} {'holds' if len(finding.held) == 1 else 'hold'}."
+        held = f" {listed(finding.held)} {'holds' if len(finding.held) == 1 else 'hold'}."
         told = GroupFinding(
             unix_s=self._clock.unix_s() - ago_s,
             code=finding.code,
@@ -332,7 +314,7 @@ class Groups:
         group.findings = [*group.findings, told][-FINDINGS_KEPT:]
         self._told(group, f"Group {group.id}: {told.text}", warning=True)
 
-    def _end(self, group: _Group, why: str | None) -> None:
+    def _end(self, group: Group, why: str | None) -> None:
         if group.state == "ended":
             return
         self._collect()
@@ -347,53 +329,26 @@ class Groups:
         self._streams.unwatch(group.id)
         self._told(group, f"Group {group.id} has ended: {why}")
 
-    def _told(self, group: _Group, text: str, *, warning: bool = False) -> None:
+    def _told(self, group: Group, text: str, *, warning: bool = False) -> None:
         self.tell(text, self._status(group), warning)
 
-    def _status(self, group: _Group) -> GroupStatus:
-        guard, ended = self._guard(group), group.state == "ended"
-        nearest = guard.nearest if guard is not None and not ended else None
-        states = {v: self._streams.state(v) for v in group.vehicles}
-        valid = [s.valid_left_s for s in states.values() if s.phase == "streaming"]
-        valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
-        return GroupStatus(
-            id=group.id,
-            state=group.state,
-            client=group.order.client,
-            minimum_separation_m=group.order.minimum_separation_m,
-            others_go_on=group.order.others_go_on,
-            created_unix_s=group.created_unix_s,
-            start_unix_s=group.start_unix_s,
-            valid_left_s=valid_left_s if group.state == "flying" else None,
-            members=tuple(
-                GroupMember(
-                    vehicle=vehicle_id,
-                    ordered_type=group.setpoints[vehicle_id].type,
-                    stream=self._phase(group, vehicle_id),
-                    mode=vehicle.status.mode,
-                    held=guard is not None and vehicle_id in guard.held,
-                )
-                for vehicle_id, vehicle in group.vehicles.items()
-            ),
-            nearest=None if nearest is None else Nearest(nearest[:2], round(nearest[2], 2)),
-            findings=tuple(group.findings),
-            ended=group.ended,
-        )
+    def _status(self, group: Group) -> GroupStatus:
+        self._guard(group)
+        return group.status({v: self._streams.state(v) for v in group.vehicles})
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _guard(self, group: _Group) -> GuardState | None:
+    def _guard(self, group: Group) -> GuardState | None:
         """Newest; of a group that has ended its last. None before all are confirmed."""
         if group.guard is not None and group.state != "ended":
             group.guard = self._streams.guard(group.id) or group.guard
         return group.guard
 
-    def _phase(self, group: _Group, vehicle_id: str) -> str:
+    def _phase(self, group: Group, vehicle_id: str) -> str:
         """Of the group's own stream to a member."""
-        state = self._streams.state(vehicle_id)
-        return state.phase if state.number == group.numbers.get(vehicle_id) else "idle"
+        return group.phase(vehicle_id, self._streams.state(vehicle_id))
 
-    def _get(self, group_id: str) -> _Group:
+    def _get(self, group_id: str) -> Group:
         group = self._groups.get(group_id)
         if group is None:
             known = ", ".join(self._groups)
@@ -403,7 +358,7 @@ class Groups:
             )
         return group
 
-    def _group_of(self, vehicle_id: str) -> _Group | None:
+    def _group_of(self, vehicle_id: str) -> Group | None:
         for group in self._groups.values():
             if vehicle_id in group.vehicles and group.state != "ended":
                 return group
@@ -413,10 +368,3 @@ class Groups:
         ended = [group.id for group in self._groups.values() if group.state == "ended"]
         for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
             del self._groups[group_id]
-
-
-def _listed(vehicles: Mapping[str, Vehicle] | Sequence[str]) -> str:
-    ids = list(vehicles)
-    if len(ids) == 1:
-        return f"Vehicle {ids[0]}"
-    return f"Vehicles {', '.join(ids[:-1])} and {ids[-1]}"

@@ -1,0 +1,80 @@
+"""What the server keeps of one group of vehicles, and how it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from gcs_server.streamer.group_checks import GroupOrder
+from gcs_server.streamer.group_guard import GuardState
+from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
+from gcs_server.streamer.setpoints import Setpoint
+from gcs_server.streamer.streams import StreamState
+from gcs_server.vehicle.vehicle import Vehicle
+
+
+@dataclass(slots=True)
+class Group:
+    """One group: what was ordered, who flies it, and what became of it."""
+
+    id: str
+    order: GroupOrder
+    setpoints: dict[str, Setpoint]
+    """As flown now."""
+    vehicles: dict[str, Vehicle]
+    created_unix_s: float
+    state: str = "starting"
+    guard: GuardState | None = None
+    """As it was last read; None before all are confirmed."""
+    start_unix_s: float | None = None
+    findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
+    numbers: dict[str, int] = field(default_factory=dict[str, int])
+    """Of the streams that are this group's: a member that left may be flown by one of its own later."""
+    ending: str | None = None
+    ended: str | None = None
+
+    def phase(self, vehicle_id: str, stream: StreamState) -> str:
+        """Of the group's own stream to a member; idle where the vehicle is flown by another."""
+        return stream.phase if stream.number == self.numbers.get(vehicle_id) else "idle"
+
+    def status(self, streams: Mapping[str, StreamState]) -> GroupStatus:
+        """As people are told.
+
+        Args:
+            streams: each member's, newest.
+        """
+        guard, ended = self.guard, self.state == "ended"
+        nearest = guard.nearest if guard is not None and not ended else None
+        valid = [s.valid_left_s for s in streams.values() if s.phase == "streaming"]
+        valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
+        return GroupStatus(
+            id=self.id,
+            state=self.state,
+            client=self.order.client,
+            minimum_separation_m=self.order.minimum_separation_m,
+            others_go_on=self.order.others_go_on,
+            created_unix_s=self.created_unix_s,
+            start_unix_s=self.start_unix_s,
+            valid_left_s=valid_left_s if self.state == "flying" else None,
+            members=tuple(
+                GroupMember(
+                    vehicle=vehicle_id,
+                    ordered_type=self.setpoints[vehicle_id].type,
+                    stream=self.phase(vehicle_id, streams[vehicle_id]),
+                    mode=vehicle.status.mode,
+                    held=guard is not None and vehicle_id in guard.held,
+                )
+                for vehicle_id, vehicle in self.vehicles.items()
+            ),
+            nearest=None if nearest is None else Nearest(nearest[:2], round(nearest[2], 2)),
+            findings=tuple(self.findings),
+            ended=self.ended,
+        )
+
+
+def listed(vehicles: Mapping[str, Vehicle] | Sequence[str]) -> str:
+    """Their names in a sentence."""
+    ids = list(vehicles)
+    if len(ids) == 1:
+        return f"Vehicle {ids[0]}"
+    return f"Vehicles {', '.join(ids[:-1])} and {ids[-1]}"
