@@ -174,7 +174,7 @@ class GroupGuard:
         known = self._places(now_s, seen)
         for vehicle in flying:
             if vehicle not in self.held and vehicle not in known:
-                why = f"Where vehicle {vehicle} is is not known (not heard for 1 s, or no estimate)"
+                why = f"The place of vehicle {vehicle} is not known (not heard for 1 s, or no estimate)"
                 self._stop(now_s, actions, "place_unknown", (vehicle,), why)
         self._keep_apart(now_s, actions, known)
         if self.phase == "waiting" and now_s >= self.start_s:

@@ -302,13 +302,15 @@ class Groups:
 
     def _found(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
-        held = f" {listed(finding.held)} {'holds' if len(finding.held) == 1 else 'hold'}."
+        gone = finding.vehicles if finding.code == "left" else ()  # as it wants, which need not be Hold
+        held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in gone]
+        hold = f" {listed(held)} {'holds' if len(held) == 1 else 'hold'}." if held else ""
         told = GroupFinding(
             unix_s=self._clock.unix_s() - ago_s,
             code=finding.code,
             vehicles=finding.vehicles,
-            held=finding.held,
-            text=finding.text + held,
+            held=tuple(held),
+            text=finding.text + hold,
             distance_m=finding.distance_m,
         )
         group.findings = [*group.findings, told][-FINDINGS_KEPT:]

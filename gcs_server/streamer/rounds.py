@@ -243,7 +243,7 @@ class Rounds(Streams):
                 refused = f"Vehicle {vehicle_id} could not begin ({error})"
         if refused is not None:
             actions = guard.fault(now_s, refused)
-        elif actions.take:
+        elif actions.take or until_s != guard.until_s:
             guard.renewed(until_s)
             for vehicle_id in guard.members:
                 if vehicle_id not in guard.held:

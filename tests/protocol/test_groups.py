@@ -301,6 +301,21 @@ def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):
     desk(jump, story)
 
 
+def test_an_empty_list_renews_all_from_now_on(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH, valid_for_s=3.0)
+        for _ in range(3):
+            await seconds(2)
+            shown = view(await group_routes.setpoints("1", changes({}, valid_for_s=3.0), at.station, ANNA))
+            assert shown["valid_left_s"] == pytest.approx(3.0, abs=0.1)
+        assert view(await group_routes.show("1", at.station))["state"] == "flying"
+        await seconds(12.0)
+        ended = view(await group_routes.show("1", at.station))
+        assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
+
+    desk(jump, story)
+
+
 @pytest.mark.parametrize("others_go_on", [False, True])
 def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, others_go_on):
     async def story(at):
@@ -315,7 +330,7 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, 
         assert shown["state"] == ("flying" if others_go_on else "ended")
         finding = shown["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
-        assert finding["held"] == (["2"] if others_go_on else ["1", "2", "3"])
+        assert finding["held"] == ([] if others_go_on else ["1", "3"]), "2 flies as its pilot wants"
         assert "Vehicle 2 flies the group's setpoints no more: The vehicle left Offboard" in finding["text"]
         assert [text for text, _, warning in at.told if warning]
         if others_go_on:
@@ -333,7 +348,7 @@ def test_a_member_that_is_lost_holds_the_others_within_two_seconds(jump):
         await seconds(2.0)
         shown = view(await group_routes.show("1", at.station))
         assert shown["findings"][0]["code"] == "place_unknown"
-        assert "Where vehicle 3 is is not known" in shown["findings"][0]["text"]
+        assert "The place of vehicle 3 is not known" in shown["findings"][0]["text"]
         last = {v: at.pilots[v].setpoints[-1][1] for v in "12"}
         assert all(m.type_mask & 7 == 0 for m in last.values())  # places: they stand
         await seconds(8)
