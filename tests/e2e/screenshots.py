@@ -128,6 +128,8 @@ def offboard(at: Set) -> None:
         card.get_by_role("button", name="E 5 m more").click()
 
     shoot(page, at.folder, "offboard", ahead)
+    page.keyboard.press("h")
+    until_pill(page, "Holding")
 
 
 def room(at: Set) -> None:
