@@ -93,6 +93,7 @@ def metres_from(drone: SyncVehicle, place: tuple[float, float]) -> float:
     return math.hypot(north, east)
 
 
+@pytest.mark.realtime  # clicks into 3D, drawn in software
 def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
     drone = station.drone
     drone.takeoff(8)

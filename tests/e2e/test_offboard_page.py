@@ -225,6 +225,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         wait_until(lambda: speed_m_s(drone) < 0.2, "it stands", 10)
 
 
+@pytest.mark.realtime  # drags in 3D, drawn in software
 def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
     """What is dragged is a preview until Go; by keys it is stepped."""
     drone = hovering.drone
