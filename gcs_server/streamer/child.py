@@ -8,6 +8,7 @@ import pickle
 import socket
 import subprocess
 import sys
+from collections.abc import Mapping
 from multiprocessing.connection import Connection as Pipe
 from typing import Any
 
@@ -22,6 +23,8 @@ ANSWERS_WITHIN_S = 2.0
 """A process that does not answer for so long counts as gone: the vehicles fail safe rather than fly on
 unseen."""
 LONGEST_MAIL = 1 << 20
+LATE_MAIL_SOCKETS = 20
+"""Of so many sockets given up last it may still be told what went out by them."""
 
 
 class Gone(Exception):
@@ -46,7 +49,9 @@ class Child:
         its_way.close()
         self._calls = Pipe(calls.detach())
         self._greeted = False
+        self._handed_over = 0
         self._numbers: dict[socket.socket, int] = {}
+        """Of the sockets that the process has now."""
         self.connections: dict[int, Connection] = {}
         """By the number of their socket."""
         self.known: set[str] = set()
@@ -89,8 +94,20 @@ class Child:
         if not self._calls.poll(within_s):
             raise EOFError
 
-    def route(self, sender: PayloadSender) -> Route | None:
-        """A vehicle's way as the process takes it, its socket handed over; None: by the server."""
+    def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, Route | None]:
+        """Each vehicle's way as the process takes it, its socket handed over; None: by the server.
+
+        To be told to the process, which keeps the sockets of these alone.
+        """
+        routes = {vehicle_id: self._route(sender) for vehicle_id, sender in senders.items()}
+        used = {route.socket_number for route in routes.values() if route is not None}
+        if len(used) < len(self._numbers):
+            self._numbers = {s: number for s, number in self._numbers.items() if number in used}
+            late = self._handed_over - LATE_MAIL_SOCKETS
+            self.connections = {n: c for n, c in self.connections.items() if n in used or n > late}
+        return routes
+
+    def _route(self, sender: PayloadSender) -> Route | None:
         way = sender.way_out()
         if way is None or way.peer.address is None:
             return None
@@ -98,7 +115,8 @@ class Child:
         if link_socket is None:
             return None
         if link_socket not in self._numbers:
-            number = self._numbers[link_socket] = len(self._numbers) + 1
+            self._handed_over += 1
+            number = self._numbers[link_socket] = self._handed_over
             self.connections[number] = way.connection
             with contextlib.suppress(OSError):  # gone: the next call says so
                 socket.send_fds(self._way, [b"%d" % number], [link_socket.fileno()])

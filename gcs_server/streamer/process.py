@@ -224,7 +224,7 @@ class StreamProcess(Streams):
 
     def _routes(self, vehicles: set[str]) -> dict[str, Route | None]:
         assert self._child is not None
-        return {v: self._child.route(self._vehicles[v].sender) for v in vehicles}
+        return self._child.routes({v: self._vehicles[v].sender for v in vehicles})
 
     def _tell(self, name: str, *arguments: object) -> Any:
         """A call after which the streams may stand otherwise."""
@@ -271,7 +271,9 @@ class StreamProcess(Streams):
                 self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
             else:
                 for number, time_us, raw in mail[1]:
-                    child.connections[number].sent_elsewhere(time_us, raw)
+                    connection = child.connections.get(number)
+                    if connection is not None:
+                        connection.sent_elsewhere(time_us, raw)
 
 
 def _older(state: StreamState, by_s: float) -> StreamState:

@@ -193,11 +193,13 @@ class Worker:
 
     def _routes(self, routes: dict[str, Route | None]) -> None:
         """Ways out of the vehicles that are streamed to; sockets of no other are kept."""
-        for vehicle_id, route in routes.items():
-            while route is not None and route.socket_number not in self.sockets:
+        with contextlib.suppress(BlockingIOError):  # all that were handed over are here
+            while True:
                 head, descriptors, _, _ = socket.recv_fds(self._way, LONGEST_HANDOVER, 1)
                 self.sockets[int(head)] = socket.socket(fileno=descriptors[0])
-            self._outlets[vehicle_id].route = route
+        for vehicle_id, route in routes.items():
+            here = route is not None and route.socket_number in self.sockets
+            self._outlets[vehicle_id].route = route if here else None
         used = {route.socket_number for route in routes.values() if route is not None}
         for number in [n for n in self.sockets if n not in used]:
             self.sockets.pop(number).close()

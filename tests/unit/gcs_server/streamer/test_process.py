@@ -164,6 +164,23 @@ def test_a_new_way_is_taken_with_the_next_beat_and_the_server_sends_where_there_
     other.close()
 
 
+def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_and_again(streams, vehicle):
+    other = Vehicle()
+    streams.attach("2", other, (8, 1))
+    begin(streams, "1", vehicle)
+    for name, one in (("2", other), ("1", vehicle), ("2", other), ("1", vehicle)):
+        streams.end("1" if name == "2" else "2", "stopped", "")
+        streams.take_reports()
+        assert len(streams.active()) <= 1
+        count, recorded = len(one.frames), len(one.recorded)
+        begin(streams, name, one, attach=False)
+        streams.beat({name: snapshot()})
+        soon(lambda one=one, count=count: len(one.frames) >= count + 3)
+        soon(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
+    assert vehicle.relayed == other.relayed == []
+    other.close()
+
+
 def test_a_killed_process_is_told_and_started_again_but_no_stream_is(streams, vehicle):
     number = begin(streams, "1", vehicle)
     pid = streams.pid
