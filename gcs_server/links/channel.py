@@ -8,14 +8,20 @@ from collections import deque
 from collections.abc import Callable
 
 WAKE_INTERVAL_S = 0.005
-"""A busy link is read at most this often, then all there is; what comes after a pause is read at once."""
-MANY = 20
-"""Reads at once from which a link counts as a fleet's: it is read half as often."""
+"""A busy link is read no more often, then all there is; what comes after a pause is read at once."""
+PACES = ((2000.0, 0.020), (500.0, 0.010))
+"""(pieces a second, s between two reads): a fleet's link is read less often, for each wake costs as much as
+reading dozens of pieces, and no page draws sooner."""
 OUTBOX_LIMIT_BYTES = 512_000
 
 
+def pace(pieces_per_s: float) -> float:
+    """How long to wait before a link is read again [s]."""
+    return next((wait_s for busy, wait_s in PACES if pieces_per_s >= busy), WAKE_INTERVAL_S)
+
+
 class ThrottledReader:
-    """Calls `drain()` when there is something to read, at most every `WAKE_INTERVAL_S`.
+    """Calls `drain()` when there is something to read, at the link's `pace`.
 
     While bytes keep coming the descriptor is not watched at all: a timer is cheaper than being woken.
 
@@ -28,6 +34,7 @@ class ThrottledReader:
         self._fileno = fileno
         self._drain = drain
         self._timer: asyncio.TimerHandle | None = None
+        self._waited_s = WAKE_INTERVAL_S
         self._closed = False
         loop.add_reader(fileno, self._readable)
 
@@ -41,9 +48,10 @@ class ThrottledReader:
         if self._closed:  # by what came
             return
         if came:
-            wait_s = WAKE_INTERVAL_S if came < MANY else 2 * WAKE_INTERVAL_S
-            self._timer = self._loop.call_later(wait_s, self._read)
+            self._waited_s = pace(came / self._waited_s)
+            self._timer = self._loop.call_later(self._waited_s, self._read)
         else:
+            self._waited_s = WAKE_INTERVAL_S
             self._loop.add_reader(self._fileno, self._readable)
 
     def close(self) -> None:

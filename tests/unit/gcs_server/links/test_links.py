@@ -13,6 +13,7 @@ import time
 import pytest
 
 from gcs_server.errors import InvalidRequest, LinkError
+from gcs_server.links.channel import PACES, WAKE_INTERVAL_S, pace
 from gcs_server.links.serial import SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
 from gcs_server.links.tlog import TlogLink
@@ -50,6 +51,14 @@ def free_port(kind):
 
 def run(story):
     asyncio.run(story())
+
+
+@pytest.mark.parametrize(
+    ("pieces_per_s", "wait_s"), [(0, WAKE_INTERVAL_S), (499, WAKE_INTERVAL_S), (500, 0.010), (5000, 0.020)]
+)
+def test_a_fleets_link_is_read_less_often_but_always_before_a_screen_could_show_it(pieces_per_s, wait_s):
+    assert pace(pieces_per_s) == wait_s
+    assert max(wait for _, wait in PACES) <= 0.020
 
 
 def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
