@@ -78,6 +78,10 @@ class Checks:
             flight_time_over=monitors.flight_time_over,
             compasses_required=body.choice("SYS_HAS_MAG"),
             open_drone_id=body.choice("COM_ARM_ODID"),
+            parachute_required=body.choice("COM_PARACHUTE") > 0,
+            distance_sensors=2 if body.simulation.world.lidars.forward else 1,
+            distance_sensors_required=body.choice("SYS_HAS_NUM_DIST"),
+            optical_flow_required=body.choice("SYS_HAS_NUM_OF") > 0,
             logging=self.logging,
         )
 

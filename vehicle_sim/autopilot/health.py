@@ -15,6 +15,8 @@ EVERY_MODE = 0xFFFFFFFF
 LOCAL_POSITION_MASK = 0x7E007C
 GLOBAL_POSITION_MASK = 0x38
 
+COMPONENT_OPTICAL_FLOW = 4
+COMPONENT_DISTANCE_SENSOR = 6
 COMPONENT_REMOTE = 7
 COMPONENT_BATTERY = 11
 COMPONENT_REMOTE_LINK = 12
@@ -22,10 +24,20 @@ COMPONENT_MOTORS = 8
 COMPONENT_LOCAL_POSITION = 17
 COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
+COMPONENT_PARACHUTE = 26
 COMPONENT_MAGNETOMETER = 27
 COMPONENT_OPEN_DRONE_ID = 30
 WARNING = 4
 """Log level: below it are errors, above it notes that count as neither."""
+HEALTH_EVENTS = frozenset(
+    {
+        "check_distance_sensor_missing",
+        "check_failure_detector_motor",
+        "check_optical_sensor_missing",
+        "check_parachute_missing",
+    }
+)
+"""PX4 counts these as failures of a component, in the health summary; the rest as failed arming checks."""
 COMPASSES = 1
 """The airframe carries one."""
 
@@ -74,6 +86,13 @@ class Facts(NamedTuple):
     logging: bool = True
     open_drone_id: int = 0
     """COM_ARM_ODID: 1 warns without such a system, 2 requires it; none is ever there."""
+    parachute_required: bool = False
+    """COM_PARACHUTE; none is ever there."""
+    distance_sensors: int = 1
+    distance_sensors_required: int = 0
+    """SYS_HAS_NUM_DIST."""
+    optical_flow_required: bool = False
+    """SYS_HAS_NUM_OF; none is ever there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +144,12 @@ def examine(facts: Facts) -> Report:
                   modes if running is None else running, text)
         )  # fmt: skip
 
+    for number in range(facts.distance_sensors, facts.distance_sensors_required):
+        text = f"Preflight Fail: distance sensor {number} missing"
+        checks.append(
+            Check("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0, text,
+                  counts=(number,))
+        )  # fmt: skip
     if facts.compasses_required > COMPASSES:
         counts = COMPASSES, facts.compasses_required
         text = f"Preflight Fail: Found {counts[0]} compass (required: {counts[1]})"
@@ -132,6 +157,9 @@ def examine(facts: Facts) -> Report:
             Check("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
                   counts=counts)
         )  # fmt: skip
+    if facts.optical_flow_required:
+        add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
+            text="Preflight Fail: optical flow sensor missing")  # fmt: skip
     if facts.mode in CANNOT_TAKE_OFF and not facts.terminated:
         add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
     if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
@@ -160,6 +188,9 @@ def examine(facts: Facts) -> Report:
             Check("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
                   warns=not required)
         )  # fmt: skip
+    if facts.parachute_required:
+        add("check_parachute_missing", EVERY_MODE, COMPONENT_PARACHUTE, running=0,
+            text="Preflight Fail: parachute system missing")  # fmt: skip
     checks += _failures(facts)
     if facts.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
@@ -218,10 +249,12 @@ def _failures(facts: Facts) -> list[Check]:
 
 def announce(report: Report, announcer: Announcer) -> None:
     """Send the report as PX4 does: summary, one event a finding, health summary."""
-    errors = warnings = 0
+    errors = warnings = unhealthy = 0
     for check in report.checks:
         level = WARNING if check.warns else EVENTS[check.event][1] & 0x0F
-        if level < WARNING:
+        if check.event in HEALTH_EVENTS:
+            unhealthy |= 1 << check.component
+        elif level < WARNING:
             errors |= 1 << check.component
         elif level == WARNING:
             warnings |= 1 << check.component
@@ -237,4 +270,4 @@ def announce(report: Report, announcer: Announcer) -> None:
             announcer.event(check.event, form, modes, check.component, *check.counts)
         else:
             announcer.event(check.event, "IBf", modes, check.component, check.argument)
-    announcer.event("commander_health_summary", "BIII", 0, report.present, 0, 0)
+    announcer.event("commander_health_summary", "BIII", 0, report.present, unhealthy, 0)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 from plan_station import TERMINATION, PlanStation
-from sim_station import HOLD, LAND, RTL
+from sim_station import EVENT_NAMES, HOLD, LAND, RTL
 
 from vehicle_sim.autopilot.demands import Conditions, demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Decision, Demand, Failsafe, Takeover
@@ -217,6 +217,38 @@ def test_a_motor_that_stops_is_noticed_and_the_vehicle_falls(may_terminate: bool
     assert s.height_m < 0.5
     terminated = s.flown_mode == TERMINATION
     assert terminated is may_terminate, "CBRK_FLIGHTTERM"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "event", "component"),
+    [
+        ("COM_PARACHUTE", 1, "check_parachute_missing", 26),
+        ("SYS_HAS_NUM_DIST", 2, "check_distance_sensor_missing", 6),
+        ("SYS_HAS_NUM_OF", 1, "check_optical_sensor_missing", 4),
+    ],
+)
+def test_required_hardware_that_is_not_there_denies_arming(
+    name: str, value: int, event: str, component: int
+) -> None:
+    s = PlanStation(sensor_noise=False, parameters={name: value})
+    s.run(12.0)
+    assert event in s.events()
+    summary = next(
+        m for m in reversed(s.heard("EVENT")) if EVENT_NAMES[m.values["id"]] == "commander_health_summary"
+    )
+    assert int.from_bytes(bytes(summary.values["arguments"][5:9]), "little") == 1 << component, (
+        "the health's errors"
+    )
+    s.command(400, 1)
+    s.run(0.5)
+    assert s.acks(400) == [1]
+    assert not s.armed
+    s.sim.autopilots[0].body.parameters.set(name, 0)
+    s.run(5.0)
+    s.command(400, 1)
+    s.run(0.5)
+    assert s.acks(400) == [1, 0]
+    assert s.armed
 
 
 def test_failures_that_nobody_listens_to_get_no_answer() -> None:

@@ -1,6 +1,6 @@
 """INJECT_FAILURE: breaks the sensors and motors that PX4's simulated vehicle lets one break.
 
-Units that nobody there listens to (gyro, accelerometer, remote control, …) get no answer, as in PX4.
+Units that nobody there listens to (gyro, baro, compass, remote control, …) get no answer, as in PX4.
 """
 
 from __future__ import annotations
