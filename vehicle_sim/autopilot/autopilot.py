@@ -21,6 +21,7 @@ from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
 from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.geodesy import to_global
 from vehicle_sim.payload.gimbal import Gimbal
 
 
@@ -43,7 +44,7 @@ class Autopilot:
         self._manual = Manual(body, self._row, self.sticks, self.home)
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()
-        self.gimbal = Gimbal(body)
+        self.gimbal = Gimbal(body, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self.offboard.on_setpoint = self._take_at_once
         self._landing_limits: Limits | None = None
@@ -57,6 +58,16 @@ class Autopilot:
         self._ramp()
         self._steer()
         self.gimbal.update(TICK_S)
+
+    @property
+    def waypoint(self) -> tuple[float, float, float] | None:
+        """Latitude, longitude [deg] and altitude above sea [m] of where it flies to; None: nowhere."""
+        waypoint = self.navigator.waypoint(self.commander.active) if self.commander.armed else None
+        if waypoint is None:
+            return None
+        lat_deg, lon_deg, _ = self.body.origin
+        lat, lon = to_global(waypoint[0], waypoint[1], lat_deg, lon_deg)  # type: ignore[arg-type]
+        return float(lat), float(lon), waypoint[2]
 
     @property
     def flies_attitude(self) -> bool:

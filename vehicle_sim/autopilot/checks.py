@@ -47,18 +47,19 @@ class Checks:
         self.gcs_heard_at_s = -math.inf
         self.companion_heard_at_s = -math.inf
         self._companion_was_lost = False
-        self._facts = self.facts(NavState.HOLD, terminated=False)
+        self._facts = self.facts(NavState.HOLD, armed=False, terminated=False)
         self.report = self._examined = health.examine(self._facts)
         self._announced: health.Report | None = None
         self._announced_at_s = -math.inf
         self._changed = True
         """Something changed that was not told yet."""
 
-    def facts(self, mode: NavState, *, terminated: bool) -> health.Facts:
+    def facts(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Facts:
         """What the checks look at, for the mode asked for."""
         body, belief, monitors = self._body, self._body.belief, self.monitors
         return health.Facts(
             mode=mode,
+            armed=armed,
             valid_attitude=belief.valid_attitude,
             valid_local_position=belief.valid_position and belief.valid_velocity,
             valid_global_position=belief.valid_position and self._home.valid,
@@ -140,16 +141,16 @@ class Checks:
                 return level
         return 0
 
-    def fresh(self, mode: NavState, *, terminated: bool) -> health.Report:
+    def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Report:
         """The report as of now, without saying anything; unchanged facts are not examined again."""
-        facts = self.facts(mode, terminated=terminated)
+        facts = self.facts(mode, armed=armed, terminated=terminated)
         if facts != self._facts:
             self._facts, self._examined = facts, health.examine(facts)
         return self._examined
 
-    def run(self, mode: NavState, *, terminated: bool) -> None:
+    def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:
         """Check, and announce what changed."""
-        report = self.fresh(mode, terminated=terminated)
+        report = self.fresh(mode, armed=armed, terminated=terminated)
         if report is not self.report and report != self.report:
             self._changed = True
         self.report = report

@@ -201,9 +201,8 @@ class Commander:
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
             return False
-        return mode is self.active or self.checks.fresh(self.intended, terminated=self.terminated).runnable(
-            mode
-        )
+        report = self.checks.fresh(self.intended, armed=self.armed, terminated=self.terminated)
+        return mode is self.active or report.runnable(mode)
 
     def terminate(self) -> bool:
         """End the flight: motors off, for good. Only while armed."""
@@ -272,7 +271,7 @@ class Commander:
             self.home.lifted()
 
     def _check(self) -> None:
-        self.checks.run(self.intended, terminated=self.terminated)
+        self.checks.run(self.intended, armed=self.armed, terminated=self.terminated)
 
     @property
     def report(self) -> health.Report:

@@ -62,6 +62,7 @@ class Facts(NamedTuple):
     """All that the checks look at, made 50 times a second: tuples are made and compared fastest."""
 
     mode: NavState
+    armed: bool
     valid_attitude: bool
     valid_local_position: bool
     valid_global_position: bool
@@ -160,7 +161,7 @@ def examine(facts: Facts) -> Report:
     if facts.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
             text="Preflight Fail: optical flow sensor missing")  # fmt: skip
-    if facts.mode in CANNOT_TAKE_OFF and not facts.terminated:
+    if facts.mode in CANNOT_TAKE_OFF and not facts.armed and not facts.terminated:
         add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
     if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
         add("check_external_modes_unavailable", 1 << facts.mode, COMPONENT_SYSTEM)

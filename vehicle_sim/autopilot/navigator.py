@@ -28,6 +28,8 @@ WITHOUT_TASK = frozenset(
     {NavState.OFFBOARD, NavState.MANUAL, NavState.STABILIZED, NavState.ACRO, NavState.TERMINATION}
 )
 """Modes whose set points do not come from a flight task: nothing of them is taken over."""
+WITH_WAYPOINT = LANDING_MODES | {NavState.TAKEOFF, NavState.HOLD, NavState.MISSION, NavState.RTL}
+"""Modes that fly to a place."""
 
 
 class Navigator:
@@ -57,6 +59,7 @@ class Navigator:
         self.mission = Mission(
             body, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
         )
+        self._lands_at: Vector = (0.0, 0.0, 0.0)
         commands.serve({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
 
     # --- what commands ask for -------------------------------------------------------------------------
@@ -127,6 +130,7 @@ class Navigator:
             self._commands.park_gimbal()
             self._return.enter(self.mission.current)
         elif mode is NavState.LAND:
+            self._lands_at = self._body.belief.position_ned_m
             self._commands.park_gimbal()
         elif mode is NavState.ORBIT:
             self._orbit.enter()
@@ -156,6 +160,18 @@ class Navigator:
         parameter = self._body.parameter
         ahead_s = 0.5 * math.hypot(vn, ve) / max(0.1, parameter("MPC_ACC_HOR")) + STOP_REACTION_S
         return (north + vn * ahead_s, east + ve * ahead_s, down)
+
+    def waypoint(self, mode: NavState) -> tuple[float, float, float] | None:
+        """North and east [m] of where the mode flies to, and its altitude above sea [m]; None: nowhere.
+
+        A landing where the vehicle is has the altitude 0, as in PX4.
+        """
+        if mode in LANDING_MODES:
+            return (*self._lands_at[:2], 0.0)
+        north, east, down = self.path.target_ned_m
+        if mode not in WITH_WAYPOINT or north is None or east is None or down is None:
+            return None
+        return north, east, self._body.origin[2] - down
 
     @property
     def landing(self) -> bool:

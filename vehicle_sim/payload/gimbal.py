@@ -9,6 +9,7 @@ north where that is locked.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag
 
@@ -23,6 +24,8 @@ STABILISE_ALL, STABILISE_YAW = 1, 2
 """MNT_DO_STAB."""
 AXES = ("ROLL", "PITCH", "YAW")
 Quaternion = tuple[float, float, float, float]
+Place = tuple[float, float, float]
+"""Latitude, longitude [deg], altitude above sea [m]."""
 
 
 class Flag(IntFlag):
@@ -76,10 +79,15 @@ class Angles:
 
 
 class Gimbal:
-    """Manager and device of one vehicle."""
+    """Manager and device of one vehicle.
 
-    def __init__(self, body: Body) -> None:
+    Args:
+        waypoint: where the vehicle flies to; None: nowhere.
+    """
+
+    def __init__(self, body: Body, waypoint: Callable[[], Place | None]) -> None:
         self._body = body
+        self._waypoint = waypoint
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self.primary = (0, 0)
         self.wanted = Angles()
@@ -89,8 +97,9 @@ class Gimbal:
         self._wanted_rates: tuple[float, float] | None = None
         self._servos_stand_for: tuple[float, ...] | None = None
         """What the servos' angles were worked out from, where the vehicle's attitude is not part of it."""
-        self._roi: tuple[float, float, float] | None = None
-        """Latitude, longitude, altitude above sea."""
+        self._roi: Place | None = None
+        self._ahead: Angles | None = None
+        """Looks at the waypoint, turned by this."""
 
     @property
     def enabled(self) -> bool:
@@ -185,7 +194,7 @@ class Gimbal:
         """Follow a place on the globe."""
         if not (math.isfinite(lat_deg) and math.isfinite(lon_deg) and math.isfinite(alt_amsl_m)):
             return
-        self._wanted_rates = None
+        self._forget()
         self._roi = (lat_deg, lon_deg, alt_amsl_m)
         self.flags |= Flag.YAW_LOCK
 
@@ -193,9 +202,13 @@ class Gimbal:
         """Leave the region of interest; back to neutral, the lock of the yaw stays as it is."""
         self.centre()
 
-    def look_ahead(self) -> None:
-        """Towards the next waypoint; with none, neutral and locked."""
+    def look_ahead(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
+        """Towards the next waypoint, turned by offsets; with none, neutral and locked."""
         self.centre()
+        offsets = (
+            math.radians(each) if math.isfinite(each) else 0.0 for each in (roll_deg, pitch_deg, yaw_deg)
+        )
+        self._ahead = Angles(*offsets)
         self.flags |= Flag.YAW_LOCK
 
     def mount_default(self, *, centred: bool) -> None:
@@ -205,7 +218,7 @@ class Gimbal:
             self.centre()
 
     @property
-    def looking_at(self) -> tuple[float, float, float] | None:
+    def looking_at(self) -> Place | None:
         """The region of interest."""
         return self._roi
 
@@ -219,7 +232,9 @@ class Gimbal:
             self.wanted.pitch_rad = max(-pitch_limit, min(pitch_limit, pitch))
             self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + self._wanted_rates[1] * dt_s)
         elif self._roi is not None:
-            self._aim()
+            self._aim(self._roi)
+        elif self._ahead is not None:
+            self._aim_ahead(self._ahead)
         if self.turns_itself:
             self._turn_device(dt_s)
         else:
@@ -248,7 +263,9 @@ class Gimbal:
         self._servos_stand_for = key
         belief = self._body.belief
         vehicle = (belief.roll_rad, belief.pitch_rad, belief.yaw_ned_rad)
-        absolute = [self._roi is not None or bool(self.flags & flag) for flag in LOCKS]
+        absolute = [
+            self._roi is not None or self._ahead is not None or bool(self.flags & flag) for flag in LOCKS
+        ]
         stabilised = (how == STABILISE_ALL, how == STABILISE_ALL, how in (STABILISE_ALL, STABILISE_YAW))
         angles = [
             wrap_pi(angle - vehicle[k]) if stabilised[k] and absolute[k] else wrap_pi(angle)
@@ -306,7 +323,7 @@ class Gimbal:
 
     def _forget(self) -> None:
         self._wanted_rates = None
-        self._roi = None
+        self._roi = self._ahead = None
 
     def _want(self, q: Quaternion) -> None:
         norm = math.sqrt(sum(each * each for each in q))
@@ -317,15 +334,22 @@ class Gimbal:
     def _want_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
         self._wanted_rates = (_possible(pitch_rate_rad_s), _possible(yaw_rate_rad_s))
 
-    def _aim(self) -> None:
-        if self._roi is None:
+    def _aim_ahead(self, offsets: Angles) -> None:
+        place = self._waypoint()
+        if place is None:
             return
+        self._aim(place)
+        self.wanted.roll_rad += offsets.roll_rad
+        self.wanted.pitch_rad += offsets.pitch_rad
+        self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + offsets.yaw_rad)
+
+    def _aim(self, place: Place) -> None:
         belief = self._body.belief
         if not math.isfinite(belief.lat_deg):
             return
-        n, e = to_local(self._roi[0], self._roi[1], belief.lat_deg, belief.lon_deg)  # type: ignore[arg-type]
+        n, e = to_local(place[0], place[1], belief.lat_deg, belief.lon_deg)  # type: ignore[arg-type]
         north, east = float(n), float(e)
-        up = self._roi[2] - belief.alt_amsl_m
+        up = place[2] - belief.alt_amsl_m
         self.wanted = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
 
 

@@ -135,3 +135,23 @@ def test_a_return_may_stay_in_the_air_and_may_follow_the_mission_back() -> None:
     s.run(2)
     assert (s.flown_mode, s.armed) == (RTL, True)
     assert math.hypot(*s.place) < 2.5
+
+
+def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_place_it_flies_to() -> None:
+    s = PlanStation(sensor_noise=False, parameters={"RTL_RETURN_ALT": 20.0})
+    s.ready_to_arm()
+    s.fly_to(12.0)
+    home = s.sim.autopilots[0].home
+    item = s.item(192, 30.0, 0.0)
+    s.command(192, -1, 1, 0, math.nan, item["x"] / 1e7, item["y"] / 1e7, home.alt_amsl_m + 12)
+    s.run(15.0)
+    began_s = s.now_s
+    s.command(20)
+    s.run_until(lambda: s.height_m < 5.0 and s.now_s > began_s + 10.0, 60)
+    heights: list[float] = []
+    for message in s.heard("POSITION_TARGET_GLOBAL_INT", since_s=began_s + 1.0):
+        height = round(message.alt - home.alt_amsl_m, 1)
+        if not heights or heights[-1] != height:
+            heights.append(height)
+    assert heights == [20.0, 0.0], "as recorded: RTL_DESCEND_ALT counts only where it waits there"
+    assert "commander_arming_check_summary" not in s.events(began_s), "no report for a mode that cannot arm"

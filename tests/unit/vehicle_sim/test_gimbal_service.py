@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from plan_station import PlanStation
 from sim_station import NAN, Station
 
 
@@ -182,3 +183,24 @@ def test_switched_off_it_says_nothing() -> None:
     assert s.acks(1001) == []
     assert s.acks(512) == [2]
     assert not s.heard("GIMBAL_MANAGER_STATUS")
+
+
+def test_the_next_waypoint_is_looked_at_while_there_is_one() -> None:
+    s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
+    s.ready_to_arm()
+    s.command(196)
+    s.run(1)
+    assert q_pitch(s) == pytest.approx(0.0, abs=1e-6), "nowhere to fly to: straight ahead"
+    s.fly_to(10.0)
+    item = s.item(192, 40.0, 0.0)
+    s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, s.sim.autopilots[0].home.alt_amsl_m + 4)
+    s.run(1.5)
+    north, _ = s.place
+    goal = s.sim.autopilots[0].waypoint
+    assert goal is not None
+    assert q_pitch(s) == pytest.approx(math.atan2(4.0 - s.height_m, 40.0 - north), abs=0.03)
+    s.command(196, 0, 0, 0, 0, -10)
+    s.run(1.5)
+    north, _ = s.place
+    wanted = math.atan2(4.0 - s.height_m, 40.0 - north) - math.radians(10.0)
+    assert q_pitch(s) == pytest.approx(wanted, abs=0.04), "turned by the command's own offset"

@@ -67,6 +67,8 @@ def test_an_origin_that_moves_leaves_vehicle_and_home_where_they_are():
 def test_impossible_origins_and_those_for_others_are_not_taken_and_armed_it_stays():
     station = Station()
     station.run_until(lambda: station.ready, 15)
+    station.run(1.5)  # it has told its own
+    assert len(station.heard("GPS_GLOBAL_ORIGIN")) == 1
     origin = station.sim.autopilots[0].body.origin
     for refused in ({"lat": 910_000_000}, {"lon": 1_810_000_000}, {"alt": 200_000_000}):
         (told,) = set_origin(station, **refused)

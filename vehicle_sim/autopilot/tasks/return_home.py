@@ -1,4 +1,4 @@
-"""Return: climb, fly to where it ends, descend, wait, land; or along a route and down its landing."""
+"""Return: climb, fly to where it ends, land there (by RTL_LAND_DELAY after a wait); or along a route."""
 
 from __future__ import annotations
 
@@ -145,11 +145,14 @@ class ReturnHome:
             self._path.fly_to_target(flying)
 
     def _begin_descent(self) -> None:
+        self._announcer.both(6, "RTL: land at destination", "rtl_land_at_destination")
+        self._path.yaw_target_rad = self._to.yaw_ned_rad
+        if self._body.parameter("RTL_LAND_DELAY") == 0.0:
+            self._land()
+            return
         to_n, to_e, to_d = self._to.place_ned_m
         down = self._body.belief.position_ned_m[2]
         self._set_phase(ReturnPhase.DESCEND)
-        self._announcer.both(6, "RTL: land at destination", "rtl_land_at_destination")
-        self._path.yaw_target_rad = self._to.yaw_ned_rad
         descend = self._body.parameter("RTL_DESCEND_ALT")
         self._path.target_ned_m = (to_n, to_e, max(down, to_d - descend))
 
@@ -159,7 +162,11 @@ class ReturnHome:
             self._set_phase(ReturnPhase.LOITER)
             self._announcer.both(6, "RTL: completed, loitering", "rtl_completed_loiter")
         elif self._body.time_s - self._phase_since_s >= delay_s:
-            self._set_phase(ReturnPhase.LAND)
+            self._land()
+
+    def _land(self) -> None:
+        self._set_phase(ReturnPhase.LAND)
+        self._path.target_ned_m = self._to.place_ned_m
 
     # --- routes ----------------------------------------------------------------------------------------
 
@@ -181,7 +188,7 @@ class ReturnHome:
             self._next_on_route()
         elif self._to.kind is Kind.LANDING:
             self._path.yaw_target_rad = self._to.yaw_ned_rad
-            self._set_phase(ReturnPhase.LAND)
+            self._land()
         else:
             self._begin_descent()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.control.setpoints import ControlLevel
@@ -18,6 +19,7 @@ _TARGET_LOCAL = packer("POSITION_TARGET_LOCAL_NED")
 _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
 _SERVO = packer("SERVO_OUTPUT_RAW")
 
+_NOWHERE = (NAN, NAN, NAN)
 UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
@@ -43,7 +45,7 @@ class MotionMessages(Family):
     def attitude_quaternion(self) -> bytes:
         b = self._body.belief
         return _ATTITUDE_QUATERNION(
-            self._body.time_boot_ms(), *b.q_ned_frd, *b.rates_frd_rad_s, 1.0, 0.0, 0.0, 0.0
+            self._body.time_boot_ms(), *b.q_ned_frd, *b.rates_frd_rad_s, 0.0, 0.0, 0.0, 0.0
         )
 
     def local_position_ned(self) -> bytes | None:
@@ -95,7 +97,7 @@ class MotionMessages(Family):
 
     def altitude(self) -> bytes:
         b, home = self._body.belief, self._autopilot.home
-        baro = float(self._body.simulation.sensors.baro_alt_amsl_m[self._body.row])
+        baro = self._baro_alt_amsl_m
         known = b.valid_position and math.isfinite(b.alt_amsl_m)
         relative = b.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
         return pack(
@@ -109,6 +111,10 @@ class MotionMessages(Family):
             bottom_clearance=max(0.0, relative) if known and home.valid else NAN,
         )[1]
 
+    @property
+    def _baro_alt_amsl_m(self) -> float:
+        return float(self._body.simulation.sensors.baro_alt_amsl_m[self._body.row])
+
     def vfr_hud(self) -> bytes:
         b = self._body.belief
         vn, ve, vd = b.velocity_ned_m_s
@@ -119,50 +125,50 @@ class MotionMessages(Family):
             groundspeed=math.hypot(vn, ve),
             heading=int(math.degrees(b.yaw_ned_rad) % 360.0) % 360,
             throttle=max(0, min(100, int(100 * thrust))),
-            alt=b.alt_amsl_m if math.isfinite(b.alt_amsl_m) else -b.position_ned_m[2],
+            alt=b.alt_amsl_m if math.isfinite(b.alt_amsl_m) else self._baro_alt_amsl_m,
             climb=-vd,
         )[1]
 
     def position_target_local_ned(self) -> bytes:
-        row, i = self._body.simulation.target, self._body.row
-        time_ms = self._body.time_boot_ms()
-        setpoints = self._body.simulation.setpoints
-        idle = int(setpoints.level[i]) == ControlLevel.DISARMED
-        if idle:
-            yaw = self._body.belief.yaw_ned_rad
-            return _TARGET_LOCAL(time_ms, *(NAN,) * 6, 0.0, 0.0, 100.0, yaw, 0.0, 63, 1)
-        p = row.position_ned_m[i].tolist()
-        v = row.velocity_ned_m_s[i].tolist()
-        a = row.acceleration_ned_m_s2[i].tolist()
-        yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
-        # What was not asked for, PX4's position controller fills in: the present heading, no turning.
-        yaw = self._body.belief.yaw_ned_rad if yaw != yaw else yaw
-        rate = 0.0 if rate != rate else rate
+        time_ms, (p, v, a, yaw, rate) = self._body.time_boot_ms(), self._followed()
+        if int(self._body.simulation.setpoints.level[self._body.row]) == ControlLevel.DISARMED:
+            return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, 63, 1)
         mask = 0
         for bit, value in enumerate((*p, *v, *a)):
             if value != value:
                 mask |= 1 << bit
         return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, mask, 1)
 
+    def _followed(self) -> tuple[Sequence[float], Sequence[float], Sequence[float], float, float]:
+        """Position, velocity, acceleration, yaw and its rate that the position controller follows (NED)."""
+        row, i = self._body.simulation.target, self._body.row
+        heading = self._body.belief.yaw_ned_rad
+        if int(self._body.simulation.setpoints.level[i]) == ControlLevel.DISARMED:
+            return _NOWHERE, _NOWHERE, (0.0, 0.0, 100.0), heading, 0.0
+        yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
+        # What was not asked for, PX4's position controller fills in: the present heading, no turning.
+        return (
+            row.position_ned_m[i].tolist(),
+            row.velocity_ned_m_s[i].tolist(),
+            row.acceleration_ned_m_s2[i].tolist(),
+            heading if yaw != yaw else yaw,
+            0.0 if rate != rate else rate,
+        )
+
     def position_target_global_int(self) -> bytes | None:
-        commander, navigator = self._autopilot.commander, self._autopilot.navigator
-        north, east, down = navigator.path.target_ned_m
-        if not commander.armed or north is None or east is None or down is None:
+        waypoint = self._autopilot.waypoint
+        if waypoint is None:
             return None
-        lat_deg, lon_deg, alt_m = self._to_global(north, east, down)
+        _, v, a, yaw, rate = self._followed()
         return pack(
             "POSITION_TARGET_GLOBAL_INT",
             time_boot_ms=self._body.time_boot_ms(),
             coordinate_frame=5,
-            lat_int=round(lat_deg * 1e7),
-            lon_int=round(lon_deg * 1e7),
-            alt=alt_m,
-        )[1]
-
-    def _to_global(self, north: float, east: float, down: float) -> tuple[float, float, float]:
-        lat0, lon0, alt0 = self._body.origin
-        lat, lon = to_global(north, east, lat0, lon0)  # type: ignore[arg-type]
-        return float(lat), float(lon), alt0 - down
+            lat_int=round(waypoint[0] * 1e7),
+            lon_int=round(waypoint[1] * 1e7),
+            alt=waypoint[2],
+            vx=v[0], vy=v[1], vz=v[2], afx=a[0], afy=a[1], afz=a[2], yaw=yaw, yaw_rate=rate,
+        )[1]  # fmt: skip
 
     def attitude_target(self) -> bytes:
         target, i = self._body.simulation.target, self._body.row

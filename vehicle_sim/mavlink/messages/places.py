@@ -67,7 +67,7 @@ class PlaceMessages(Family):
         return pack(
             "OPEN_DRONE_ID_LOCATION",
             status=2 if not self._autopilot.commander.landed else 1,
-            direction=round(math.degrees(math.atan2(ve, vn)) % 360.0 * 100) % 36000,
+            direction=round(math.degrees(math.atan2(ve, vn)) % 360.0) % 360 * 100,
             speed_horizontal=min(25425, round(math.hypot(vn, ve) * 100)),
             speed_vertical=i16(-vd * 100),
             latitude=round(b.lat_deg * 1e7),
@@ -78,7 +78,7 @@ class PlaceMessages(Family):
             horizontal_accuracy=12,
             vertical_accuracy=5,
             barometer_accuracy=0,
-            speed_accuracy=4,
+            speed_accuracy=3,
             timestamp=(self._body.time_unix_us() // 1_000_000) % 3600,
             timestamp_accuracy=1,
         )[1]

@@ -83,11 +83,11 @@ class GimbalService:
         return ACCEPTED
 
     def roi_none_or_next(self, command: Command) -> int:
-        """Look ahead again."""
+        """Look ahead again, or at the next waypoint."""
         if command.number == ROI_NONE:
             self._gimbal.look_nowhere()
         else:
-            self._gimbal.look_ahead()
+            self._gimbal.look_ahead(command.p6, command.p5, command.p7)
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
