@@ -158,6 +158,10 @@ class Event:
     arguments: bytes
 
 
+FIRST_SEQUENCE = 0xFFFF - 9
+"""PX4 numbers its events from there, so that every receiver meets the turn to 0 soon."""
+
+
 class Announcer:
     """Numbers texts and events and hands them to whoever listens."""
 
@@ -165,7 +169,7 @@ class Announcer:
         self._time_boot_ms = time_boot_ms
         self._listeners: list[Callable[[StatusText | Event], None]] = []
         self._text_id = 0
-        self.sequence = 0
+        self.sequence = FIRST_SEQUENCE - 1
         self.recent: deque[Event] = deque(maxlen=EVENT_QUEUE_LENGTH)
         self._held: list[StatusText | Event] | None = None
 

@@ -174,6 +174,11 @@ class Navigator:
         return north, east, self._body.origin[2] - down
 
     @property
+    def return_s(self) -> float:
+        """How long a return home would take from here."""
+        return self._return.duration_s(self.home.position_ned_m)
+
+    @property
     def landing(self) -> bool:
         """A return that has arrived over home."""
         return self._return.landing

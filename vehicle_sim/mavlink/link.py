@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from typing import Any
 
 from vehicle_sim.mavlink.dialect import BY_NAME, Layout, Message, pack
@@ -10,6 +11,8 @@ from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.rates import PROFILES, RESTORED
 
 NEVER_US = 1 << 62
+GCS_SILENT_S = 2.5
+"""So long after its last heartbeat a ground station counts as there: one may be missing."""
 OUTBOX_LIMIT_BYTES = 4_000_000
 """Nobody reads: older bytes are dropped, as a full UDP buffer would."""
 
@@ -22,7 +25,7 @@ class Link:
         self.profile = profile
         self.system_id = system_id
         self.parser = FrameParser()
-        self.heard_gcs = False
+        self.gcs_heard_at_s = -math.inf
         self.ports: tuple[int, int | None] | None = None
         """Own and remote port; no remote one: TCP. None: this link has no socket."""
         self.sent_frames = 0
@@ -43,6 +46,10 @@ class Link:
         self._dropped_bytes = 0
         for name_, hz in PROFILES[profile].items():
             self.set_interval(BY_NAME[name_].id, int(1e6 / hz), 0)
+
+    def hears_gcs(self, now_s: float) -> bool:
+        """Whether a ground station is there: no one else is sent status texts."""
+        return now_s - self.gcs_heard_at_s < GCS_SILENT_S
 
     # --- sending ---------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from vehicle_sim.autopilot.autopilot import Autopilot
@@ -170,8 +171,10 @@ class Node:
 
     def _heartbeat(self, link: Link, message: Message) -> None:
         if message.type == MAV_TYPE_GCS:
-            link.heard_gcs = True
-            self.context.autopilot.commander.checks.gcs_heard_at_s = self.context.body.time_s
+            if not math.isfinite(link.gcs_heard_at_s):
+                self._texts.greet(link)
+            now_s = self.context.body.time_s
+            link.gcs_heard_at_s = self.context.autopilot.commander.checks.gcs_heard_at_s = now_s
         elif message.type == MAV_TYPE_ONBOARD_CONTROLLER and message.system_id == self.system_id:
             self.context.autopilot.commander.checks.companion_heard_at_s = self.context.body.time_s
 

@@ -313,13 +313,14 @@ class Gimbal:
 
     def _take_flags(self, flags: int) -> None:
         self._forget()
+        if flags & (Flag.RETRACT | Flag.NEUTRAL):  # the locks stay, as in PX4
+            self.wanted = Angles()
+            return
         locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
         heading = self._body.belief.yaw_ned_rad
         if self.turns_itself and lock != locked:
             self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + (heading if lock else -heading))
-        self.flags = Flag(flags & 0x1F) & ~(Flag.RETRACT | Flag.NEUTRAL)
-        if flags & (Flag.RETRACT | Flag.NEUTRAL):
-            self.wanted = Angles()
+        self.flags = Flag(flags & 0x1F)
 
     def _forget(self) -> None:
         self._wanted_rates = None

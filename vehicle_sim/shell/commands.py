@@ -46,7 +46,7 @@ class Shell:
     ) -> None:
         autopilot, body, own = context.autopilot, context.body, context.own
         listener, parts = ListenerCommand(body, states), PartsCommands(body)
-        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name)
+        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, lambda: body.time_s)
         self._body = body
         self.commands: dict[str, Command] = {
             "commander": CommanderCommand(autopilot).command,

@@ -43,8 +43,10 @@ VER = Command(ver, "hw | git | gcc | uri | all | hwcmp BOARD...")
 class MavlinkCommand:
     """`mavlink status [streams]`."""
 
-    def __init__(self, links: Sequence[Link], name_of: Callable[[int], str]) -> None:
-        self._links, self._name_of = links, name_of
+    def __init__(
+        self, links: Sequence[Link], name_of: Callable[[int], str], now_s: Callable[[], float]
+    ) -> None:
+        self._links, self._name_of, self._now_s = links, name_of, now_s
         self.command = Command(self.run, "status [streams]")
 
     def run(self, words: Words) -> str:
@@ -55,9 +57,8 @@ class MavlinkCommand:
             return "".join(self._status(n, link) for n, link in enumerate(self._links))
         raise Usage
 
-    @staticmethod
-    def _status(n: int, link: Link) -> str:
-        heard = "\tGCS heartbeat valid\n" if link.heard_gcs else ""
+    def _status(self, n: int, link: Link) -> str:
+        heard = "\tGCS heartbeat valid\n" if link.hears_gcs(self._now_s()) else ""
         ports, mode = link.ports, MODES.get(link.name, "Normal")
         if ports is None:
             way = ""

@@ -197,12 +197,16 @@ def test_kill_and_termination_fall() -> None:
 def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
     s = Station(parameters={"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
     s.fly_to(4)
-    s.heartbeats = False
+    s.heartbeats, lost_s = False, s.now_s
     s.run(3.2)
-    assert s.texts()[-1] == "Failsafe activated: entering Hold for 2 seconds\t"
+    assert "commander_failsafe_enter_hold" in s.events(lost_s)
     assert s.flown_mode == HOLD
     s.run(2.5)
     assert s.flown_mode == LAND
+    assert not s.texts(lost_s), "as recorded: who is not there is sent events, no texts"
+    s.heartbeats = True
+    s.run(0.2)
+    assert s.texts(lost_s) == ["GCS connection regained\t"]
 
 
 def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:

@@ -19,6 +19,7 @@ LEVEL_M = 0.8
 """So near its height the vehicle goes on."""
 LOWEST_OVER_RADIUS = 2.0
 """PX4 returns no lower than twice NAV_ACC_RAD over the destination unless it is right there."""
+RETURN_SPEEDS = ("MPC_Z_V_AUTO_UP", "MPC_XY_CRUISE", "MPC_Z_V_AUTO_DN")
 RALLY_CHECKED_AFTER_S = 0.8
 IDLE = 0
 
@@ -109,6 +110,16 @@ class ReturnHome:
         elif cone_deg > 0 and distance_m < parameter("RTL_MIN_DIST"):
             wanted = min(wanted, distance_m / math.tan(math.radians(cone_deg)))
         return max(wanted, LOWEST_OVER_RADIUS * radius)
+
+    def duration_s(self, to_ned_m: Vector) -> float:
+        """Climb, way and descent to a place from here, at the speeds of the parameters."""
+        north, east, down = self._body.belief.position_ned_m
+        distance = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
+        height = max(0.0, to_ned_m[2] - down)
+        top = max(height, self._return_height(distance, height))
+        speeds = (self._body.parameter(name) for name in RETURN_SPEEDS)
+        ways = zip((top - height, distance, top), speeds, strict=True)
+        return sum(way_m / max(0.1, speed) for way_m, speed in ways)
 
     def run(self, flying: bool) -> None:
         """One tick of the phase, or on to the next."""

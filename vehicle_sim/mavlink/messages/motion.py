@@ -20,6 +20,8 @@ _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
 _SERVO = packer("SERVO_OUTPUT_RAW")
 
 _NOWHERE = (NAN, NAN, NAN)
+FALLING = (0.0, 0.0, 100.0)
+"""What PX4 asks for where nothing is to be flown: motors at rest [m/s2]."""
 UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
@@ -131,8 +133,6 @@ class MotionMessages(Family):
 
     def position_target_local_ned(self) -> bytes:
         time_ms, (p, v, a, yaw, rate) = self._body.time_boot_ms(), self._followed()
-        if int(self._body.simulation.setpoints.level[self._body.row]) == ControlLevel.DISARMED:
-            return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, 63, 1)
         mask = 0
         for bit, value in enumerate((*p, *v, *a)):
             if value != value:
@@ -143,14 +143,17 @@ class MotionMessages(Family):
         """Position, velocity, acceleration, yaw and its rate that the position controller follows (NED)."""
         row, i = self._body.simulation.target, self._body.row
         heading = self._body.belief.yaw_ned_rad
-        if int(self._body.simulation.setpoints.level[i]) == ControlLevel.DISARMED:
-            return _NOWHERE, _NOWHERE, (0.0, 0.0, 100.0), heading, 0.0
+        p, v = row.position_ned_m[i].tolist(), row.velocity_ned_m_s[i].tolist()
+        a = row.acceleration_ned_m_s2[i].tolist()
+        disarmed = int(self._body.simulation.setpoints.level[i]) == ControlLevel.DISARMED
+        if disarmed or not any(each == each for each in (*p, *v, *a)):
+            return _NOWHERE, _NOWHERE, FALLING, heading, 0.0
         yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
         # What was not asked for, PX4's position controller fills in: the present heading, no turning.
         return (
-            row.position_ned_m[i].tolist(),
-            row.velocity_ned_m_s[i].tolist(),
-            row.acceleration_ned_m_s2[i].tolist(),
+            p,
+            v,
+            a,
             heading if yaw != yaw else yaw,
             0.0 if rate != rate else rate,
         )

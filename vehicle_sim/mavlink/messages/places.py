@@ -10,6 +10,10 @@ from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import Family, i16
 
 GPS_WEEK_ODID_EPOCH_S = 1546300800
+CRITICAL = 5
+"""MAV_STATE: a failsafe has the vehicle."""
+ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
+"""MAV_ODID_STATUS."""
 
 
 class PlaceMessages(Family):
@@ -66,7 +70,7 @@ class PlaceMessages(Family):
         vn, ve, vd = b.velocity_ned_m_s
         return pack(
             "OPEN_DRONE_ID_LOCATION",
-            status=2 if not self._autopilot.commander.landed else 1,
+            status=self._remote_id_status(),
             direction=round(math.degrees(math.atan2(ve, vn)) % 360.0) % 360 * 100,
             speed_horizontal=min(25425, round(math.hypot(vn, ve) * 100)),
             speed_vertical=i16(-vd * 100),
@@ -82,6 +86,12 @@ class PlaceMessages(Family):
             timestamp=(self._body.time_unix_us() // 1_000_000) % 3600,
             timestamp_accuracy=1,
         )[1]
+
+    def _remote_id_status(self) -> int:
+        commander = self._autopilot.commander
+        if commander.system_status() == CRITICAL:
+            return EMERGENCY
+        return ON_GROUND if commander.landed else AIRBORNE
 
     def open_drone_id_system(self) -> bytes | None:
         home = self._autopilot.home
@@ -99,12 +109,12 @@ class PlaceMessages(Family):
         )[1]
 
     def time_estimate_to_target(self) -> bytes:
-        home, b = self._autopilot.home, self._body.belief
+        """Only the way home, longer by RTL_TIME_*."""
         seconds = 0
-        if home.valid and not self._autopilot.commander.landed:
-            way = math.dist(b.position_ned_m[:2], home.position_ned_m[:2])
-            height = max(0.0, home.position_ned_m[2] - b.position_ned_m[2])
-            seconds = round(way / max(0.1, self._body.parameter("MPC_XY_CRUISE")) + height / 0.7)
+        if self._autopilot.commander.armed and self._autopilot.home.valid:
+            body = self._body
+            way_s = self._autopilot.navigator.return_s
+            seconds = int(way_s * body.parameter("RTL_TIME_FACTOR") + body.choice("RTL_TIME_MARGIN"))
         return pack(
             "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,
             commanded_action=-1,

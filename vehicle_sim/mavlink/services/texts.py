@@ -10,6 +10,8 @@ from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 
 CHUNK = 50
+RESET = 1
+"""MAV_EVENT_CURRENT_SEQUENCE_FLAGS."""
 
 
 class TextService:
@@ -24,9 +26,10 @@ class TextService:
         if isinstance(item, Event):
             self._context.broadcast("EVENT", **_event_fields(item))
             return
+        now_s = self._context.body.time_s
         chunks = [item.text[at : at + CHUNK] for at in range(0, len(item.text), CHUNK)] or [""]
         for link in self._context.links:
-            if not link.heard_gcs:
+            if not link.hears_gcs(now_s):
                 continue
             for number, chunk in enumerate(chunks):
                 link.send(
@@ -53,9 +56,14 @@ class TextService:
                     sequence_oldest_available=oldest,
                 )  # fmt: skip
 
-    def current_sequence(self, link: Link) -> None:
+    def current_sequence(self, link: Link, flags: int = 0) -> None:
         """CURRENT_EVENT_SEQUENCE: lets a receiver notice a gap."""
-        link.send("CURRENT_EVENT_SEQUENCE", sequence=self._context.autopilot.announcer.sequence)
+        sequence = self._context.autopilot.announcer.sequence
+        link.send("CURRENT_EVENT_SEQUENCE", sequence=sequence, flags=flags)
+
+    def greet(self, link: Link) -> None:
+        """The first ground station on a link: events are counted anew."""
+        self.current_sequence(link, RESET)
 
 
 def _event_fields(event: Event) -> dict[str, Any]:

@@ -1,0 +1,143 @@
+"""Whole flights that were logged, told by the simulated vehicle in the same words.
+
+What the ground station sent stands in the log; it is sent again at the same moments on a fake clock. Compared
+are how often each message came, and what changed when: modes, texts, events, where it flies to, the gimbal.
+"""
+
+import gzip
+import itertools
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sim_station import EVENT_NAMES, Station
+
+from gcs_server.replay.records import TIME_BYTES
+from vehicle_sim.mavlink.framing import FrameParser
+
+FLIGHTS = {
+    "flight-takeoff-reposition-orbit-gimbal-rtl": {},
+    "mission-pause-resume": {},
+    "failsafe-datalink-rtl": {"NAV_DLL_ACT": 2},
+}
+"""Logs in which the ground station's own messages are all there was, and the parameters set before."""
+GCS = 255
+READY_S = 5.0
+"""The simulated estimator is ready sooner; from here on both are."""
+LEAST, TOLERANCE = 10, 0.1
+HEIGHT_M = 1.5
+NOT_STREAMED = {"PARAM_VALUE", "STATUSTEXT", "EVENT", "COMMAND_ACK", "COMMAND_LONG", "AVAILABLE_MODES"}
+
+Heard = list[tuple[float, str, dict[str, Any]]]
+"""(seconds since the log began, message, its fields)."""
+
+
+def read(path: Path) -> tuple[Heard, Heard, float]:
+    """What the vehicle said, what the station said, and how old the vehicle was when the log began [s]."""
+    raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+    said: Heard = []
+    sent: Heard = []
+    at, began_us, boot_s = 0, 0, None
+    while at + TIME_BYTES < len(raw):
+        time_us = int.from_bytes(raw[at : at + TIME_BYTES], "big")
+        began_us = began_us or time_us
+        at += TIME_BYTES
+        assert raw[at] == 0xFD
+        size = 12 + raw[at + 1]
+        for message in FrameParser().feed(raw[at : at + size]):
+            row = ((time_us - began_us) / 1e6, message.name, dict(message.values))
+            (sent if message.system_id == GCS else said).append(row)
+            if boot_s is None and message.name == "ATTITUDE":
+                boot_s = message.values["time_boot_ms"] / 1e3 - row[0]
+        at += size
+    assert boot_s is not None
+    return said, sent, boot_s
+
+
+def fly(sent: Heard, boot_s: float, end_s: float, parameters: dict[str, float]) -> Heard:
+    """What the simulated vehicle says to the same station."""
+    station = Station(heartbeats=False, parameters=parameters)
+    for time_s, name, fields in sent:
+        station.run(max(0.0, boot_s + time_s - station.now_s))
+        if fields.get("target_system"):
+            fields = {**fields, "target_system": station.system_id}
+        station.send(name, **fields)
+    station.run(boot_s + end_s - station.now_s)
+    return [(time_s - boot_s, m.name, dict(m.values)) for time_s, _, m in station.log]
+
+
+def changes(heard: Heard, name: str, tell: Any, until_s: float) -> list[Any]:
+    """What `tell` makes of a message's fields, whenever that is new."""
+    told = [tell(fields) for time_s, n, fields in heard if n == name and READY_S < time_s < until_s]
+    return [value for value, _ in itertools.groupby(value for value in told if value is not None)]
+
+
+def steps(heights_m: list[float]) -> list[float]:
+    """Only those that differ clearly from the one before."""
+    clear = heights_m[:1]
+    for height_m in heights_m:
+        if abs(height_m - clear[-1]) > HEIGHT_M:
+            clear.append(height_m)
+    return clear
+
+
+def spoken(fields: dict[str, Any]) -> str | None:
+    """A text without its numbers; what only a vehicle with an onboard log says is left out."""
+    text = str(fields["text"])
+    return None if "[logger]" in text else re.sub(r"\d+", "#", text)
+
+
+def event(fields: dict[str, Any]) -> str | None:
+    name = EVENT_NAMES.get(fields["id"], str(fields["id"]))
+    return None if name.startswith("logger") else name
+
+
+def disarmed_s(heard: Heard) -> float:
+    flown = [t for t, n, f in heard if n == "HEARTBEAT" and f["base_mode"] & 128]
+    return flown[-1] + 1.5
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_a_logged_flight_is_told_alike(shared: Path, name: str) -> None:
+    (path,) = (shared / "px4" / "tlogs").glob(f"{name}.tlog*")
+    real, sent, boot_s = read(path)
+    end_s = real[-1][0]
+    ours = fly(sent, boot_s, end_s, FLIGHTS[name])
+
+    counts = [Counter(n for t, n, _ in heard if READY_S < t < end_s) for heard in (real, ours)]
+    rarer = {
+        n: (counts[0][n], counts[1][n])
+        for n in counts[0] | counts[1]
+        if n not in NOT_STREAMED
+        and max(c[n] for c in counts) >= LEAST
+        and abs(counts[0][n] - counts[1][n]) > TOLERANCE * counts[0][n] + 2
+    }
+    assert not rarer, "messages, PX4's and ours"
+
+    until_s = [disarmed_s(real), disarmed_s(ours)]
+
+    def both(message: str, tell: Any) -> tuple[list[Any], list[Any]]:
+        told = [changes(h, message, tell, s) for h, s in zip((real, ours), until_s, strict=True)]
+        return told[0], told[1]
+
+    for message, tell in (
+        ("HEARTBEAT", lambda f: (f["base_mode"] >> 7, hex(f["custom_mode"]), f["system_status"])),
+        ("EXTENDED_SYS_STATE", lambda f: f["landed_state"]),
+        ("STATUSTEXT", spoken),
+        ("EVENT", event),
+        ("OPEN_DRONE_ID_LOCATION", lambda f: f["status"]),
+        ("MISSION_CURRENT", lambda f: f["seq"]),
+        ("GIMBAL_MANAGER_STATUS", lambda f: f["flags"]),
+        ("POSITION_TARGET_LOCAL_NED", lambda f: f["type_mask"]),
+    ):
+        px4, simulated = both(message, tell)
+        assert simulated == px4, message
+
+    px4, simulated = both("COMMAND_LONG", lambda f: f["command"])
+    assert set(simulated) == set(px4), "what it tells its own parts"
+    px4, simulated = (steps(told) for told in both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"]))
+    assert simulated == [pytest.approx(height_m, abs=HEIGHT_M) for height_m in px4], "where it flies to"
+    px4, simulated = both("TIME_ESTIMATE_TO_TARGET", lambda f: f["safe_return"])
+    assert max(simulated) == pytest.approx(max(px4), abs=3), "the way home [s]"
