@@ -21,6 +21,8 @@ from tests.station import end, free_port, running, server, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
 
+CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+"""A background job's programs ignore Ctrl-C; these tests may be one."""
 SYNC = """
 import sys, time
 from gcs_server.client import SyncGcs
@@ -54,7 +56,7 @@ def ends_in_hold(drone: Any) -> None:
 
 
 def run(source: str, url: str, *, inside: str, before: str = "pass") -> Any:
-    code = source.format(inside=inside, before=before)
+    code = CTRL_C + source.format(inside=inside, before=before)
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return running([sys.executable, "-c", code, url], **options)
 
