@@ -377,10 +377,8 @@ class Commander:
         flags = mode.base_flags | 16
         if self.active in (NavState.ACRO, NavState.TERMINATION):
             flags &= ~16
-        if self.active is NavState.OFFBOARD:
-            kind = self.offboard.setpoint.kind
-            if not self.offboard.signal() or kind in (Kind.NONE, Kind.RATES):
-                flags &= ~16
+        if self.active is NavState.OFFBOARD and self.offboard.setpoint.kind in (Kind.NONE, Kind.RATES):
+            flags &= ~16  # what was streamed last counts, also when nothing is any more
         return flags | (128 if self.armed else 0)
 
     def system_status(self) -> int:
