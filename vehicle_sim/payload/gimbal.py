@@ -313,8 +313,10 @@ class Gimbal:
 
     def _take_flags(self, flags: int) -> None:
         self._forget()
-        if flags & (Flag.RETRACT | Flag.NEUTRAL):  # the locks stay, as in PX4
+        if flags & (Flag.RETRACT | Flag.NEUTRAL):  # the locks stay, as in PX4; a device knows its own ahead
             self.wanted = Angles()
+            if self.turns_itself:
+                self.flags &= ~Flag.YAW_LOCK
             return
         locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
         heading = self._body.belief.yaw_ned_rad

@@ -204,3 +204,18 @@ def test_the_next_waypoint_is_looked_at_while_there_is_one() -> None:
     north, _ = s.place
     wanted = math.atan2(4.0 - s.height_m, 40.0 - north) - math.radians(10.0)
     assert q_pitch(s) == pytest.approx(wanted, abs=0.04), "turned by the command's own offset"
+
+
+@pytest.mark.parametrize(("output", "locks"), [(0, 28), (2, 12)])
+def test_neutral_looks_ahead_of_the_vehicle_whatever_was_locked(output: int, locks: int) -> None:
+    s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
+    s.ready_to_arm()
+    take(s)
+    s.command(1000, -20, 90, NAN, NAN, 28)
+    s.run(2)
+    s.command(1000, NAN, NAN, NAN, NAN, 2)
+    s.run(2)
+    assert s.acks(1000) == [0, 0]
+    assert s.last["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
+    assert math.remainder(s.last["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(0.0, abs=1.0)
+    assert s.last["GIMBAL_MANAGER_STATUS"].flags == locks, "the servos' as recorded"
