@@ -123,6 +123,8 @@ class Navigator:
             self.path.restart(in_air=in_air, goes_on=previous not in WITHOUT_TASK)
             if mode is NavState.HOLD and in_air:
                 self.path.target_ned_m, self.path.faces_target = self._stopping_place(), True
+        if mode in LANDING_MODES:
+            self._lands_at = self._body.belief.position_ned_m
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:
@@ -130,7 +132,6 @@ class Navigator:
             self._commands.park_gimbal()
             self._return.enter(self.mission.current)
         elif mode is NavState.LAND:
-            self._lands_at = self._body.belief.position_ned_m
             self._commands.park_gimbal()
         elif mode is NavState.ORBIT:
             self._orbit.enter()

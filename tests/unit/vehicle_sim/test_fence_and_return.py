@@ -155,3 +155,20 @@ def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_pla
             heights.append(height)
     assert heights == [20.0, 0.0], "as recorded: RTL_DESCEND_ALT counts only where it waits there"
     assert "commander_arming_check_summary" not in s.events(began_s), "no report for a mode that cannot arm"
+
+
+@pytest.mark.parametrize("sub_mode", [6, 9])
+def test_each_kind_of_landing_tells_the_place_under_the_vehicle(sub_mode: int) -> None:
+    s = PlanStation(sensor_noise=False)
+    s.ready_to_arm()
+    s.fly_to(6.0)
+    item = s.item(192, 20.0, 10.0)
+    height_m = s.sim.autopilots[0].home.alt_amsl_m + 6
+    s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, height_m)
+    s.run(14.0)
+    s.command(176, 1, 4, sub_mode)
+    s.run(2.0)
+    told = s.last["POSITION_TARGET_GLOBAL_INT"]
+    assert told.alt == 0.0, "as recorded"
+    assert told.lat_int == pytest.approx(item["x"], abs=100), "a metre"
+    assert told.lon_int == pytest.approx(item["y"], abs=150)

@@ -20,8 +20,8 @@ _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
 _SERVO = packer("SERVO_OUTPUT_RAW")
 
 _NOWHERE = (NAN, NAN, NAN)
-FALLING = (0.0, 0.0, 100.0)
-"""What PX4 asks for where nothing is to be flown: motors at rest [m/s2]."""
+_MOTORS_AT_REST = (0.0, 0.0, 100.0)
+"""What PX4 asks for where nothing is to be flown: an acceleration down [m/s2] that no motor is needed for."""
 UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
@@ -147,7 +147,7 @@ class MotionMessages(Family):
         a = row.acceleration_ned_m_s2[i].tolist()
         disarmed = int(self._body.simulation.setpoints.level[i]) == ControlLevel.DISARMED
         if disarmed or not any(each == each for each in (*p, *v, *a)):
-            return _NOWHERE, _NOWHERE, FALLING, heading, 0.0
+            return _NOWHERE, _NOWHERE, _MOTORS_AT_REST, heading, 0.0
         yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
         # What was not asked for, PX4's position controller fills in: the present heading, no turning.
         return (
