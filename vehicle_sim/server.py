@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.lockstep import Lockstep
+from vehicle_sim.mavlink.context import GCS_SILENT_S
 from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
 
 TURN_S = 0.008
@@ -114,6 +115,8 @@ class SimServer:
     def run(self, speed: float, duration_s: float = math.inf) -> None:
         """Simulate until stopped, or for so many simulated seconds; `speed` 1 is real time, inf flat out."""
         self._end_s = self.fleet.time_s + duration_s
+        for node in self.fleet.nodes:  # a ground station's second is so many of the vehicle's
+            node.context.gcs_silent_s = GCS_SILENT_S * max(1.0, speed)
         if math.isinf(speed):
             self._run_flat_out()
         else:

@@ -11,6 +11,8 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.telemetry import Telemetry
 
 AUTOPILOT_COMPONENT = 1
+GCS_SILENT_S = 2.5
+"""So long after its last heartbeat a ground station counts as there: one may be missing."""
 
 
 class Context:
@@ -24,12 +26,18 @@ class Context:
         self.telemetry = Telemetry(autopilot)
         self._later: list[Callable[[], None]] = []
         self._woken = False
+        self.gcs_silent_s = GCS_SILENT_S
+        """Of simulated time: longer where that runs faster than the ground station's."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
 
     @property
     def own(self) -> tuple[int, int]:
         """(system id, component id)."""
         return self.system_id, AUTOPILOT_COMPONENT
+
+    def hears_gcs(self, link: Link) -> bool:
+        """Whether a ground station is there: no one else is sent status texts."""
+        return self.body.time_s - link.gcs_heard_at_s < self.gcs_silent_s
 
     def is_for_me(self, message: Message) -> bool:
         """Whether target system and component mean this autopilot."""

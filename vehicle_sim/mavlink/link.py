@@ -11,8 +11,6 @@ from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.rates import PROFILES, RESTORED
 
 NEVER_US = 1 << 62
-GCS_SILENT_S = 2.5
-"""So long after its last heartbeat a ground station counts as there: one may be missing."""
 OUTBOX_LIMIT_BYTES = 4_000_000
 """Nobody reads: older bytes are dropped, as a full UDP buffer would."""
 
@@ -46,10 +44,6 @@ class Link:
         self._dropped_bytes = 0
         for name_, hz in PROFILES[profile].items():
             self.set_interval(BY_NAME[name_].id, int(1e6 / hz), 0)
-
-    def hears_gcs(self, now_s: float) -> bool:
-        """Whether a ground station is there: no one else is sent status texts."""
-        return now_s - self.gcs_heard_at_s < GCS_SILENT_S
 
     # --- sending ---------------------------------------------------------------------------------------
 

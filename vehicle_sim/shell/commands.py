@@ -46,7 +46,7 @@ class Shell:
     ) -> None:
         autopilot, body, own = context.autopilot, context.body, context.own
         listener, parts = ListenerCommand(body, states), PartsCommands(body)
-        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, lambda: body.time_s)
+        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.hears_gcs)
         self._body = body
         self.commands: dict[str, Command] = {
             "commander": CommanderCommand(autopilot).command,

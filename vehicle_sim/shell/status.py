@@ -44,9 +44,9 @@ class MavlinkCommand:
     """`mavlink status [streams]`."""
 
     def __init__(
-        self, links: Sequence[Link], name_of: Callable[[int], str], now_s: Callable[[], float]
+        self, links: Sequence[Link], name_of: Callable[[int], str], hears_gcs: Callable[[Link], bool]
     ) -> None:
-        self._links, self._name_of, self._now_s = links, name_of, now_s
+        self._links, self._name_of, self._hears_gcs = links, name_of, hears_gcs
         self.command = Command(self.run, "status [streams]")
 
     def run(self, words: Words) -> str:
@@ -58,7 +58,7 @@ class MavlinkCommand:
         raise Usage
 
     def _status(self, n: int, link: Link) -> str:
-        heard = "\tGCS heartbeat valid\n" if link.hears_gcs(self._now_s()) else ""
+        heard = "\tGCS heartbeat valid\n" if self._hears_gcs(link) else ""
         ports, mode = link.ports, MODES.get(link.name, "Normal")
         if ports is None:
             way = ""

@@ -81,3 +81,17 @@ def test_udp_goes_to_whoever_spoke_first(server: SimServer) -> None:
         station.sendto(beat, ("127.0.0.1", server.vehicles[0].transports["gcs"].port))
         server.run(FLAT_OUT, 1.2)
         assert {"HEARTBEAT", "ATTITUDE"} <= heard(station)
+
+
+@pytest.mark.parametrize(("speed", "hears"), [(1.0, False), (3.0, True)])
+def test_faster_than_real_time_a_ground_station_may_be_silent_for_longer(
+    server: SimServer, speed: float, hears: bool
+) -> None:
+    """Its heartbeats come once a second of its own time, which is three of the vehicle's."""
+    server.run(speed, 0.02)
+    context = server.fleet.nodes[0].context
+    link = context.links[0]
+    link.gcs_heard_at_s = context.body.time_s
+    assert context.hears_gcs(link)
+    server.run(speed, 3.2)
+    assert context.hears_gcs(link) is hears

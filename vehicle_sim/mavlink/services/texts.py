@@ -26,10 +26,9 @@ class TextService:
         if isinstance(item, Event):
             self._context.broadcast("EVENT", **_event_fields(item))
             return
-        now_s = self._context.body.time_s
         chunks = [item.text[at : at + CHUNK] for at in range(0, len(item.text), CHUNK)] or [""]
         for link in self._context.links:
-            if not link.hears_gcs(now_s):
+            if not self._context.hears_gcs(link):
                 continue
             for number, chunk in enumerate(chunks):
                 link.send(
