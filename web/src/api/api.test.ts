@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient, pageName } from './client';
 import { furtherReasons, parseProblem } from './problems';
+import { Turns } from './turns';
 
 describe('problems', () => {
   it('reads the vehicle’s words and what to do', () => {
@@ -50,5 +51,37 @@ describe('client', () => {
   it('tells two pages apart', () => {
     expect(pageName(() => 0)).toBe('page-0000');
     expect(pageName(() => 0.999999)).toBe('page-fffe');
+  });
+});
+
+describe('turns', () => {
+  const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
+
+  it('sends what is new once all that was sent to the same vehicles before is answered', async () => {
+    const turns = new Turns();
+    const sent: string[] = [];
+    const answers = new Map<string, () => void>();
+    const order = (name: string, vehicles: string[]): Promise<string> => turns.run(vehicles, () => {
+      sent.push(name);
+      return new Promise((done) => answers.set(name, () => done(name)));
+    });
+    void order('1 and 2', ['1', '2']);
+    const second = order('2', ['2']);
+    void order('3', ['3']);
+    await settle();
+    expect(sent).toEqual(['1 and 2', '3']);
+    answers.get('1 and 2')?.();
+    await settle();
+    expect(sent).toEqual(['1 and 2', '3', '2']);
+    expect([turns.busy(['1']), turns.busy(['1', '2'])]).toEqual([false, true]);
+    answers.get('2')?.();
+    expect(await second).toBe('2');
+    expect(turns.busy(['2'])).toBe(false);
+  });
+
+  it('goes on after one that failed', async () => {
+    const turns = new Turns();
+    await expect(turns.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
+    expect(await turns.run(['1'], () => Promise.resolve('next'))).toBe('next');
   });
 });

@@ -1,5 +1,6 @@
 /** Wires the page's parts together: actions, the offboard stream it keeps alive, the gimbal it steers. */
 
+import { Turns } from '../api/turns';
 import { ActionController } from '../features/actions/controller.svelte';
 import { ControlDesk } from '../features/control/control.svelte';
 import { GimbalControl } from '../features/gimbal/control.svelte';
@@ -14,12 +15,14 @@ import { page } from './page.svelte';
 
 const nowS = (): number => performance.now() / 1000;
 
-export const offboard = new OffboardControl(page.api, nowS);
+const turns = new Turns();
+
+export const offboard = new OffboardControl(page.api, turns, nowS);
 
 export const actions = new ActionController(page.api, nowS, (facts, wish) => offboard.start(facts, wish), (id) => page.factsOf(id));
 
 export const groups = new GroupDesk(
-  page.api, actions, nowS, () => document.visibilityState === 'visible', (id) => page.factsOf(id)?.name ?? `Vehicle ${id}`,
+  page.api, turns, actions, nowS, () => document.visibilityState === 'visible', (id) => page.factsOf(id)?.name ?? `Vehicle ${id}`,
   (id) => offboard.drop(id),
 );
 

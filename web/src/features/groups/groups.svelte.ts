@@ -2,6 +2,7 @@
 
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
+import type { Turns } from '../../api/turns';
 import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../actions/controller.svelte';
 import type { AnySetpoint, Lasting } from '../offboard/setpoint';
@@ -29,6 +30,7 @@ export class GroupDesk {
 
   constructor(
     private readonly api: ApiClient,
+    private readonly turns: Turns,
     private readonly actions: Pick<ActionController, 'attempt'>,
     private readonly nowS: () => number,
     /** Whether somebody can see the page. */
@@ -72,7 +74,8 @@ export class GroupDesk {
     const anew = connection !== this.connection;
     this.connection = connection;
     if (anew || (this.live.length > 0 && this.seen() && now_s - this.askedAt_s >= ASK_EVERY_S)) void this.ask(now_s);
-    this.keeper.tick(now_s, this.list.map((one) => one.group), this.seen());
+    const kept = this.list.find((one) => this.keeper.keeps(one.group));
+    if (kept === undefined || !this.turns.busy(vehiclesOf(kept.group))) this.keeper.tick(now_s, this.list.map((one) => one.group), this.seen());
     this.tellKept();
   }
 
@@ -86,16 +89,20 @@ export class GroupDesk {
   /** New setpoints for some members, the others renewed; without any, all renewed. */
   async send(group: Group, setpoints: readonly Ordered[], lasting: Lasting): Promise<Outcome<Group>> {
     for (const { vehicle } of setpoints) this.forgetAlone(vehicle);
-    const outcome = await this.post(group, setpoints, lasting);
-    if (outcome.ok) this.taken(outcome.value, setpoints, lasting);
-    return outcome;
+    return this.inTurn(group, async () => {
+      const outcome = await this.post(group, setpoints, lasting);
+      if (outcome.ok) this.taken(outcome.value, setpoints, lasting);
+      return outcome;
+    });
   }
 
   /** As they fly, for as long again. */
-  async renew(group: Group, lasting: Lasting): Promise<Outcome<Group>> {
-    const outcome = await this.post(group, this.again(group), lasting);
-    if (outcome.ok) this.taken(outcome.value, [], lasting);
-    return outcome;
+  renew(group: Group, lasting: Lasting): Promise<Outcome<Group>> {
+    return this.inTurn(group, async () => {
+      const outcome = await this.post(group, this.again(group), lasting);
+      if (outcome.ok) this.taken(outcome.value, [], lasting);
+      return outcome;
+    });
   }
 
   /** Something was sent to this vehicle alone: renewals leave it as it flies. */
@@ -119,7 +126,7 @@ export class GroupDesk {
   }
 
   private async renewed(group: Group, lasting: Lasting): Promise<Said> {
-    const outcome = await this.post(group, this.again(group), lasting);
+    const outcome = await this.inTurn(group, () => this.post(group, this.again(group), lasting));
     if (outcome.ok) {
       this.take(outcome.value);
       return 'taken';
@@ -136,6 +143,11 @@ export class GroupDesk {
       const setpoint = asked?.get(vehicle);
       return held || setpoint === undefined ? [] : [{ vehicle, setpoint }];
     });
+  }
+
+  /** What it asks for is worked out when it is sent, and known when the next is. */
+  private inTurn<T>(group: Group, send: () => Promise<T>): Promise<T> {
+    return this.turns.run(vehiclesOf(group), send);
   }
 
   private post(group: Group, setpoints: readonly Ordered[], { valid_for_s, on_expiry }: Lasting): Promise<Outcome<Group>> {
@@ -177,6 +189,10 @@ export class GroupDesk {
     this.list = answer.value.groups.map((group) => ({ group, heardAt_s })); // a server that was started anew knows none of before
     this.noteLive(answer.value.groups);
   }
+}
+
+function vehiclesOf(group: Group): string[] {
+  return group.members.map((member) => member.vehicle);
 }
 
 function path(group: Group): string {

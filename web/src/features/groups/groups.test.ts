@@ -1,5 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
+import { Turns } from '../../api/turns';
 import type { Refusal } from '../actions/controller.svelte';
 import type { VehicleFacts } from '../../app/facts';
 import { UNKNOWN_IDENTITY } from '../../live/vehicle-state';
@@ -178,13 +179,14 @@ describe('the desk of groups', () => {
   const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
   const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
 
-  function station(): { desk: GroupDesk; calls: { call: string; body: unknown }[]; at: { now_s: number; seen: boolean; group: Group; status: number }; dropped: string[]; refused: Refusal[]; settle: () => Promise<void> } {
+  function station(): { desk: GroupDesk; calls: { call: string; body: unknown }[]; at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> }; dropped: string[]; refused: Refusal[]; settle: () => Promise<void> } {
     const calls: { call: string; body: unknown }[] = [];
-    const at = { now_s: 0, seen: true, group: GROUP, status: 200 };
+    const at = { now_s: 0, seen: true, group: GROUP, status: 200, answer: Promise.resolve() };
     const api = new ApiClient('me', undefined, (path, init) => {
       calls.push({ call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`, body: init.body === undefined ? null : JSON.parse(init.body as string) as unknown });
       const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
-      return Promise.resolve(at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status }));
+      const response = at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });
+      return init.method === 'POST' ? at.answer.then(() => response) : Promise.resolve(response);
     });
     const refused: Refusal[] = [];
     const dropped: string[] = [];
@@ -195,7 +197,7 @@ describe('the desk of groups', () => {
         return outcome.ok;
       },
     };
-    const desk = new GroupDesk(api, actions, () => at.now_s, () => at.seen, (id) => `${id} Quad`, (id) => dropped.push(id));
+    const desk = new GroupDesk(api, new Turns(), actions, () => at.now_s, () => at.seen, (id) => `${id} Quad`, (id) => dropped.push(id));
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
     return { desk, calls, at, dropped, refused, settle };
   }
@@ -219,6 +221,45 @@ describe('the desk of groups', () => {
     desk.tick('open');
     await settle();
     expect(renewals()).toHaveLength(2);
+  });
+
+  it('lets no renewal overtake what is ordered anew', async () => {
+    const { desk, calls, at, settle } = station();
+    await desk.start({ members: MEMBERS }, LASTING);
+    const held = (): (() => void) => {
+      let answered = (): void => undefined;
+      at.answer = new Promise((done) => (answered = done));
+      return answered;
+    };
+    const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
+    const anew = MEMBERS.map(({ vehicle }) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [0, 2, 0] } }));
+
+    // Ordered while a renewal is under way: it goes out behind the answer.
+    const renewed = held();
+    at.now_s = 3;
+    desk.tick('open');
+    await settle();
+    const ordered = desk.send(GROUP, anew, { ...LASTING, valid_for_s: 30 });
+    await settle();
+    expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: LASTING.on_expiry }]);
+    renewed();
+    const taken = held();
+    await settle();
+    expect(posts().slice(1)).toEqual([{ setpoints: anew, valid_for_s: 30, on_expiry: LASTING.on_expiry }]);
+
+    // The renewal that falls due while the order is under way is not sent; the next says what was ordered, for as long.
+    at.now_s = 8;
+    desk.tick('open');
+    await settle();
+    taken();
+    expect((await ordered).ok).toBe(true);
+    desk.tick('open');
+    await settle();
+    expect(posts()).toHaveLength(2);
+    at.now_s = 17.5;
+    desk.tick('open');
+    await settle();
+    expect(posts()[2]).toEqual(posts()[1]);
   });
 
   it('asks once a second while there is one and somebody looks, and after each new connection', async () => {

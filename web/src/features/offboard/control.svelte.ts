@@ -2,6 +2,7 @@
 
 import type { VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
+import type { Turns } from '../../api/turns';
 import { ageText } from '../../live/age';
 import { SetpointKeeper } from './keeper';
 import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from './setpoint';
@@ -26,6 +27,7 @@ export class OffboardControl {
 
   constructor(
     private readonly api: ApiClient,
+    private readonly turns: Turns,
     private readonly nowS: () => number,
   ) {}
 
@@ -91,7 +93,7 @@ export class OffboardControl {
   }
 
   private say(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Lasting): Promise<Outcome<unknown>> {
-    return this.api.post(`${base(id)}/setpoint`, { ...setpoint, valid_for_s, on_expiry });
+    return this.turns.run([id], () => this.api.post(`${base(id)}/setpoint`, { ...setpoint, valid_for_s, on_expiry }));
   }
 
   private keeper(id: string): SetpointKeeper {
