@@ -36,6 +36,8 @@ USUAL_OVERLAP_S = 0.45
 """How long both controllers flew after the kind of set point changed. PX4 tells its controllers of it twice a
 second, at a phase that no message shows: it is read off each recording, as the place and the height are."""
 NAN = math.nan
+CALM, CALM_NOISY = (0.05, 0.3), (0.3, 1.5)
+"""Hovers at its place: slower than [m/s], nearer than [m] along each axis. An estimate from noise wanders."""
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
 """Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
 STEADY_ORBIT_M = 21.05
@@ -62,10 +64,11 @@ class CannotStart(Exception):
 class _Pilot:
     """The ground station of one vehicle."""
 
-    def __init__(self, sim: VehicleSim, row: int, recording: Recording) -> None:
+    def __init__(self, sim: VehicleSim, row: int, recording: Recording, calm: tuple[float, float]) -> None:
         self.sim = sim
         self.row = row
         self.recording = recording
+        self._calm_at = calm
         self.began_s = NAN
         self._sequence = 0
         self._heartbeat_s = 0.0
@@ -115,9 +118,10 @@ class _Pilot:
     def mode(self) -> int:
         return self.sim.autopilots[self.row].commander.custom_mode()
 
-    def _calm(self, goal: Sequence[float], radius_m: float = 0.3) -> bool:
+    def _calm(self, goal: Sequence[float]) -> bool:
+        fastest_m_s, radius_m = self._calm_at
         speed = float(np.abs(self.sim.simulation.estimate.velocity_ned_m_s[self.row]).max())
-        return speed < 0.05 and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
+        return speed < fastest_m_s and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
 
     # --- waiting ---------------------------------------------------------------------------------------
 
@@ -281,7 +285,8 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
     )  # fmt: skip
     for row in range(count):
         _silence(sim, row)
-    pilots = [_Pilot(sim, row, recording) for row, recording in enumerate(recordings)]
+    calm = CALM_NOISY if noise else CALM
+    pilots = [_Pilot(sim, row, recording, calm) for row, recording in enumerate(recordings)]
     log = _Log(sim)
     step_s = sim.simulation.dt_s
     waiting = True
