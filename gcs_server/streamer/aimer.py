@@ -6,7 +6,7 @@ import math
 
 from gcs_server.streamer.bounds import UNBOUNDED, Bounds
 from gcs_server.streamer.encoders import encode, stamped
-from gcs_server.streamer.limits import Here, Obeyed, obey
+from gcs_server.streamer.limits import Obeyed, obey
 from gcs_server.streamer.news import NOTICE, Outgoing, Report, Snapshot
 from gcs_server.streamer.resolve import Aim, keeps_heading
 from gcs_server.streamer.setpoints import (
@@ -18,6 +18,7 @@ from gcs_server.streamer.setpoints import (
     Trajectory,
     Velocity,
 )
+from gcs_server.streamer.space import Here
 
 TOLD_EVERY_S = 10.0
 """The same limit is told no more often."""

@@ -13,19 +13,6 @@ from dataclasses import dataclass, fields, replace
 from typing import TypeVar
 
 from gcs_server.streamer.bounds import Bounds
-from gcs_server.streamer.braking import (
-    BRAKE_DELAY_S,
-    BRAKE_HEIGHT_DELAY_S,
-    BRAKE_HEIGHT_M_S2,
-    BRAKE_M_S2,
-    GUARD_DELAY_S,
-    GUARD_M_S2,
-    MARGIN_HEIGHT_M,
-    MARGIN_M,
-    PUSH_MOST_M_S,
-    PUSH_PER_S,
-    braking_speed,
-)
 from gcs_server.streamer.region import Ground
 from gcs_server.streamer.resolve import turned
 from gcs_server.streamer.rotation import limited_step, limited_tilt
@@ -35,7 +22,6 @@ from gcs_server.streamer.setpoints import (
     Partial3,
     Position,
     PositionGlobal,
-    Quaternion,
     Rates,
     Sendable,
     Trajectory,
@@ -43,21 +29,12 @@ from gcs_server.streamer.setpoints import (
     Velocity,
     VelocityBody,
 )
+from gcs_server.streamer.space import Here, Space
 
 S = TypeVar(
     "S", bound=Position | PositionGlobal | Velocity | VelocityBody | Acceleration | Trajectory | Attitude
 )
 GRAVITY_M_S2 = 9.80665
-
-
-@dataclass(frozen=True, slots=True)
-class Here:
-    """The vehicle at this moment."""
-
-    position_ned_m: Vector3
-    velocity_ned_m_s: Vector3
-    yaw_ned_rad: float | None = None
-    q_ned_frd: Quaternion | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +86,11 @@ class _Limiter:
         self._before = before
         self._dt_s = dt_s
         self.notes: list[str] = []
-        self.stop: str | None = None
+        self._space = Space(bounds, here, self.notes)
+
+    @property
+    def stop(self) -> str | None:
+        return self._space.stop
 
     def limited(self, s: Sendable) -> Sendable:
         if isinstance(s, Rates):
@@ -170,7 +151,7 @@ class _Limiter:
         return replace(s, velocity_frd_m_s=turned((n or 0.0, e or 0.0, d or 0.0), -yaw))
 
     def _attitude(self, s: Attitude) -> Attitude:
-        self._guard()
+        self._space.guard()
         q, tilted = limited_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
             self.notes.append(f"tilt held to {math.degrees(self._bounds.tilt_rad):.0f}°")
@@ -185,7 +166,7 @@ class _Limiter:
         return replace(self._yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
 
     def _rates(self, s: Rates) -> Rates:
-        self._guard()
+        self._space.guard()
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
         p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
         if (p, q, r) != s.rates_frd_rad_s:
@@ -206,18 +187,18 @@ class _Limiter:
     ) -> tuple[Partial3, Partial3, Partial3]:
         place, speed = _ground(position), _ground(velocity)
         if place is not None:
-            place, speed = self._approach(self._placed(place), speed)
+            place, speed = self._approach(self._space.placed(place), speed)
         if speed is not None:
-            speed = self._held_ground(speed)
+            speed = self._space.held_ground(self._scaled(speed, self._bounds.speed_m_s, "speed"))
             if place is None:
-                speed = self._pushed(speed)
+                speed = self._space.pushed(speed)
         down, fall = position[2], velocity[2]
         if down is not None:
-            down, fall = self._approach_height(self._at_height(down), fall)
+            down, fall = self._approach_height(self._space.at_height(down), fall)
         if fall is not None:
-            fall = self._held_height(fall, pushed=down is None)
+            fall = self._space.held_height(self._within_climb(fall), pushed=down is None)
         if (place is None and speed is None) or (down is None and fall is None):
-            self._guard(ground=place is None and speed is None, height=down is None and fall is None)
+            self._space.guard(ground=place is None and speed is None, height=down is None and fall is None)
         push = self._held_push(_ground(acceleration))
         lift = acceleration[2]
         if lift is not None:
@@ -227,29 +208,6 @@ class _Limiter:
                 self.notes.append(f"acceleration held to {abs(held):.1f} m/s²")
             lift = held
         return _joined(place, down), _joined(speed, fall), _joined(push, lift)
-
-    def _placed(self, target: Ground) -> Ground:
-        region = self._bounds.region
-        if not region.bounds_ground:
-            return target
-        if self._here is None:
-            inside = region.nearest(target)
-        else:
-            here = self._here.position_ned_m
-            inside = region.towards((here[0], here[1]), target)
-        if inside is None:
-            self.stop = "There is no way back into the allowed space"
-            return target
-        if inside != target:
-            breach = region.ground_breach(target) or "the edge of the allowed space on the way"
-            self.notes.append(f"place held inside {breach}")
-        return inside
-
-    def _at_height(self, down_m: float) -> float:
-        inside = self._bounds.region.height(down_m)
-        if inside != down_m:
-            self.notes.append("height held inside its limits")
-        return inside
 
     def _approach(self, place: Ground, speed: Ground | None) -> tuple[Ground, Ground | None]:
         """A place so near that the vehicle's controller asks for no more than the operator's speed."""
@@ -296,80 +254,6 @@ class _Limiter:
         self.notes.append(f"{what} held to {most:g} m/s")
         return (vector[0] * most / size, vector[1] * most / size)
 
-    def _held_ground(self, velocity: Ground) -> Ground:
-        """Slow enough to stop inside."""
-        n, e = self._scaled(velocity, self._bounds.speed_m_s, "speed")
-        region, speed = self._bounds.region, math.hypot(n, e)
-        if not region.bounds_ground or speed == 0.0:
-            return (n, e)
-        if self._here is None:
-            self.notes.append("stands still: where it is is not known, and the space is limited")
-            return (0.0, 0.0)
-        here = (self._here.position_ned_m[0], self._here.position_ned_m[1])
-        breach = region.ground_breach(here)
-        if breach is not None:
-            back = region.nearest(here)
-            if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
-                return (n, e)
-            self.notes.append(f"outside {breach}: only the way back is flown")
-            return (0.0, 0.0)
-        way_m = region.way_out_m(here, (n / speed, e / speed)) - MARGIN_M
-        most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
-        if self._runs_out(here):
-            most = 0.0
-        if speed <= most:
-            return (n, e)
-        self.notes.append("speed cut to stop before the edge of the allowed space")
-        return (n * most / speed, e * most / speed)
-
-    def _pushed(self, velocity: Ground) -> Ground:
-        """Back from an edge that is nearer than the margin."""
-        region = self._bounds.region
-        if self._here is None or not region.bounds_ground:
-            return velocity
-        n, e = velocity
-        for inside_m, out in region.edges((self._here.position_ned_m[0], self._here.position_ned_m[1])):
-            if inside_m >= MARGIN_M:
-                continue
-            most = -min(PUSH_PER_S * (MARGIN_M - inside_m), PUSH_MOST_M_S, self._bounds.speed_m_s)
-            excess = n * out[0] + e * out[1] - most
-            if excess > 0.0:
-                n, e = n - excess * out[0], e - excess * out[1]
-        if (n, e) != velocity:
-            self.notes.append("pushed back from the edge of the allowed space")
-            size = math.hypot(n, e)
-            scale = min(1.0, self._bounds.speed_m_s / size) if size > 0 else 1.0
-            n, e = n * scale, e * scale
-        return (n, e)
-
-    def _runs_out(self, here: Ground) -> bool:
-        """Whether the vehicle as it moves now could only just be stopped inside."""
-        assert self._here is not None
-        n, e, _ = self._here.velocity_ned_m_s
-        speed = math.hypot(n, e)
-        if speed < 0.5:
-            return False
-        way_m = self._bounds.region.way_out_m(here, (n / speed, e / speed))
-        return speed > braking_speed(way_m, GUARD_M_S2, GUARD_DELAY_S)
-
-    def _held_height(self, fall: float, *, pushed: bool) -> float:
-        held = self._within_climb(fall)
-        region = self._bounds.region
-        if not region.bounds_height:
-            return held
-        if self._here is None:
-            self.notes.append("keeps its height: it is not known, and limited")
-            return 0.0
-        down_m = self._here.position_ned_m[2]
-        left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
-        left_up_m = down_m - region.down_min_m - MARGIN_HEIGHT_M
-        most_down = _height_speed(left_down_m, self._bounds.climb_m_s if pushed else 0.0)
-        most_up = _height_speed(left_up_m, self._bounds.sink_m_s if pushed else 0.0)
-        kept = max(min(held, most_down), -most_up)
-        if kept != held:
-            self.notes.append("climbing or sinking cut to stay inside the limits of height")
-        return kept
-
     def _held_push(self, push: Ground | None) -> Ground | None:
         if push is None:
             return None
@@ -406,28 +290,6 @@ class _Limiter:
             return turned(before.velocity_frd_m_s, self._here.yaw_ned_rad)
         return None if self._here is None else self._here.velocity_ned_m_s
 
-    # --- kinds that steer no place --------------------------------------------------------------------
-
-    def _guard(self, *, ground: bool = True, height: bool = True) -> None:
-        """Takes over where the vehicle, as it moves, could only just be stopped inside."""
-        region = self._bounds.region
-        if not (ground and region.bounds_ground) and not (height and region.bounds_height):
-            return
-        if self._here is None:
-            self.stop = "Where the vehicle is is not known, and the space is limited"
-            return
-        n, e, d = self._here.position_ned_m
-        if ground and region.bounds_ground:
-            breach = region.ground_breach((n, e))
-            if breach is not None or self._runs_out((n, e)):
-                self.stop = f"The vehicle would leave {breach or 'the allowed space'}"
-        fall = self._here.velocity_ned_m_s[2]
-        left_m = (region.down_max_m - d) if fall > 0 else (d - region.down_min_m)
-        if height and (
-            left_m < 0 or (abs(fall) > 0.3 and abs(fall) > braking_speed(left_m, GUARD_M_S2, GUARD_DELAY_S))
-        ):
-            self.stop = "The vehicle would leave its limits of height"
-
 
 _NONE: Partial3 = (None, None, None)
 
@@ -438,10 +300,3 @@ def _ground(vector: Partial3) -> Ground | None:
 
 def _joined(ground: Ground | None, down: float | None) -> Partial3:
     return (None, None, down) if ground is None else (*ground, down)
-
-
-def _height_speed(left_m: float, most_back_m_s: float) -> float:
-    """The speed towards a limit of height from which it is stopped in time; negative: back from it."""
-    if left_m >= 0.0:
-        return braking_speed(left_m, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
-    return max(PUSH_PER_S * left_m, -PUSH_MOST_M_S, -most_back_m_s)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.braking import BRAKE_DELAY_S, BRAKE_M_S2, braking_speed
-from gcs_server.streamer.limits import Here, is_finite, obey
+from gcs_server.streamer.limits import is_finite, obey
 from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.region import Disc, Polygon, Region
 from gcs_server.streamer.resolve import turned
@@ -23,6 +23,7 @@ from gcs_server.streamer.setpoints import (
     Velocity,
     VelocityBody,
 )
+from gcs_server.streamer.space import Here
 from gcs_server.vehicle.gimbal_decoder import quaternion_of
 
 number = st.floats(-500, 500)
