@@ -10,7 +10,7 @@
 """
 
 from gcs_server.client import setpoints
-from gcs_server.client.aio import Gcs, Gimbal, Vehicle
+from gcs_server.client.aio import Gcs, Vehicle
 from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncGroup, SyncOffboard, SyncVehicle
 from gcs_server.client.control import Control
 from gcs_server.client.errors import (
@@ -24,6 +24,7 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
+from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group
 from gcs_server.client.offboard import LiveOffboard, Offboard
 

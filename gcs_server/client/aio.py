@@ -20,6 +20,7 @@ from websockets.exceptions import InvalidStatus
 from gcs_server.client.address import address_and_token
 from gcs_server.client.control import Control
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
+from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
@@ -361,44 +362,6 @@ class Vehicle:
                 error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
             raise
         await stream.stop()
-
-
-class Gimbal:
-    """The vehicle's gimbal; angles in degrees, pitch up positive."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
-
-    async def _post(self, path: str, body: Body | None = None) -> None:
-        await self._vehicle.request("POST", f"/gimbal/{path}", body)
-
-    async def take(self) -> None:
-        """Takes control."""
-        await self._post("take")
-
-    async def release(self) -> None:
-        """Gives control back."""
-        await self._post("release")
-
-    async def angles(
-        self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
-    ) -> None:
-        """Points it; yaw from the nose, from north with `yaw_lock`."""
-        roll: Body = {} if roll_deg is None else {"roll_deg": roll_deg}
-        await self._post("angles", {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock, **roll})
-
-    async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns it steadily until told otherwise; zeros stop both axes."""
-        body: Body = {"pitch_rate_deg_s": pitch_rate_deg_s, "yaw_rate_deg_s": yaw_rate_deg_s}
-        await self._post("rates", {**body, "yaw_lock": yaw_lock})
-
-    async def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Keeps looking at a place."""
-        await self._post("roi", {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m})
-
-    async def clear_roi(self) -> None:
-        """Stops looking at a place."""
-        await self._post("roi/clear")
 
 
 async def _until(look: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:

@@ -13,6 +13,7 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from gcs_server.client import aio
 from gcs_server.client.control import Control, OnLost
+from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group, Setpoints
 from gcs_server.client.offboard import Offboard, Steering
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
@@ -321,9 +322,9 @@ class SyncControl:
 
 
 class SyncGimbal:
-    """The vehicle's gimbal; methods as `aio.Gimbal`."""
+    """The vehicle's gimbal; methods as `Gimbal`."""
 
-    def __init__(self, gcs: SyncGcs, gimbal: aio.Gimbal) -> None:
+    def __init__(self, gcs: SyncGcs, gimbal: Gimbal) -> None:
         self._gcs = gcs
         self._gimbal = gimbal
 

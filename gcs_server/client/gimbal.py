@@ -1,0 +1,44 @@
+"""The gimbal in a program's hands: control of it, angles, rates, a place to look at."""
+
+from __future__ import annotations
+
+from gcs_server.client.control import Requester
+from gcs_server.client.setpoints import Body
+
+
+class Gimbal:
+    """The vehicle's gimbal; angles in degrees, pitch up positive."""
+
+    def __init__(self, vehicle: Requester) -> None:
+        self._vehicle = vehicle
+
+    async def _post(self, path: str, body: Body | None = None) -> None:
+        await self._vehicle.request("POST", f"/gimbal/{path}", body)
+
+    async def take(self) -> None:
+        """Takes control."""
+        await self._post("take")
+
+    async def release(self) -> None:
+        """Gives control back."""
+        await self._post("release")
+
+    async def angles(
+        self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
+    ) -> None:
+        """Points it; yaw from the nose, from north with `yaw_lock`."""
+        roll: Body = {} if roll_deg is None else {"roll_deg": roll_deg}
+        await self._post("angles", {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock, **roll})
+
+    async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
+        """Turns it steadily until told otherwise; zeros stop both axes."""
+        body: Body = {"pitch_rate_deg_s": pitch_rate_deg_s, "yaw_rate_deg_s": yaw_rate_deg_s}
+        await self._post("rates", {**body, "yaw_lock": yaw_lock})
+
+    async def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Keeps looking at a place."""
+        await self._post("roi", {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m})
+
+    async def clear_roi(self) -> None:
+        """Stops looking at a place."""
+        await self._post("roi/clear")
