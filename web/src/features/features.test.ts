@@ -1,4 +1,6 @@
 import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../api/client';
+import { Turns } from '../api/turns';
 import type { Status } from '../live/topics';
 import { call, question, unavailable, type ActionFacts, type ActionName } from './actions/actions';
 import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S } from './actions/confirmation';
@@ -7,7 +9,8 @@ import { owner } from './gimbal/owner';
 import { clamp, limits, toAngles, toPoint } from './gimbal/pad';
 import { horizonTransform, tapeTicks } from './instruments/attitude';
 import { severityWord, shown } from './messages/messages';
-import { SetpointKeeper } from './offboard/keeper';
+import { OffboardControl } from './offboard/control.svelte';
+import { SetpointKeeper, type Said } from './offboard/keeper';
 import { LASTING, nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
 import { error_m, nudgeBase, readOffboard } from './offboard/view';
 import { batteryIndicator, gpsIndicator } from './topbar/indicators';
@@ -143,10 +146,10 @@ describe('offboard', () => {
   });
   it('says a setpoint again in time, and stops when the stream or the server says no', async () => {
     const said: unknown[] = [];
-    let accepted = true;
+    let answer: Said = 'taken';
     const keeper = new SetpointKeeper((s) => {
       said.push(s);
-      return Promise.resolve(accepted);
+      return Promise.resolve(answer);
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
     keeper.keep({ ...setpoint }, LASTING, 0);
@@ -156,7 +159,7 @@ describe('offboard', () => {
     keeper.tick(3.1, true);
     expect(said).toHaveLength(1);
     await Promise.resolve();
-    accepted = false;
+    answer = 'refused';
     keeper.tick(6.1, true);
     await Promise.resolve();
     expect(keeper.setpoint).toBeNull();
@@ -167,6 +170,57 @@ describe('offboard', () => {
     keeper.tick(24, true);
     expect(keeper.setpoint).toBeNull();
     expect(said).toHaveLength(2);
+  });
+  it('tries again what did not get through, until it has expired', async () => {
+    const said: number[] = [];
+    let answer: Said = 'not now';
+    const keeper = new SetpointKeeper((): Promise<Said> => {
+      said.push(now_s);
+      return Promise.resolve(answer);
+    });
+    let now_s = 0;
+    keeper.keep({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, LASTING, now_s);
+    const until = async (end_s: number): Promise<void> => {
+      for (; now_s < end_s; now_s += 1) {
+        keeper.tick(now_s, true);
+        await Promise.resolve();
+      }
+    };
+    await until(5);
+    answer = 'taken';
+    await until(7);
+    answer = 'not now';
+    await until(60);
+    expect(said).toEqual([3, 6, 9, 12, 15]); // taken at 6, good for 10 s
+    expect(keeper.setpoint).toBeNull();
+  });
+  it('goes on saying what is flown where something new is refused, and nothing where no answer came', async () => {
+    const said: unknown[] = [];
+    let answer: () => Response = () => Response.json({});
+    const api = new ApiClient('me', undefined, (_, init) => {
+      said.push((JSON.parse(init.body as string) as { position_ned_m: unknown }).position_ned_m);
+      return Promise.resolve().then(answer);
+    });
+    let now_s = 0;
+    const control = new OffboardControl(api, new Turns(), () => now_s);
+    const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
+    const at = (north_m: number): PositionSetpoint & Record<string, unknown> => ({ type: 'position', position_ned_m: [north_m, 0, -5], yaw_ned_rad: 0 });
+    await control.send('1', at(1), LASTING);
+    answer = () => Response.json({ detail: 'no fresh position' }, { status: 409 });
+    now_s = 2;
+    await control.send('1', at(2), LASTING);
+    answer = () => Response.json({});
+    now_s = 3.1;
+    control.tick(() => true);
+    await settle();
+    expect(said).toEqual([[1, 0, -5], [2, 0, -5], [1, 0, -5]]);
+    answer = () => { throw new TypeError('network'); };
+    await control.send('1', at(3), LASTING);
+    answer = () => Response.json({});
+    now_s = 20;
+    control.tick(() => true);
+    await settle();
+    expect(said).toHaveLength(4);
   });
 });
 

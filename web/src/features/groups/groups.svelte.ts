@@ -92,6 +92,7 @@ export class GroupDesk {
     return this.inTurn(group, async () => {
       const outcome = await this.post(group, setpoints, lasting);
       if (outcome.ok) this.taken(outcome.value, setpoints, lasting);
+      else if (outcome.problem.status === 0) this.keepNone(); // nobody knows what is flown: a renewal might take it back
       return outcome;
     });
   }
@@ -111,8 +112,7 @@ export class GroupDesk {
   }
 
   async hold(group: Group): Promise<void> {
-    this.keeper.forget();
-    this.tellKept();
+    this.keepNone();
     await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
       const outcome = await this.api.post<Group>(`${path(group)}/hold`);
       if (outcome.ok) this.take(outcome.value);
@@ -172,6 +172,11 @@ export class GroupDesk {
   private noteLive(groups: readonly Group[]): void {
     const news = groups.filter((group) => isLive(group) && !this.seenLive.has(keyOf(group)));
     if (news.length > 0) this.seenLive = new Set([...this.seenLive, ...news.map(keyOf)]);
+  }
+
+  private keepNone(): void {
+    this.keeper.forget();
+    this.tellKept();
   }
 
   private tellKept(): void {

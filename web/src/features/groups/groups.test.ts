@@ -260,6 +260,15 @@ describe('the desk of groups', () => {
     desk.tick('open');
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
+
+    // Where no answer came nobody knows what is flown, and nothing is said again.
+    at.answer = Promise.reject(new TypeError('network'));
+    expect((await desk.send(GROUP, MEMBERS, LASTING)).ok).toBe(false);
+    at.answer = Promise.resolve();
+    at.now_s = 60;
+    desk.tick('open');
+    await settle();
+    expect([posts().length, desk.keptKey]).toEqual([4, null]);
   });
 
   it('asks once a second while there is one and somebody looks, and after each new connection', async () => {

@@ -19,6 +19,9 @@ function noPosition(age_s: number | null): Outcome<never> {
   };
 }
 
+/** Not heard, or refused as things are at this moment (an estimate that is not fresh). */
+const PASSING: readonly string[] = ['unreachable', 'refused'];
+
 export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly keepers = new Map<string, SetpointKeeper>();
@@ -47,15 +50,16 @@ export class OffboardControl {
     return this.begin(facts.id, { ...setpoint }, LASTING);
   }
 
-  /** A new target of any kind; what was refused is not said again. */
+  /** A new target of any kind. Refused, what was flown before goes on being said; without an answer nobody knows what is flown, and nothing is. */
   async send(id: string, setpoint: AnySetpoint, lasting: Lasting): Promise<Outcome<unknown>> {
     const keeper = this.keeper(id);
     this.onAlone(id);
-    keeper.keep(setpoint, lasting, this.nowS());
+    const refused = keeper.keep(setpoint, lasting, this.nowS());
     const outcome = await this.say(id, setpoint, lasting);
+    if (!outcome.ok && outcome.problem.status !== 0) refused();
     if (keeper.setpoint !== setpoint) return outcome;
-    if (!outcome.ok) keeper.forget();
-    else keeper.keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    if (outcome.ok) keeper.keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    else keeper.forget();
     return outcome;
   }
 
@@ -99,7 +103,10 @@ export class OffboardControl {
   private keeper(id: string): SetpointKeeper {
     let keeper = this.keepers.get(id);
     if (keeper === undefined) {
-      keeper = new SetpointKeeper(async ({ setpoint, lasting }) => (await this.say(id, setpoint, lasting)).ok);
+      keeper = new SetpointKeeper(async ({ setpoint, lasting }) => {
+        const outcome = await this.say(id, setpoint, lasting);
+        return outcome.ok ? 'taken' : PASSING.includes(outcome.problem.code) ? 'not now' : 'refused';
+      });
       this.keepers.set(id, keeper);
     }
     return keeper;
