@@ -25,7 +25,7 @@ from gcs_server.scene.frames import (
     yaw_enu_from_ned,
     yaw_from_q,
 )
-from gcs_server.scene.labels import Label
+from gcs_server.scene.labels import Label, height_words
 from gcs_server.scene.model import q_along
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.shapes import Shapes
@@ -139,7 +139,7 @@ def words(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, gro
     """Distance, height above home and yaw."""
     parts = [
         f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m",
-        f"height {position_enu_m[2] - ground_z_m:.1f} m",
+        f"height {height_words(position_enu_m[2] - ground_z_m)}",
     ]
     if preview.yaw_ned_rad is not None:
         parts.append(f"{round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")

@@ -20,6 +20,11 @@ EVERY_S = 0.2
 """Figures that change faster than this cannot be read."""
 
 
+def height_words(height_m: float) -> str:
+    """As the page writes it: a minus sign, and no "-0.0", which is half a decimetre of estimator noise."""
+    return f"{height_m if abs(height_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")
+
+
 class Label:
     """A tag at a point of the scene.
 

@@ -17,6 +17,7 @@ from gcs_server.scene.frames import (
     q_ned_camera,
     yaw_enu_from_ned,
 )
+from gcs_server.scene.labels import height_words
 from gcs_server.scene.placement import Place
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
@@ -144,9 +145,7 @@ def _whole(v: tuple[float | None, float | None, float | None]) -> Vector3 | None
 def _label(vehicle_id: str, place: Place) -> str:
     if not place.known:
         return vehicle_id
-    # No "-0.0": half a decimetre of estimator noise is not below the ground.
-    height_m = place.height_m if abs(place.height_m) >= 0.05 else 0.0
-    return f"{vehicle_id} · {height_m:.1f} m"
+    return f"{vehicle_id} · {height_words(place.height_m)}"
 
 
 def _note(vehicle: SceneVehicle, place: Place, lost: bool) -> str:

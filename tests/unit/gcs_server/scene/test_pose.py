@@ -109,6 +109,9 @@ def test_labels_say_height_and_what_it_is():
     vehicle.values["local_position"] = local(0.0, 0.0, 0.04)
     vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.96)
     assert look(vehicle).label == "1 · 0.0 m"
+    vehicle.values["local_position"] = local(0.0, 0.0, 0.3)
+    vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.7)
+    assert look(vehicle).label == "1 · \N{MINUS SIGN}0.3 m"
 
 
 def test_a_lost_vehicle_is_said_to_be_and_has_no_target():
