@@ -30,6 +30,8 @@ class Spread:
     velocity_m_s: float
     attitude_deg: float
     rise_s: float
+    comparable: bool
+    """False where the state it began in could not be made again from outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,13 @@ def load(name: str, folder: Path = FLIGHTS) -> Recording:
         raw["stimulus"],
         columns["t_s"],
         columns,
-        Spread(known("pos_rms_m"), known("vel_rms_m_s"), known("att_rms_deg"), known("rise_diff_s")),
+        Spread(
+            known("pos_rms_m"),
+            known("vel_rms_m_s"),
+            known("att_rms_deg"),
+            known("rise_diff_s"),
+            spread["comparable"],
+        ),
     )
 
 

@@ -139,6 +139,8 @@ class Comparison:
     sim: Shape
     real: Shape
     rise_limit_s: float
+    comparable: bool
+    """Whether PX4's own repeat of it says anything."""
 
     @property
     def near(self) -> bool:
@@ -193,6 +195,7 @@ def compare(recording: Recording, replay: Replay) -> Comparison:
         rms(_XYZ, from_zero=True), max(0.3, float(np.nan_to_num(recording.spread.position_m))),
         sim_shape, real_shape,
         max(STEP_RISE * abs(real_shape.rise_s), float(np.nan_to_num(recording.spread.rise_s)), 3 * GRID_S),
+        recording.spread.comparable,
     )  # fmt: skip
 
 
@@ -247,9 +250,13 @@ def rows(comparisons: list[Comparison]) -> Iterator[str]:
             f"{c.path_error_m:.2f}",
         )  # fmt: skip
         yield f"| {' | '.join(cells)} |"
-    near = sum(c.near and c.rises_alike for c in comparisons)
+    missed = [c for c in comparisons if not (c.near and c.rises_alike)]
+    near = len(comparisons) - len(missed)
     yield ""
     yield f"{near} of {len(comparisons)} within their limits (error and rise time); sensors without noise."
+    vague = [c.name for c in missed if not c.comparable]
+    if vague:
+        yield f"PX4's own repeats of {', '.join(vague)} are not comparable (spread.json)."
 
 
 def open_rises(missed: list[Comparison]) -> Iterator[str]:
