@@ -11,6 +11,8 @@ from gcs_server.client import NotInControl, SyncGcs
 from tests.e2e.browser import chromium, hold_space, in_both_themes, opened
 from tests.station import free_port, server, vehicle, wait_until
 
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
 
 @pytest.fixture
 def url() -> Iterator[str]:

@@ -12,6 +12,8 @@ from gcs_server.client import Gcs, Invalid, Refused, setpoints
 from tests.e2e.conftest import Station
 from tests.e2e.test_deaths import airborne
 
+pytestmark = pytest.mark.realtime
+
 
 def distance_m(a: Any, b: Any) -> float:
     return math.dist(tuple(a), tuple(b))

@@ -188,6 +188,7 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         drone.request("PUT", "/offboard/limits", {})
 
 
+@pytest.mark.realtime  # hands are slow
 def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hovering: Station) -> None:
     drone = hovering.drone
     with opened(browser, hovering.url, scene=False, script=PAD) as page:
