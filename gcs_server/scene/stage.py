@@ -117,11 +117,11 @@ class Stage:
             self._show_preview(view, fleet[seen] if seen is not None else None)
             if self._preview is not None:
                 labels.append(self._preview.label)
-            self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
                 self._show_marks(view.mode)
+            self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
 
     def hold(self, *, turns: bool) -> None:
         """This browser's hand is on one of the preview's handles."""

@@ -76,3 +76,5 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         expect(params.get_by_role("button", name="MPC_XY_CRUISE")).to_have_count(1)
         assert serious_violations(page) == []
         assert drone.param("MPC_XY_CRUISE") == 4.0
+        page.get_by_role("button", name="Fly", exact=True).click()
+        expect(params).to_have_count(0)
