@@ -1,5 +1,5 @@
-import { describe, expect, it } from 'vitest';
-import { ApiClient, pageName } from './client';
+import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
+import { ApiClient, pageName, type Outcome } from './client';
 import { furtherReasons, parseProblem } from './problems';
 import { Turns } from './turns';
 
@@ -55,33 +55,59 @@ describe('client', () => {
 });
 
 describe('turns', () => {
-  const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
+  const settle = async (): Promise<void> => void (await vi.advanceTimersByTimeAsync(0));
+  beforeEach(() => void vi.useFakeTimers());
+  afterEach(() => void vi.useRealTimers());
 
-  it('sends what is new once all that was sent to the same vehicles before is answered', async () => {
+  function orders(): { turns: Turns; sent: string[]; answer: (name: string) => void; order: (name: string, vehicles: string[]) => Promise<Outcome<string>> } {
     const turns = new Turns();
     const sent: string[] = [];
     const answers = new Map<string, () => void>();
-    const order = (name: string, vehicles: string[]): Promise<string> => turns.run(vehicles, () => {
+    const order = (name: string, vehicles: string[]): Promise<Outcome<string>> => turns.run(vehicles, () => {
       sent.push(name);
-      return new Promise((done) => answers.set(name, () => done(name)));
+      return new Promise((done) => answers.set(name, () => done({ ok: true, value: name })));
     });
+    return { turns, sent, answer: (name) => answers.get(name)?.(), order };
+  }
+
+  it('sends what is new once all that was sent to the same vehicles before is answered', async () => {
+    const { turns, sent, answer, order } = orders();
     void order('1 and 2', ['1', '2']);
     const second = order('2', ['2']);
     void order('3', ['3']);
     await settle();
     expect(sent).toEqual(['1 and 2', '3']);
-    answers.get('1 and 2')?.();
+    answer('1 and 2');
     await settle();
     expect(sent).toEqual(['1 and 2', '3', '2']);
     expect([turns.busy(['1']), turns.busy(['1', '2'])]).toEqual([false, true]);
-    answers.get('2')?.();
-    expect(await second).toBe('2');
+    answer('2');
+    expect(await second).toEqual({ ok: true, value: '2' });
+    await settle();
     expect(turns.busy(['2'])).toBe(false);
+  });
+
+  it('never sends what has waited too long, nor anything past what is still unanswered', async () => {
+    const { turns, sent, answer, order } = orders();
+    void order('renewal', ['1']);
+    const late = order('late', ['1']);
+    await vi.advanceTimersByTimeAsync(3000);
+    expect(await late).toMatchObject({ ok: false, problem: { title: 'Not sent', status: 0 } });
+    const next = order('next', ['1']);
+    await settle();
+    expect(sent).toEqual(['renewal']);
+    answer('renewal');
+    await settle();
+    expect(sent).toEqual(['renewal', 'next']);
+    answer('next');
+    expect((await next).ok).toBe(true);
+    await settle();
+    expect(turns.busy(['1'])).toBe(false);
   });
 
   it('goes on after one that failed', async () => {
     const turns = new Turns();
     await expect(turns.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
-    expect(await turns.run(['1'], () => Promise.resolve('next'))).toBe('next');
+    expect(await turns.run(['1'], () => Promise.resolve({ ok: true, value: 'next' }))).toEqual({ ok: true, value: 'next' });
   });
 });

@@ -146,7 +146,7 @@ export class GroupDesk {
   }
 
   /** What it asks for is worked out when it is sent, and known when the next is. */
-  private inTurn<T>(group: Group, send: () => Promise<T>): Promise<T> {
+  private inTurn(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
     return this.turns.run(vehiclesOf(group), send);
   }
 
