@@ -5,7 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from . import consumers, latency, page, reference_flights, setpoints, simulator, slow_browser, stream
+from . import (
+    consumers,
+    flight_spread,
+    latency,
+    page,
+    reference_flights,
+    setpoints,
+    simulator,
+    slow_browser,
+    stream,
+)
 
 SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "latency": ("Round trips and latency", latency.table),
@@ -13,6 +23,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "stream": ("Offboard stream, lateness", stream.table),
     "simulator": ("Simulated PX4", simulator.table),
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
+    "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),
     "page": ("The page in a browser", page.table),

@@ -1,0 +1,238 @@
+"""How near a simulated flight comes to a real PX4's: error, rise, overshoot and settling.
+
+Error is the RMS over the controlled axes, both flights aligned at their first motion. Position flights are
+compared where they are; where no position is controlled (velocity, acceleration, attitude, rates, the ground)
+both start from zero. The limit is the larger of 5 % of the manoeuvre, a floor, and PX4's own spread. The
+response is read off one axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import flight_replay
+from .flight_recordings import Recording
+from .flight_replay import Replay
+
+FloatArray = NDArray[np.float64]
+
+PART_OF_SIZE = 0.05
+GRID_S = 0.02
+MOVED = 0.1
+"""Part of the manoeuvre that counts as first motion."""
+MOVED_ROWS = 3
+"""For so many rows on end: a single one may be gyro noise."""
+RISEN = 0.8
+"""Of the way; the last fifth of a slow approach is the wander of GPS."""
+SETTLED = 0.1
+HOLDS = 0.6
+"""A response that ends at more than this part of its farthest point is a step, else a pulse."""
+END_ROWS = 25
+STEP_RISE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A kind of controlled axes: unit, factor to it, smallest limit, and whether flights start from zero."""
+
+    unit: str
+    scale: float
+    floor: float
+    from_zero: bool
+
+
+POSITION = Quantity("m", 1.0, 0.3, False)
+PATH = Quantity("m", 1.0, 0.3, True)
+VELOCITY = Quantity("m/s", 1.0, 0.1, False)
+ATTITUDE = Quantity("°", math.degrees(1.0), 0.5, False)
+RATE = Quantity("rad/s", 1.0, 0.15, False)
+"""The floor is the gyro noise in a recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manoeuvre:
+    """What a flight is judged by, between two times."""
+
+    quantity: Quantity
+    axes: tuple[str, ...]
+    """Controlled: the error is over these."""
+    rising: str | None
+    """The one whose response is read: of a step the axis it goes along. None: nothing is asked to move."""
+    from_s: float = 0.0
+    until_s: float = math.inf
+
+
+XYZ = ("x", "y", "z")
+MANOEUVRES: dict[str, Manoeuvre] = {
+    "acc_x_1": Manoeuvre(VELOCITY, ("vx",), "vx", 0.0, 2.5),
+    "acc_y_1_z_m1": Manoeuvre(VELOCITY, ("vy", "vz"), "vy", 0.0, 2.0),
+    "arm_idle_autodisarm": Manoeuvre(PATH, XYZ, None),
+    "att_pitch_m10_yaw_30": Manoeuvre(ATTITUDE, ("roll", "pitch", "yaw"), "yaw", 0.0, 2.0),
+    "att_pitch_m15_clean": Manoeuvre(ATTITUDE, ("roll", "pitch", "yaw"), "pitch", 1.2, 2.7),
+    "att_roll_10": Manoeuvre(ATTITUDE, ("roll", "pitch", "yaw"), "roll", 0.0, 2.0),
+    "att_roll_10_clean": Manoeuvre(ATTITUDE, ("roll", "pitch", "yaw"), "roll", 1.2, 2.7),
+    "att_thrust_step": Manoeuvre(PATH, ("z",), "z", 0.0, 2.0),
+    "att_thrust_step_clean": Manoeuvre(PATH, ("z",), "z", 1.2, 3.2),
+    "att_yaw_45_clean": Manoeuvre(ATTITUDE, ("roll", "pitch", "yaw"), "yaw", 1.2, 3.7),
+    "change_speed_mid_reposition": Manoeuvre(POSITION, XYZ, "y"),
+    "circle_r5_v3_posvel": Manoeuvre(POSITION, XYZ, "y"),
+    "figure8_fast_posvelacc": Manoeuvre(POSITION, XYZ, "x"),
+    "global_frame6_n5": Manoeuvre(POSITION, XYZ, "x"),
+    "hold_drift_30s": Manoeuvre(POSITION, XYZ, None),
+    "land_from_10m": Manoeuvre(PATH, ("z",), "z"),
+    "land_from_5m": Manoeuvre(PATH, ("z",), "z"),
+    "mission_box_40m": Manoeuvre(POSITION, XYZ, "x"),
+    "offboard_stop_streaming": Manoeuvre(PATH, ("z",), "z"),
+    "orbit_r10_v3": Manoeuvre(POSITION, XYZ, "x"),
+    "orbit_to_hold": Manoeuvre(PATH, XYZ, "y"),
+    "pos_step_x_p5": Manoeuvre(POSITION, XYZ, "x"),
+    "pos_step_y_10": Manoeuvre(POSITION, XYZ, "y"),
+    "pos_step_z_up3": Manoeuvre(POSITION, XYZ, "z"),
+    "pos_yawrate_0p5": Manoeuvre(ATTITUDE, ("yaw",), "yaw"),
+    "rate_roll_pulse": Manoeuvre(RATE, ("p",), "p", 0.0, 1.1),
+    "rate_roll_pulse_clean": Manoeuvre(RATE, ("p",), "p", 1.2, 2.3),
+    "rate_yaw_pulse": Manoeuvre(RATE, ("r",), "r", 0.0, 1.5),
+    "rate_yaw_pulse_clean": Manoeuvre(RATE, ("r",), "r", 1.2, 2.7),
+    "reposition_50m_then_stop": Manoeuvre(POSITION, XYZ, "y"),
+    "reposition_60m_default_speed": Manoeuvre(POSITION, XYZ, "x"),
+    "rtl_60m_15m": Manoeuvre(POSITION, XYZ, "x"),
+    "takeoff_10m": Manoeuvre(PATH, ("z",), "z"),
+    "takeoff_2p5m": Manoeuvre(PATH, ("z",), "z"),
+    "takeoff_30m": Manoeuvre(PATH, ("z",), "z"),
+    "vel_body_2_yaw90": Manoeuvre(VELOCITY, ("vx", "vy"), "vy"),
+    "vel_diag": Manoeuvre(VELOCITY, ("vx", "vy", "vz"), "vx", 0.0, 5.0),
+    "vel_x_1": Manoeuvre(VELOCITY, ("vx",), "vx", 0.0, 6.0),
+    "vel_x_8": Manoeuvre(VELOCITY, ("vx",), "vx", 0.0, 7.0),
+    "vel_z_up1p5": Manoeuvre(VELOCITY, ("vz",), "vz", 0.0, 4.0),
+    "yaw_step_90": Manoeuvre(ATTITUDE, ("yaw",), "yaw"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What is read off one response."""
+
+    first_motion_s: float
+    rise_s: float
+    """From the first motion to 80 % of the way."""
+    overshoot: float
+    """Part of the way."""
+    settling_s: float
+    """After which it stays within 10 % of where it ends; NaN: it does not settle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One flight beside the real one."""
+
+    name: str
+    quantity: Quantity
+    size: float
+    error: float
+    limit: float
+    path_error_m: float
+    """RMS of the position since the first motion, whatever was controlled."""
+    path_limit_m: float
+    sim: Shape
+    real: Shape
+    rise_limit_s: float
+    comparable: bool
+    """Whether PX4's own repeat of it says anything."""
+
+    @property
+    def near(self) -> bool:
+        """Whether the error is within its limit."""
+        return self.error <= self.limit
+
+    @property
+    def rises_alike(self) -> bool:
+        """Whether the rise times agree (flights without a rise do)."""
+        gap = abs(self.sim.rise_s - self.real.rise_s)
+        return not gap > self.rise_limit_s + 1e-9  # both are multiples of the grid
+
+
+class Track:
+    """A flight as functions of time, roll, pitch and yaw among them."""
+
+    def __init__(self, flight: Recording | Replay) -> None:
+        self.t_s = flight.t_s
+        self._columns = flight_replay.with_angles(flight.columns)
+
+    def at(self, axis: str, at_s: FloatArray) -> FloatArray:
+        """One axis at these times (linear between rows)."""
+        return np.interp(at_s, self.t_s, self._columns[axis])
+
+
+def compare(recording: Recording, replay: Replay) -> Comparison:
+    """Measure one flight against its recording."""
+    manoeuvre = MANOEUVRES[recording.name]
+    quantity = manoeuvre.quantity
+    real, sim = Track(recording), Track(replay)
+    grid = grid_of(manoeuvre, real, sim)
+    size = math.nan
+    real_shape = sim_shape = Shape(math.nan, math.nan, math.nan, math.nan)
+    if manoeuvre.rising is not None:
+        size = size_of(real.at(manoeuvre.rising, grid))
+        real_shape = shape_of(grid, real.at(manoeuvre.rising, grid), size)
+        sim_shape = shape_of(grid, sim.at(manoeuvre.rising, grid), size)
+    lag_s = sim_shape.first_motion_s - real_shape.first_motion_s
+    # Gyro noise hides the first motion of a rate; nothing moves where nothing was asked.
+    lag_s = 0.0 if math.isnan(lag_s) or quantity is RATE else lag_s
+    last_s = min(float(grid[-1]) + GRID_S, float(sim.t_s[-1]))
+    common = grid[(grid + lag_s >= sim.t_s[0]) & (grid + lag_s <= last_s)]
+    error = rms(real, common, sim, common + lag_s, manoeuvre.axes, from_zero=quantity.from_zero)
+    path_error_m = rms(real, common, sim, common + lag_s, XYZ, from_zero=True)
+    spread = {"m": recording.spread.position_m, "m/s": recording.spread.velocity_m_s,
+              "°": recording.spread.attitude_deg}.get(quantity.unit, math.nan)  # fmt: skip
+    return Comparison(
+        recording.name, quantity, size * quantity.scale, error * quantity.scale,
+        float(np.nanmax([PART_OF_SIZE * abs(size) * quantity.scale, quantity.floor, spread])),
+        path_error_m, max(0.3, float(np.nan_to_num(recording.spread.position_m))), sim_shape, real_shape,
+        max(STEP_RISE * abs(real_shape.rise_s), float(np.nan_to_num(recording.spread.rise_s)), 3 * GRID_S),
+        recording.spread.comparable,
+    )  # fmt: skip
+
+
+def grid_of(manoeuvre: Manoeuvre, *tracks: Track) -> FloatArray:
+    """Times of the manoeuvre [s] that all these flights have."""
+    end_s = min(manoeuvre.until_s, *(float(track.t_s[-1]) for track in tracks))
+    return np.arange(manoeuvre.from_s, end_s, GRID_S)
+
+
+def rms(
+    a: Track, a_s: FloatArray, b: Track, b_s: FloatArray, axes: tuple[str, ...], *, from_zero: bool
+) -> float:
+    """How far apart two flights are over these axes, each at its own times (or from their start)."""
+    total = np.zeros(len(a_s))
+    for axis in axes:
+        gap = a.at(axis, a_s) - b.at(axis, b_s)
+        total += (gap - gap[0] if from_zero else gap) ** 2
+    return float(np.sqrt(total.mean()))
+
+
+def size_of(values: FloatArray) -> float:
+    """The way from the start to the farthest point, with its sign."""
+    way = values - values[0]
+    return float(way[np.argmax(np.abs(way))])
+
+
+def shape_of(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
+    """Read a response against its own way: to where it ends, or to its peak where it comes back."""
+    farthest = float((values - values[0]).max()) if sign > 0.0 else float((values - values[0]).min())
+    ends = float(np.mean(values[-END_ROWS:])) - values[0]
+    size = ends if abs(ends) > HOLDS * abs(farthest) else farthest
+    way = (values - values[0]) / size if size else np.zeros_like(values)
+    beyond = np.lib.stride_tricks.sliding_window_view(way >= MOVED, MOVED_ROWS).all(axis=1)
+    moved, risen = np.flatnonzero(beyond), np.flatnonzero(way >= RISEN)
+    first_s = float(grid[moved[0]]) if len(moved) else math.nan
+    rise_s = float(grid[risen[0]]) - first_s if len(risen) else math.nan
+    end = float(np.mean(way[-END_ROWS:]))
+    outside = np.flatnonzero(np.abs(way - end) > SETTLED)
+    settling_s = (
+        float(grid[outside[-1]]) - grid[0] if len(outside) and outside[-1] < len(way) - 26 else math.nan
+    )
+    return Shape(first_s, rise_s, float(way.max()) - end, float(settling_s))

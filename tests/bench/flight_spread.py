@@ -1,0 +1,98 @@
+"""How far simulated flights of one stimulus lie from each other with sensor noise, beside two of a real PX4.
+
+PX4's own repeats (`spread.json`) are one pair of each flight, and none of some. Ours are as many as are asked
+for, so they also say how much one pair is worth.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import flight_recordings, flight_replay
+from .flight_comparison import MANOEUVRES, XYZ, Track, grid_of, rms, shape_of, size_of
+from .flight_recordings import FloatArray, Recording
+
+FLIGHTS = 4
+_SPEEDS = ("vx", "vy", "vz")
+
+
+@dataclass(frozen=True, slots=True)
+class Repeats:
+    """What simulated flights of one stimulus differ by: a number a pair of them (rises: a flight)."""
+
+    positions_m: tuple[float, ...]
+    velocities_m_s: tuple[float, ...]
+    errors: tuple[float, ...]
+    """Over the controlled axes, in the unit of the manoeuvre."""
+    rises_s: tuple[float, ...]
+
+
+def measure(wanted: Sequence[str], flights: int = FLIGHTS) -> dict[str, Repeats]:
+    """Fly each of these so many times, with another seed of the noise each time."""
+    recordings = [flight_recordings.load(name) for name in wanted]
+    flown = [flight_replay.fly(recordings, noise=True, seed=seed) for seed in range(flights)]
+    return {each.name: _repeats(each, [Track(flight[each.name]) for flight in flown]) for each in recordings}
+
+
+def _repeats(recording: Recording, tracks: list[Track]) -> Repeats:
+    manoeuvre = MANOEUVRES[recording.name]
+    quantity = manoeuvre.quantity
+    real = Track(recording)
+    whole_s = np.arange(0.0, min(float(track.t_s[-1]) for track in (real, *tracks)), 0.02)
+    grid = grid_of(manoeuvre, real, *tracks)
+    pairs = list(itertools.combinations(tracks, 2))
+    return Repeats(
+        tuple(rms(a, whole_s, b, whole_s, XYZ, from_zero=False) for a, b in pairs),
+        tuple(rms(a, whole_s, b, whole_s, _SPEEDS, from_zero=False) for a, b in pairs),
+        tuple(
+            quantity.scale * rms(a, grid, b, grid, manoeuvre.axes, from_zero=quantity.from_zero)
+            for a, b in pairs
+        ),
+        tuple(_rises_s(manoeuvre.rising, real, tracks, grid)),
+    )
+
+
+def _rises_s(axis: str | None, real: Track, tracks: list[Track], grid: FloatArray) -> Iterator[float]:
+    if axis is not None:
+        size = size_of(real.at(axis, grid))
+        for track in tracks:
+            yield shape_of(grid, track.at(axis, grid), size).rise_s
+
+
+def table() -> Iterator[str]:
+    """For `make bench`."""
+    if not flight_recordings.FLIGHTS.is_dir():
+        yield "The recordings (../shared/px4/flights) are not beside this checkout."
+        return
+    names = flight_recordings.names()
+    measured = measure(names)
+    yield "| flight | position RMS m | velocity RMS m/s | rise differs by s |"
+    yield "|---|---|---|---|"
+    parts: list[tuple[float, float]] = []
+    for name in names:
+        repeats, spread = measured[name], flight_recordings.load(name).spread
+        ours = (float(np.median(repeats.positions_m)), float(np.median(repeats.velocities_m_s)))
+        gaps = [abs(a - b) for a, b in itertools.combinations(repeats.rises_s, 2)]
+        gap_s = float(np.median(gaps)) if gaps else math.nan
+        cells = (
+            _pair(ours[0], spread.position_m),
+            _pair(ours[1], spread.velocity_m_s),
+            _pair(gap_s, spread.rise_s),
+        )
+        yield f"| {name} | {' | '.join(cells)} |"
+        parts.append((ours[0] / spread.position_m, ours[1] / spread.velocity_m_s))
+    position, velocity = np.nanmedian(np.array(parts), axis=0)
+    yield ""
+    yield (
+        f"Medians of the pairs among {FLIGHTS} simulated flights with sensor noise / the one pair of PX4's. "
+        f"In the median flight ours is {position:.2f} of PX4's in position, {velocity:.2f} in velocity."
+    )
+
+
+def _pair(sim: float, real: float) -> str:
+    return " / ".join("–" if math.isnan(value) else f"{value:.2f}" for value in (sim, real))

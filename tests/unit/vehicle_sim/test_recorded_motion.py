@@ -1,0 +1,43 @@
+"""The velocity that motors and attitude give a body: known ends, and the simulated vehicle's own."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.bench import flight_recordings, flight_replay, recorded_motion
+from tests.bench.flight_replay import Replay
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.frames import GRAVITY_M_S2, quaternion_from_euler
+from vehicle_sim.parameters import Parameters
+
+AIRFRAME = Airframe.from_parameters(Parameters())
+
+
+def flight(pitch_rad: float, seconds: float = 10.0) -> Replay:
+    """Level flight at this pitch from rest."""
+    t_s = np.arange(0.0, seconds, 0.02)
+    signal = AIRFRAME.mass_kg * GRAVITY_M_S2 / math.cos(pitch_rad) / (4.0 * AIRFRAME.rotor_thrust_max_n)
+    columns = {name: np.zeros_like(t_s) for name in ("vx", "vy", "vz")}
+    columns |= {f"m{n}_us": np.full_like(t_s, 1000.0 + 1000.0 * signal) for n in (1, 2, 3, 4)}
+    q = quaternion_from_euler(0.0, pitch_rad, 0.0)
+    columns |= {name: np.full_like(t_s, q[k]) for k, name in enumerate(("qw", "qx", "qy", "qz"))}
+    return Replay(t_s, columns)
+
+
+def test_a_steady_lean_ends_at_the_speed_where_drag_holds_it():
+    moved = recorded_motion.without_gps(AIRFRAME, flight(-0.1))
+    terminal_m_s = AIRFRAME.mass_kg * GRAVITY_M_S2 * math.tan(0.1) / AIRFRAME.drag_n_per_m_s
+    assert moved["vx"][-1] == pytest.approx(terminal_m_s, rel=1e-3)
+    after_a_time_constant = moved["vx"][round(AIRFRAME.mass_kg / AIRFRAME.drag_n_per_m_s / 0.02)]
+    assert after_a_time_constant == pytest.approx(terminal_m_s * (1.0 - math.exp(-1.0)), rel=0.01)
+    assert np.abs(moved["vy"]).max() < 1e-9
+    assert np.abs(moved["vz"]).max() < 1e-9
+
+
+def test_a_simulated_flight_without_noise_moved_as_it_believes(shared):
+    recording = flight_recordings.load("vel_z_up1p5")
+    replay = flight_replay.fly([recording])[recording.name]
+    moved = recorded_motion.without_gps(AIRFRAME, replay)
+    for name in ("vx", "vy", "vz"):
+        assert np.abs(moved[name] - replay.columns[name]).max() < 0.1
