@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,11 +61,14 @@ def _parameter(text: str) -> tuple[str, ParameterValue]:
     return name, int(number) if number.is_integer() else number
 
 
-def _count(text: str) -> int:
-    number = int(text)
-    if not 1 <= number <= 250:
-        raise argparse.ArgumentTypeError(f"{number} vehicles: give 1 to 250")
-    return number
+def _count(what: str) -> Callable[[str], int]:
+    def count(text: str) -> int:
+        number = int(text)
+        if not 1 <= number <= 250:
+            raise argparse.ArgumentTypeError(f"{number} {what}: give 1 to 250")
+        return number
+
+    return count
 
 
 def _speed(text: str) -> float:
@@ -152,8 +156,10 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--instances", type=_count, default=1, metavar="N", help="how many vehicles (default 1)")
+    add("--instances", type=_count("vehicles"), default=1, metavar="N", help="how many vehicles (default 1)")
     add("--first-instance", type=int, default=0, metavar="I", help="number of the first (default 0)")
+    add("--processes", type=_count("processes"), default=0, metavar="P",
+        help="that share the vehicles (default: one for every 40, as far as there are cores)")  # fmt: skip
     add("--speed", type=_speed, default=1.0, metavar="X",
         help="simulated over real time (default 1); max or 0: as fast as it goes")  # fmt: skip
     add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="where the first vehicle stands")
@@ -193,3 +199,18 @@ def build_parser() -> argparse.ArgumentParser:
         ports.add_argument(f"--{name}", type=_port, default=value, metavar="P", help=f"{help_text} ({value})")
     ports.add_argument("--no-api", action="store_true", help="no onboard link")
     return parser
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """The arguments of a command line, if they fit together; else the program ends and says what is wrong."""
+    parser = build_parser()
+    arguments = parser.parse_args(argv)
+    if not 0 <= arguments.first_instance <= 254 - arguments.instances:
+        parser.error(f"--first-instance {arguments.first_instance}: system ids must stay within 1 to 254")
+    alone = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
+    if alone and arguments.processes > 1:
+        parser.error(f"--processes {arguments.processes}: with {alone} all vehicles fly in one process")
+    if alone or math.isinf(arguments.speed):
+        # They share a clock, a script's weather, or a time that goes as fast as it can.
+        arguments.processes = arguments.processes or 1
+    return arguments

@@ -108,6 +108,10 @@ class SimServer:
         self.fleet.remove_link(row, "tcp")
         self._watch(row, "tcp", vehicle.transports["tcp"])
 
+    def end_with(self, descriptor: int) -> None:
+        """Let `run` return once there is something to be read there: whoever started us is gone."""
+        self._selector.register(descriptor, selectors.EVENT_READ, None)
+
     def stop(self) -> None:
         """Let `run` return."""
         self._stopping = True
@@ -183,6 +187,9 @@ class SimServer:
     def _receive(self, wait_s: float, asker: Lockstep | None = None) -> None:
         """Hand on what has arrived; with nothing there, wait this long for it."""
         for key, _ in self._selector.select(wait_s):
+            if key.data is None:
+                self._stopping = True
+                continue
             row, name, transport = key.data
             data = transport.receive()
             if data and (isinstance(transport, UdpTransport) or transport.connected):

@@ -99,7 +99,7 @@ class Simulation:
         self.setpoints = Setpoints.idle(count)
         self._steps = 0
         self._estimate_rows: EstimateRows | None = None
-        self._start_ned_m = _row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
+        self._start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
         self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
@@ -299,7 +299,8 @@ class Simulation:
         self._cascade.configure(i, parameters)
 
 
-def _row_east(count: int) -> FloatArray:
+def row_east(count: int, first: int = 0) -> FloatArray:
+    """(N, 3) where the vehicles of a fleet stand that nobody places: 3 m apart, from place `first` on."""
     start = np.zeros((count, 3))
-    start[:, 1] = 3.0 * np.arange(count)
+    start[:, 1] = 3.0 * (first + np.arange(count))
     return start

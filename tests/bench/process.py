@@ -16,11 +16,18 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
 
 
-def cpu_share(pid: int, window_s: float) -> float:
-    """CPU share of a process over a window from now (1 = one core)."""
-    before, began_s = cpu_s(pid), time.monotonic()
+def family(pid: int) -> list[int]:
+    """A process and those it started, and so on."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [pid, *(each for child in children for each in family(int(child)))]
+
+
+def cpu_share(pid: int, window_s: float, *, with_children: bool = False) -> float:
+    """CPU share of a process (and those it started) over a window from now (1 = one core)."""
+    pids = family(pid) if with_children else [pid]
+    before, began_s = sum(map(cpu_s, pids)), time.monotonic()
     time.sleep(window_s)
-    return (cpu_s(pid) - before) / (time.monotonic() - began_s)
+    return (sum(map(cpu_s, pids)) - before) / (time.monotonic() - began_s)
 
 
 def resident_mb(pid: int) -> float:

@@ -6,8 +6,9 @@ import sys
 
 import pytest
 
-from vehicle_sim.__main__ import build_parser, main
+from vehicle_sim.__main__ import main
 from vehicle_sim.mavlink.framing import FrameParser
+from vehicle_sim.options import build_parser
 
 
 def run(*arguments: str) -> subprocess.Popen[str]:
@@ -66,6 +67,8 @@ def test_taken_ports_are_named_and_only_all_of_them_end_it() -> None:
         (["--script", "/nonexistent.yaml"], "No such file"),
         (["--duration", "0"], "simulated seconds above 0"),
         (["--first-instance", "254"], "system ids"),
+        (["--processes", "0"], "0 processes: give 1 to 250"),
+        (["--processes", "2", "--lockstep"], "with --lockstep all vehicles fly in one process"),
         (["--tcp-port", "70000"], "65535"),
     ],
 )

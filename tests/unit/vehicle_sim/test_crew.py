@@ -1,0 +1,111 @@
+"""A fleet in several processes: how it is cut, that it flies as one, and that all end together."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.bench.process import family
+from vehicle_sim import options
+from vehicle_sim.crew import VEHICLES_A_PROCESS, Share, processes_for, shares
+from vehicle_sim.mavlink.framing import FrameParser
+from vehicle_sim.simulation import row_east
+
+
+@pytest.mark.parametrize("vehicles", [1, 2, 7, 100, 250])
+@pytest.mark.parametrize("processes", [1, 2, 3, 8])
+def test_every_vehicle_is_in_one_share(vehicles: int, processes: int) -> None:
+    parts = shares(vehicles, processes)
+    assert [row for part in parts for row in range(part.first, part.first + part.count)] == list(
+        range(vehicles)
+    )
+    assert len(parts) == min(vehicles, processes)
+    assert max(part.count for part in parts) - min(part.count for part in parts) <= 1
+
+
+def test_they_stand_where_one_process_would_put_them() -> None:
+    whole = row_east(5)
+    for part in shares(5, 2):
+        assert (row_east(part.count, part.first) == whole[part.first : part.first + part.count]).all()
+
+
+def test_few_vehicles_stay_in_one_process() -> None:
+    assert processes_for(1) == processes_for(VEHICLES_A_PROCESS) == 1
+    assert shares(3, 1) == [Share(0, 3)]
+
+
+@pytest.mark.parametrize("together", [["--lockstep"], ["--speed", "max"]])
+def test_what_needs_one_clock_stays_in_one_process(together: list[str]) -> None:
+    assert options.parse(["--instances", "100", *together]).processes == 1
+
+
+@contextlib.contextmanager
+def crew(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
+    """Three vehicles in two processes, of which each has been heard."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", 0))
+        station.settimeout(20)
+        command = [sys.executable, "-m", "vehicle_sim", "--instances", "3", "--processes", "2", "--no-log"]
+        command += ["--no-api", "--tcp-port", "0", "--gcs-local-port", "0", *more]
+        command += ["--gcs-remote-port", str(station.getsockname()[1])]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            parser, heard = FrameParser(), set[int]()
+            while heard != {1, 2, 3}:
+                heard |= {message.system_id for message in parser.feed(station.recv(65536))}
+            yield process, station
+        finally:
+            process.kill()
+            process.communicate(timeout=10)
+
+
+def gone(pids: list[int]) -> bool:
+    """Whether these end within ten seconds."""
+    for _ in range(200):
+        if not any(running(pid) for pid in pids):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_told_to_end_all_end_cleanly() -> None:
+    with crew() as (process, _):
+        pids = family(process.pid)
+        assert len(pids) >= 3
+        process.terminate()
+        out, _ = process.communicate(timeout=10)
+        assert process.returncode == 0
+        assert sorted(line.split()[1] for line in out.splitlines()) == ["1", "2", "3"]
+        assert gone(pids)
+
+
+def test_the_first_process_killed_ends_the_others() -> None:
+    with crew() as (process, _):
+        pids = family(process.pid)
+        process.kill()
+        assert gone(pids)
+
+
+def test_one_that_fails_ends_the_others_and_is_told() -> None:
+    with crew() as (process, _):
+        pids = family(process.pid)
+        workers = [pid for pid in pids if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        os.kill(workers[0], signal.SIGKILL)
+        _, err = process.communicate(timeout=10)
+        assert process.returncode == 1
+        assert "has ended (SIGKILL); the others are ended too" in err
+        assert gone(pids)

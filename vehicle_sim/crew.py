@@ -1,0 +1,97 @@
+"""Many vehicles in several processes, each with its share: a Python process uses one core.
+
+The first process flies nobody: it starts the others, passes on that it is told to end, and ends them when one
+of them fails. They end when it is gone, however that came (`SimServer.end_with`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+
+VEHICLES_A_PROCESS = 40
+"""So many in flight, with the ground station's streams, use half a core (tests/bench/simulator.py)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """The vehicles of one process: rows of the whole fleet, from 0."""
+
+    first: int
+    count: int
+
+
+def shares(vehicles: int, processes: int) -> list[Share]:
+    """The fleet cut into equal shares, bigger ones first; nobody gets an empty one."""
+    processes = max(1, min(vehicles, processes))
+    cuts = [math.ceil(vehicles * k / processes) for k in range(processes + 1)]
+    return [Share(first, end - first) for first, end in itertools.pairwise(cuts)]
+
+
+def processes_for(vehicles: int) -> int:
+    """How many processes suit so many vehicles on this machine."""
+    return max(1, min(math.ceil(vehicles / VEHICLES_A_PROCESS), len(os.sched_getaffinity(0))))
+
+
+def fly_together(
+    target: Callable[[Sequence[str], Share], int], argv: Sequence[str], parts: Sequence[Share]
+) -> int:
+    """Let `target(argv, share)` run in a process for each share, until all have ended or one has failed.
+
+    Args:
+        target: what a process does; it returns its exit code.
+        argv: passed on.
+        parts: at least two.
+
+    Returns:
+        The exit code: 0, or that of the first that failed.
+    """
+    context = multiprocessing.get_context("spawn")
+    workers = [context.Process(target=_end_with, args=(target, argv, part)) for part in parts]
+    told = False
+
+    def tell(*_: object) -> None:
+        nonlocal told
+        told = True
+        for worker in workers:
+            if worker.is_alive():
+                worker.terminate()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, tell)
+    for worker in workers:
+        worker.start()
+        if told:
+            worker.terminate()
+    running = {worker.sentinel: (worker, part) for worker, part in zip(workers, parts, strict=True)}
+    failed = 0
+    while running:
+        for sentinel in wait(list(running)):
+            worker, part = running.pop(int(sentinel))  # pyright: ignore[reportArgumentType]
+            worker.join()
+            code = worker.exitcode or 0
+            if code and not told:
+                failed = code if code > 0 else 1
+                last = part.first + part.count
+                print(
+                    f"the process of vehicles {part.first + 1} to {last} has ended ({_how(code)}); "
+                    "the others are ended too",
+                    file=sys.stderr, flush=True,
+                )  # fmt: skip
+                tell()
+    return failed
+
+
+def _end_with(target: Callable[[Sequence[str], Share], int], argv: Sequence[str], part: Share) -> None:
+    sys.exit(target(argv, part))
+
+
+def _how(code: int) -> str:
+    return f"exit code {code}" if code > 0 else signal.Signals(-code).name

@@ -1,0 +1,129 @@
+"""The vehicles of one process: made as the command line says, put on their ports and flown."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import multiprocessing
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vehicle_sim.crew import Share
+from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S, VehicleSim
+from vehicle_sim.mavlink.transports import TcpServer
+from vehicle_sim.options import WindOption, parse
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.server import Ports, SimServer
+from vehicle_sim.simulation import row_east
+from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.storage.metadata import BUILT_IN
+
+
+def _stores(arguments: argparse.Namespace, share: Share) -> list[Parameters]:
+    overrides = dict(arguments.param)
+    directory: Path | None = arguments.data_dir
+    if directory is not None:
+        directory.mkdir(parents=True, exist_ok=True)
+    first = arguments.first_instance + share.first
+    return [
+        Parameters(
+            overrides, storage=None if directory is None else directory / f"parameters-{first + n}.json"
+        )
+        for n in range(share.count)
+    ]
+
+
+def _files(arguments: argparse.Namespace, share: Share) -> list[VehicleFiles]:
+    directory: Path | None = arguments.data_dir
+    if directory is None:
+        return [VehicleFiles(None, BUILT_IN) for _ in range(share.count)]
+    first = arguments.first_instance + share.first
+    return [VehicleFiles(directory / f"files-{first + n}", BUILT_IN) for n in range(share.count)]
+
+
+def _weather(fleet: VehicleSim, wind: WindOption | None, battery_percent: float | None) -> None:
+    if wind is not None:
+        fleet.simulation.set_wind(np.array([wind.north_m_s, wind.east_m_s, 0.0]))
+        fleet.simulation.set_gusts(wind.gusts_m_s)
+    if battery_percent is not None:
+        for row in range(len(fleet.nodes)):
+            fleet.simulation.set_battery_remaining(row, battery_percent / 100.0)
+
+
+def _announce(server: SimServer, first_instance: int) -> bool:
+    any_port = False
+    for row, vehicle in enumerate(server.vehicles):
+        instance = first_instance + row
+        for problem in vehicle.problems:
+            print(f"vehicle {instance + 1}: {problem}; carrying on without it", file=sys.stderr, flush=True)
+        parts = [
+            f"{name} {'TCP' if isinstance(transport, TcpServer) else 'UDP'} {transport.port}"
+            for name, transport in vehicle.transports.items()
+        ]
+        any_port = any_port or bool(parts)
+        if parts:
+            print(f"vehicle {instance + 1} ready (instance {instance}): {', '.join(parts)}", flush=True)
+    return any_port
+
+
+def fly_share(argv: Sequence[str], share: Share) -> int:
+    """Fly these of the vehicles until told to end.
+
+    Args:
+        argv: the command line of the whole fleet.
+        share: which of its vehicles.
+
+    Returns:
+        The exit code; 1 if no port at all could be had.
+    """
+    arguments = parse(argv)
+    try:
+        stores = _stores(arguments, share)
+    except (ValueError, OSError) as error:
+        print(f"--data-dir: {error}", file=sys.stderr, flush=True)
+        return 2
+    first_instance = arguments.first_instance + share.first
+    # In lockstep two runs must not differ by the time of day.
+    unix_s = DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
+    fleet = VehicleSim(
+        share.count, first_instance=first_instance, stores=stores, files=_files(arguments, share),
+        links=(), seed=arguments.seed + share.first, home=arguments.home, boot_time_unix_s=unix_s,
+        log=not arguments.no_log, world=arguments.world, script=arguments.script,
+        camera=arguments.camera, start_ned_m=row_east(share.count, share.first),
+    )  # fmt: skip
+    _weather(fleet, arguments.wind, arguments.battery)
+    ports = Ports(
+        gcs_local=arguments.gcs_local_port,
+        gcs_remote=arguments.gcs_remote_port,
+        api_local=arguments.api_local_port,
+        api_remote=0 if arguments.no_api else arguments.api_remote_port,
+        tcp=arguments.tcp_port,
+    )
+    server = SimServer(
+        fleet, first_instance=first_instance, ports=ports, bind=arguments.bind, gcs_host=arguments.gcs_host
+    )
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: server.stop())
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        server.end_with(parent.sentinel)
+    # The vehicles live as long as the process: the garbage collector need not look through them again.
+    gc.collect()
+    gc.freeze()
+    try:
+        if not _announce(server, first_instance):
+            print("no port could be opened; is another simulator running?", file=sys.stderr, flush=True)
+            return 1
+        if arguments.lockstep:
+            server.run_in_lockstep(arguments.duration)
+        else:
+            server.run(arguments.speed, arguments.duration)
+    finally:
+        server.close()
+        fleet.close()
+    return 0
