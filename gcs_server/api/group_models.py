@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gcs_server.api.offboard_models import AnyOnExpiry, HoldOnExpiry
 from gcs_server.api.reflect import model_of
-from gcs_server.api.setpoint_models import AnySetpoint, Body, example
+from gcs_server.api.setpoint_fields import Body, example
+from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.streamer import group_status as status
 from gcs_server.streamer import setpoints as s
 from gcs_server.streamer.group_checks import GroupOrder

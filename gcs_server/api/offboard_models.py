@@ -6,26 +6,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from gcs_server.api.setpoint_fields import Body, Latitude, Longitude, SetpointBody, example
 from gcs_server.api.setpoint_models import (
     AccelerationSetpoint,
     ActuatorsSetpoint,
     AnySetpoint,
     AttitudeSetpoint,
-    Body,
     FollowSetpoint,
-    Latitude,
-    Longitude,
     PathSetpoint,
     PositionBodySetpoint,
     PositionGlobalSetpoint,
     PositionSetpoint,
     RatesSetpoint,
-    SetpointBody,
     ThrustTorqueSetpoint,
     TrajectorySetpoint,
     VelocityBodySetpoint,
     VelocitySetpoint,
-    example,
 )
 from gcs_server.streamer import limit_values as values
 from gcs_server.streamer import setpoints as s

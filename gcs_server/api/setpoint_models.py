@@ -4,85 +4,38 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import Field, model_validator
 
+from gcs_server.api.setpoint_fields import (
+    ACCELERATION_WORDS,
+    NULL_WORDS,
+    POSITION_WORDS,
+    VELOCITY_WORDS,
+    Angle,
+    Body,
+    Latitude,
+    Longitude,
+    MetresPerSecond,
+    PartialAcceleration,
+    PartialPlace,
+    PartialVelocity,
+    Place,
+    Quaternion,
+    RadiansPerSecond,
+    SetpointBody,
+    Signal,
+    Thrust,
+    YawOrRate,
+    check_axes,
+    example,
+)
 from gcs_server.streamer import setpoints as s
-from gcs_server.streamer.rules import FOREIGN, axes_problem
 from gcs_server.vehicle.gimbal_decoder import quaternion_of
 
-Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
-MetresPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
-MetresPerSecond2 = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
-RadiansPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-10, le=10)]
-Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
-Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
-Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
-Signal = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
-Place = tuple[Metres, Metres, Metres]
-PartialPlace = tuple[Metres | None, Metres | None, Metres | None]
-PartialVelocity = tuple[MetresPerSecond | None, MetresPerSecond | None, MetresPerSecond | None]
-PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, MetresPerSecond2 | None]
-Quaternion = tuple[Signal, Signal, Signal, Signal]
 
-POSITION_WORDS = "North, east, down of the vehicle's local origin [m]; down is negative above it."
-VELOCITY_WORDS = "North, east, down [m/s]; each at most 20."
-ACCELERATION_WORDS = "North, east, down [m/s²], gravity left out; each at most 20."
-NULL_WORDS = " null: not controlled."
-
-
-def example(**fields: JsonValue) -> ConfigDict:
-    """What such a body may look like, for the reference."""
-    examples: list[JsonValue] = [fields]
-    return ConfigDict(json_schema_extra={"examples": examples})
-
-
-class Body(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SetpointBody(Body):
-    @model_validator(mode="before")
-    @classmethod
-    def _nothing_of_mavlinks(cls, data: Any) -> Any:
-        if isinstance(data, dict):
-            for name in cast(dict[object, object], data):
-                if isinstance(name, str) and name in FOREIGN:
-                    raise ValueError(f"{name}: {FOREIGN[name]}")
-        return data
-
-    def to_setpoint(self) -> s.Setpoint:
-        """The streamer's own value."""
-        raise NotImplementedError
-
-
-class _YawOrRate(SetpointBody):
-    yaw_ned_rad: Angle | None = Field(
-        default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."
-    )
-    yaw_rate_ned_rad_s: float | None = Field(
-        default=None, allow_inf_nan=False, ge=-3.5, le=3.5, description="Turning rate, clockwise [rad/s]."
-    )
-
-    @model_validator(mode="after")
-    def _one_yaw(self) -> _YawOrRate:
-        if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
-            raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
-        return self
-
-
-def _flyable(
-    position: s.Partial3 = s.NOTHING,
-    velocity: s.Partial3 = s.NOTHING,
-    acceleration: s.Partial3 = s.NOTHING,
-) -> None:
-    problem = axes_problem(position, velocity, acceleration)
-    if problem is not None:
-        raise ValueError(problem)
-
-
-class PositionSetpoint(_YawOrRate):
+class PositionSetpoint(YawOrRate):
     """A place in the vehicle's local frame."""
 
     model_config = example(type="position", position_ned_m=[0, 0, -10])
@@ -92,14 +45,14 @@ class PositionSetpoint(_YawOrRate):
 
     @model_validator(mode="after")
     def _whole(self) -> PositionSetpoint:
-        _flyable(position=self.position_ned_m)
+        check_axes(position=self.position_ned_m)
         return self
 
     def to_setpoint(self) -> s.Position:
         return s.Position(self.position_ned_m, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
 
-class PositionGlobalSetpoint(_YawOrRate):
+class PositionGlobalSetpoint(YawOrRate):
     """A place on the earth; exactly one of the two altitudes."""
 
     model_config = example(type="position_global", lat_deg=47.3979, lon_deg=8.5458, alt_home_m=12)
@@ -146,7 +99,7 @@ class PositionBodySetpoint(SetpointBody):
         return s.PositionBody(self.offset_frd_m, self.yaw_offset_rad)
 
 
-class VelocitySetpoint(_YawOrRate):
+class VelocitySetpoint(YawOrRate):
     """A velocity in the vehicle's local frame."""
 
     model_config = example(type="velocity", velocity_ned_m_s=[1, 0, 0])
@@ -156,14 +109,14 @@ class VelocitySetpoint(_YawOrRate):
 
     @model_validator(mode="after")
     def _whole(self) -> VelocitySetpoint:
-        _flyable(velocity=self.velocity_ned_m_s)
+        check_axes(velocity=self.velocity_ned_m_s)
         return self
 
     def to_setpoint(self) -> s.Velocity:
         return s.Velocity(self.velocity_ned_m_s, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
 
-class VelocityBodySetpoint(_YawOrRate):
+class VelocityBodySetpoint(YawOrRate):
     """A velocity along the heading, level: it turns with the vehicle."""
 
     model_config = example(type="velocity_body", velocity_frd_m_s=[1, 0, 0], yaw_rate_ned_rad_s=0.2)
@@ -177,7 +130,7 @@ class VelocityBodySetpoint(_YawOrRate):
         return s.VelocityBody(self.velocity_frd_m_s, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
 
-class AccelerationSetpoint(_YawOrRate):
+class AccelerationSetpoint(YawOrRate):
     """An acceleration in the vehicle's local frame; zero keeps the speed, not the place."""
 
     model_config = example(type="acceleration", acceleration_ned_m_s2=[0.5, 0, 0])
@@ -187,14 +140,14 @@ class AccelerationSetpoint(_YawOrRate):
 
     @model_validator(mode="after")
     def _whole(self) -> AccelerationSetpoint:
-        _flyable(acceleration=self.acceleration_ned_m_s2)
+        check_axes(acceleration=self.acceleration_ned_m_s2)
         return self
 
     def to_setpoint(self) -> s.Acceleration:
         return s.Acceleration(self.acceleration_ned_m_s2, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
 
-class TrajectorySetpoint(_YawOrRate):
+class TrajectorySetpoint(YawOrRate):
     """Position, velocity and acceleration in this priority, the lower ones as feed-forward.
 
     Every axis needs at least one of them, and north and east of each go together.
@@ -213,7 +166,7 @@ class TrajectorySetpoint(_YawOrRate):
 
     @model_validator(mode="after")
     def _whole(self) -> TrajectorySetpoint:
-        _flyable(self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
+        check_axes(self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
         return self
 
     def to_setpoint(self) -> s.Trajectory:
@@ -224,12 +177,6 @@ class TrajectorySetpoint(_YawOrRate):
             self.yaw_ned_rad,
             self.yaw_rate_ned_rad_s,
         )
-
-
-Thrust = Annotated[
-    float,
-    Field(allow_inf_nan=False, ge=0, le=1, description="Of all rotors, 0 to 1, along the body's up."),
-]
 
 
 class AttitudeSetpoint(SetpointBody):

@@ -19,6 +19,7 @@ from collections import deque
 from dataclasses import replace
 
 from gcs_server.streamer.aimer import Aimer
+from gcs_server.streamer.cadence import Cadence
 from gcs_server.streamer.encoders import MSG_COMMAND_LONG, mode_command
 from gcs_server.streamer.news import (
     INFO,
@@ -29,11 +30,7 @@ from gcs_server.streamer.news import (
     Report,
     Snapshot,
 )
-from gcs_server.streamer.setpoints import (
-    Order,
-    Sendable,
-    Vector3,
-)
+from gcs_server.streamer.setpoints import Order, Sendable, Vector3
 
 MODE_ASK_PERIOD_S = 1.0
 MODE_ASKS = 5
@@ -68,12 +65,9 @@ class StreamCore:
         """What made the stream end the flight by itself, for who asks afterwards."""
         self.phase = "idle"
         self.order: Order | None = None
-        self.rate_hz = 50.0
+        self._cadence = Cadence()
         self.reports: deque[Report] = deque(maxlen=50)
         self.last_end: Report | None = None
-        self._sent_at: deque[float] = deque(maxlen=101)
-        self._period_s = 0.02
-        self._next_send_s = 0.0
         self._since_s = 0.0
         self._engaged_s = math.inf
         self._phase_until_s = math.inf
@@ -88,8 +82,7 @@ class StreamCore:
 
     def begin(self, now_s: float, order: Order, rate_hz: float, snapshot: Snapshot) -> None:
         """Starts to stream before Offboard is asked for; validity counts from `engage`."""
-        self.rate_hz, self._period_s = rate_hz, 1.0 / rate_hz
-        self._sent_at.clear()
+        self._cadence.begin(rate_hz)
         self._asked_mode, self.last_end = None, None
         self._engaged_s = math.inf
         self._was_armed, self._last_estimate = False, None
@@ -165,7 +158,7 @@ class StreamCore:
         """When `tick` wants to be called next; infinity while idle."""
         if self.phase == "idle":
             return math.inf
-        return min(self._next_send_s, self._phase_until_s, beat_s + self._silent_limit_s)
+        return min(self._cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
 
     def tick(self, now_s: float, snapshot: Snapshot, beat_s: float) -> list[Outgoing]:
         """What goes out now.
@@ -193,14 +186,12 @@ class StreamCore:
         outgoing: list[Outgoing] = []
         if self.phase in ("to_hold", "landing"):
             self._ask_for_mode(now_s, outgoing)
-        if self.phase != "idle" and now_s >= self._next_send_s:
+        if self.phase != "idle" and now_s >= self._cadence.next_s:
             self._take_aim(now_s, snapshot)
             if not self.streaming:
                 return outgoing
             outgoing.append(self._aimer.packet(now_s))
-            self._sent_at.append(now_s)
-            missed = math.floor((now_s - self._next_send_s) / self._period_s + 1e-6)
-            self._next_send_s += (missed + 1) * self._period_s
+            self._cadence.sent(now_s)
         return outgoing
 
     # --- what can be read -------------------------------------------------------------------------
@@ -220,12 +211,14 @@ class StreamCore:
         """Whether setpoints go out."""
         return self.phase != "idle"
 
+    @property
+    def rate_hz(self) -> float:
+        """As asked for."""
+        return self._cadence.rate_hz
+
     def rate_achieved_hz(self, now_s: float) -> float | None:
-        """Over the last setpoints sent; None before there were two within two seconds."""
-        recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= 2.0]
-        if self.phase == "idle" or len(recent) < 2:
-            return None
-        return (len(recent) - 1) / (recent[-1] - recent[0])
+        """Over the last setpoints sent; None while idle, or before there were two within two seconds."""
+        return None if self.phase == "idle" else self._cadence.achieved_hz(now_s)
 
     def age_s(self, now_s: float) -> float | None:
         """Age of the order."""
@@ -233,7 +226,7 @@ class StreamCore:
 
     def sent_age_s(self, now_s: float) -> float | None:
         """Since a setpoint last went out."""
-        return None if self.phase == "idle" or not self._sent_at else now_s - self._sent_at[-1]
+        return None if self.phase == "idle" else self._cadence.age_s(now_s)
 
     def valid_left_s(self, now_s: float) -> float | None:
         """Until the order expires (it has not begun to while starting); None while idle."""
@@ -253,7 +246,7 @@ class StreamCore:
         self._aimer.take(now_s, order.setpoint, snapshot)
         self._why = ""
         self.order, self._since_s = order, now_s
-        self._next_send_s = now_s
+        self._cadence.at_once(now_s)
 
     def _take_aim(self, now_s: float, snapshot: Snapshot) -> None:
         """Looks after what goes out at this very moment."""
@@ -380,7 +373,7 @@ class StreamCore:
     def _stand_still(self, now_s: float, snapshot: Snapshot) -> None:
         """What is sent until the mode has changed."""
         self._aimer.stand_still(now_s, snapshot)
-        self._next_send_s = now_s
+        self._cadence.at_once(now_s)
 
     def _ask(self, mode: str, now_s: float) -> None:
         self._asked_mode, self._mode_asks, self._next_ask_s = mode, 0, now_s

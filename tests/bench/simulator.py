@@ -168,7 +168,7 @@ def table() -> Iterator[str]:
     share, kept = real_time(1, api=True)
     yield f"| one vehicle in real time on its sockets | {share:.1%} of a core, {kept:.1%} kept | 15 % |"
     flying = flying_share(MANY, "gcs", 3.0)
-    yield f"| {MANY} vehicles in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
+    yield f"| {MANY} in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
     for how in ("standing", "in flight"):
         share, kept = real_time(MANY, api=False, flying=how == "in flight")
         yield f"| {MANY} {how}, on their sockets | {share:.0%} of a core, {kept:.1%} kept | 100 % kept |"

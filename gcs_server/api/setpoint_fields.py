@@ -1,0 +1,91 @@
+"""What bodies of setpoints are made of: fields with their units and limits, and what all of them refuse."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, cast
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+from gcs_server.streamer import setpoints as s
+from gcs_server.streamer.rules import FOREIGN, axes_problem
+
+Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
+MetresPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
+MetresPerSecond2 = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]
+RadiansPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-10, le=10)]
+Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
+Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
+Signal = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
+Place = tuple[Metres, Metres, Metres]
+PartialPlace = tuple[Metres | None, Metres | None, Metres | None]
+PartialVelocity = tuple[MetresPerSecond | None, MetresPerSecond | None, MetresPerSecond | None]
+PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, MetresPerSecond2 | None]
+Quaternion = tuple[Signal, Signal, Signal, Signal]
+Thrust = Annotated[
+    float,
+    Field(allow_inf_nan=False, ge=0, le=1, description="Of all rotors, 0 to 1, along the body's up."),
+]
+
+POSITION_WORDS = "North, east, down of the vehicle's local origin [m]; down is negative above it."
+VELOCITY_WORDS = "North, east, down [m/s]; each at most 20."
+ACCELERATION_WORDS = "North, east, down [m/s²], gravity left out; each at most 20."
+NULL_WORDS = " null: not controlled."
+
+
+def example(**fields: JsonValue) -> ConfigDict:
+    """What such a body may look like, for the reference."""
+    examples: list[JsonValue] = [fields]
+    return ConfigDict(json_schema_extra={"examples": examples})
+
+
+class Body(BaseModel):
+    """A body that knows no fields but its own."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SetpointBody(Body):
+    """One of the types of setpoints."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nothing_of_mavlinks(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            for name in cast(dict[object, object], data):
+                if isinstance(name, str) and name in FOREIGN:
+                    raise ValueError(f"{name}: {FOREIGN[name]}")
+        return data
+
+    def to_setpoint(self) -> s.Setpoint:
+        """The streamer's own value."""
+        raise NotImplementedError
+
+
+class YawOrRate(SetpointBody):
+    """One that also turns the vehicle."""
+
+    yaw_ned_rad: Angle | None = Field(
+        default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."
+    )
+    yaw_rate_ned_rad_s: float | None = Field(
+        default=None, allow_inf_nan=False, ge=-3.5, le=3.5, description="Turning rate, clockwise [rad/s]."
+    )
+
+    @model_validator(mode="after")
+    def _one_yaw(self) -> YawOrRate:
+        if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
+            raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
+        return self
+
+
+def check_axes(
+    position: s.Partial3 = s.NOTHING,
+    velocity: s.Partial3 = s.NOTHING,
+    acceleration: s.Partial3 = s.NOTHING,
+) -> None:
+    """Refuse what leaves an axis open, or half a plane (ValueError)."""
+    problem = axes_problem(position, velocity, acceleration)
+    if problem is not None:
+        raise ValueError(problem)

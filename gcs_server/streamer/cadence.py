@@ -1,0 +1,44 @@
+"""When setpoints go out: a grid in time that a late thread keeps, and what rate has come of it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+_REMEMBERED = 101
+RECENT_S = 2.0
+"""The rate achieved is that of so much time."""
+
+
+class Cadence:
+    """Sends on a grid of `1 / rate_hz`; what was missed is not made up for."""
+
+    def __init__(self) -> None:
+        self.rate_hz = 50.0
+        self.next_s = 0.0
+        """When the next one is due."""
+        self._sent_at: deque[float] = deque(maxlen=_REMEMBERED)
+
+    def begin(self, rate_hz: float) -> None:
+        """A new stream."""
+        self.rate_hz = rate_hz
+        self._sent_at.clear()
+
+    def at_once(self, now_s: float) -> None:
+        """The next one goes out now, and the grid begins anew."""
+        self.next_s = now_s
+
+    def sent(self, now_s: float) -> None:
+        """One has gone out."""
+        self._sent_at.append(now_s)
+        missed = math.floor((now_s - self.next_s) * self.rate_hz + 1e-6)
+        self.next_s += (missed + 1) / self.rate_hz
+
+    def achieved_hz(self, now_s: float) -> float | None:
+        """Over the last setpoints sent; None before there were two within two seconds."""
+        recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= RECENT_S]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) >= 2 else None
+
+    def age_s(self, now_s: float) -> float | None:
+        """Since one last went out."""
+        return now_s - self._sent_at[-1] if self._sent_at else None
