@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.estimator.channels import ERROR, POSITION, VELOCITY, Channels
 from vehicle_sim.estimator.gyro_filter import GyroFilter
+from vehicle_sim.estimator.heading import Heading
 from vehicle_sim.estimator.outputs import blank_estimate, blank_row
 from vehicle_sim.estimator.vision import Vision, VisionSample
 from vehicle_sim.frames import (
@@ -25,7 +26,6 @@ from vehicle_sim.frames import (
     rotate,
     rotation_matrix,
     row_norm,
-    wrap_pi,
     yaw_of,
 )
 from vehicle_sim.geodesy import to_global, to_local
@@ -77,11 +77,7 @@ class Estimator:
         self._residual = np.zeros((count, 3, 2))
         self._decay = np.ones((count, 3, 2))
         self._matrix = rotation_matrix(self.state.q_ned_frd)
-        self._yaw_variance = np.zeros(count)
-        self._yaw_noise_variance = np.zeros(count)
-        self._heading_variance = np.ones(count)
-        self._heading_gate = np.ones(count)
-        self._declination_rad = np.zeros(count)
+        self._heading = Heading(count, self._predict_s)
         self._gps_good_s = np.zeros(count)
         self._gps_fused = np.ones(count, dtype=bool)
         self._gps_wait_s = np.zeros(count)
@@ -119,12 +115,7 @@ class Estimator:
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_POS", "EKF2_TAU_VEL")):
             self._decay[i, :, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
-        self._yaw_noise_variance[i] = value("EKF2_GYR_NOISE") ** 2 * self._predict_s
-        self._heading_variance[i] = max(value("EKF2_HEAD_NOISE"), 0.01) ** 2
-        self._heading_gate[i] = max(value("EKF2_MAG_GATE"), 1.0)
-        if self._yaw_variance[i] == 0.0:
-            self._yaw_variance[i] = self._heading_variance[i]
-        self._declination_rad[i] = math.radians(value("EKF2_MAG_DECL"))
+        self._heading.configure(i, parameters)
         self._gps_wait_s[i] = value("EKF2_REQ_GPS_H")
         self._gps_fused[i] = bool(int(parameters.get("EKF2_GPS_CTRL")) & _GPS_POSITION_OR_SPEED)
         self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT")
@@ -143,16 +134,10 @@ class Estimator:
         self._vision.reset(i)
         self._gyro.reset(i)
         self._started[i] = False
-        for rows in (
-            self._delta_angle,
-            self._delta_velocity,
-            self._residual,
-            self._gps_good_s,
-            self._rejected_s,
-            self._baro_bias_m,
-        ):
+        sums = (self._delta_angle, self._delta_velocity, self._residual)
+        for rows in (*sums, self._gps_good_s, self._rejected_s, self._baro_bias_m):
             rows[i] = 0.0
-        self._yaw_variance[i] = self._heading_variance[i]
+        self._heading.reset(i)
         self._no_aid_s[i] = math.inf
         self._matrix = rotation_matrix(self.state.q_ned_frd)
 
@@ -206,22 +191,21 @@ class Estimator:
             if aid.horizontal:
                 self._no_aid_s[i] = 0.0
                 state.valid_position[i] = state.valid_velocity[i] = True
-            gain = self._vision.heading_gain(i, float(self._yaw_variance[i]))
+            gain = self._vision.heading_gain(i, float(self._heading.variance[i]))
             if gain > 0.0 and math.isfinite(aid.heading_rad):
                 turn = np.zeros((state.heading_rad.shape[0], 3))
                 turn[i, 2] = gain * math.remainder(aid.heading_rad - float(state.heading_rad[i]), math.tau)
                 self._turn(turn)
-                self._yaw_variance[i] *= 1.0 - gain
+                self._heading.variance[i] *= 1.0 - gain
         self._residual -= channels.state[:, :, :2] - before
 
     def _align(self, sensors: SensorState) -> None:
         """Level by the accelerometer and turn by the magnetometer where an estimator has just started."""
-        for i in np.flatnonzero(~self._started):
+        for i in map(int, np.flatnonzero(~self._started)):
             ax, ay, az = sensors.accel_frd_m_s2[i]
             roll, pitch = math.atan2(-ay, -az), math.atan2(ax, math.hypot(ay, az))
             level = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0)[None, :])
-            north, east, _ = rotate(level, sensors.mag_frd_gauss[i : i + 1])[0]
-            yaw = self._declination_rad[i] - math.atan2(east, north)
+            yaw = self._heading.first_rad(i, rotate(level, sensors.mag_frd_gauss[i : i + 1])[0])
             self.state.q_ned_frd[i] = quaternion_from_euler(roll, pitch, yaw)
             self.state.valid_attitude[i] = True
             self.state.valid_altitude[i] = True
@@ -405,13 +389,8 @@ class Estimator:
         np.copyto(self.state.innovation_ratio_height, ratio, where=~aided)
 
     def _fuse_mag(self, sensors: SensorState) -> None:
-        field = rotate(self._matrix, sensors.mag_frd_gauss)
-        innovation = wrap_pi(self._declination_rad - np.arctan2(field[:, 1], field[:, 0]))
-        self._yaw_variance += self._yaw_noise_variance
-        total = self._yaw_variance + self._heading_variance
-        gain = self._yaw_variance / total
-        self._yaw_variance *= 1.0 - gain
-        self.state.innovation_ratio_mag[:] = np.abs(innovation) / (self._heading_gate * np.sqrt(total))
-        turn = np.zeros((innovation.shape[0], 3))
-        turn[:, 2] = gain * innovation
+        turn = np.zeros((len(self._started), 3))
+        turn[:, 2], self.state.innovation_ratio_mag[:] = self._heading.fuse(
+            self._matrix, sensors.mag_frd_gauss
+        )
         self._turn(turn)
