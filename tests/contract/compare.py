@@ -17,11 +17,15 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from driver import HEALTH, STATE_MESSAGES, SUMMARY, TELEMETRY, Answer, Dialogue, Heard, value_of
+from driver import Answer
+from recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
+from replay_vehicle import Heard
 
 from vehicle_sim.autopilot.announcer import EVENTS
 
 EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
+SUMMARY, HEALTH = 27825120, 18691879
+"""Event ids that open and close an arming report."""
 
 NOT_COMPARED: dict[str, frozenset[str]] = {
     "*": frozenset({"time_usec", "time_boot_ms", "event_time_boot_ms", "timestamp", "time_unix_usec"}),

@@ -10,7 +10,8 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
 from compare import compare  # noqa: E402
-from driver import Player, sessions, tells_of_logs  # noqa: E402
+from driver import Player  # noqa: E402
+from recordings import sessions, tells_of_logs  # noqa: E402
 
 
 def main() -> None:

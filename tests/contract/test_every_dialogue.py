@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 from compare import compare, same
-from driver import Dialogue, Player, sessions, tells_of_logs
+from driver import Player
 from explained import EXPLAINED, LASTING, Cell, cell_of
+from recordings import Dialogue, sessions, tells_of_logs
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 RECORDED = REPOSITORY.parent / "shared" / "px4" / "dialogues"

@@ -13,7 +13,9 @@ from typing import Any
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
-from tests.protocol.conftest import OFFBOARD, FakeAutopilot, World, sim
+from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot
+from tests.protocol.memory_world import World
+from vehicle_sim.mavlink import generated_dialect as sim
 
 POSITION = 3 << 16
 ROUND_S = 0.004

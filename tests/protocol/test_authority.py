@@ -10,9 +10,10 @@ from gcs_server.api import control_models, control_routes, models, offboard_rout
 from gcs_server.api.offboard_models import StartRequest
 from gcs_server.control.client import Client
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
-from tests.protocol.conftest import HOLD, LAND, OFFBOARD, RTL, sim
+from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, order, seconds, silent
 from tests.protocol.test_dangerous_calls import lines, station_of
+from vehicle_sim.mavlink import generated_dialect as sim
 
 ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
 MISSION = 4 << 16 | 4 << 24

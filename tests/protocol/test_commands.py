@@ -8,23 +8,7 @@ import pytest
 
 from gcs_server.api.station import progress_to
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
-from gcs_server.vehicle.services.gimbal import Roi
-
-LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
-
-
-def flight(kit, jump, story, *, loss=0.0, seed=0):
-    async def run():
-        world = kit.World()
-        link = world.link()
-        pilot = world.pilot(link, loss=loss, seed=seed)
-        try:
-            vehicle = await world.ready()
-            await story(world, vehicle, pilot)
-        finally:
-            await world.close()
-
-    jump(run)
+from tests.protocol.one_vehicle import LOSS, flight
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
@@ -327,81 +311,5 @@ def test_what_is_not_verified_is_shown_and_refuses(kit, jump, autopilot, kind):
             with pytest.raises(NotVerified):
                 await call()
         assert len(pilot.commands(400)) == before
-
-    flight(kit, jump, story)
-
-
-@pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
-        assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
-        assert (await vehicle.params.set("MPC_XY_VEL_MAX", 9.3)).value == pytest.approx(9.3, abs=1e-6)
-        for value in (-1, 0, 77, -8388607, 2**31 - 1):
-            param = await vehicle.params.set("NAV_DLL_ACT", value)
-            assert (param.value, param.is_integer) == (value, True)
-            assert pilot.params["NAV_DLL_ACT"] == (6, value)
-
-    flight(kit, jump, story, loss=loss, seed=seed)
-
-
-def test_parameter_refusals(kit, jump):
-    async def story(world, vehicle, pilot):
-        with pytest.raises(NoReply, match="NO_SUCH"):
-            await vehicle.params.get("NO_SUCH")
-        for name in ("", "WAY_TOO_LONG_FOR_A_NAME", "SPACE D", "Ä"):
-            with pytest.raises(InvalidRequest):
-                await vehicle.params.get(name)
-        for value in (math.nan, math.inf, 1.5, 2.0**40):
-            with pytest.raises(InvalidRequest):
-                await vehicle.params.set("NAV_DLL_ACT", value)
-        pilot.stored = lambda m: 12.0
-        with pytest.raises(Rejected, match="keeps MPC_XY_VEL_MAX at 12"):
-            await vehicle.params.set("MPC_XY_VEL_MAX", 50)
-
-    flight(kit, jump, story)
-
-
-@pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_the_gimbal_is_taken_pointed_and_released(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
-        with pytest.raises(Refused, match="Nobody controls"):
-            await vehicle.gimbal.set_angles(-30, 0)
-        pilot.control = (7, 8)
-        with pytest.raises(Refused, match="system 7, component 8"):
-            await vehicle.gimbal.set_rates(5, 5)
-        await vehicle.gimbal.take_control()
-        assert pilot.control == (255, 190)
-        await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
-        sent = pilot.commands(1000)[-1]
-        assert (sent.param1, sent.param2, sent.param5) == (-30, pytest.approx(-170), 16)
-        await vehicle.gimbal.set_rates(10, -5)
-        sent = pilot.commands(1000)[-1]
-        assert (sent.param3, sent.param4) == (10, -5)
-        await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
-        assert pilot.gimbal_q[1] != 0
-        await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
-        assert pilot.commands(195)[-1].get_type() == "COMMAND_INT"
-        assert vehicle.gimbal.roi == Roi(47.3982, 8.5456, 490)
-        await vehicle.gimbal.clear_roi()
-        assert vehicle.gimbal.roi is None
-        await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
-        await vehicle.gimbal.set_rates(0, 0)
-        assert vehicle.gimbal.roi is None
-        await vehicle.gimbal.release_control()
-        assert pilot.control == (0, 0)
-
-    flight(kit, jump, story, loss=loss, seed=seed)
-
-
-def test_gimbal_bad_values_and_no_gimbal(kit, jump):
-    async def story(world, vehicle, pilot):
-        for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
-            with pytest.raises(InvalidRequest):
-                await vehicle.gimbal.set_angles(pitch, yaw)
-        pilot.gimbal = False
-        with pytest.raises(NoReply, match="gimbal"):
-            await vehicle.gimbal.take_control()
-        with pytest.raises(NoReply, match="gimbal"):
-            await vehicle.gimbal.set_angles(0, 0)
 
     flight(kit, jump, story)

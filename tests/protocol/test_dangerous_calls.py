@@ -14,7 +14,7 @@ from gcs_server.control.client import Client
 from gcs_server.control.journal import Journal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from gcs_server.replay.service import Replays
-from tests.protocol.conftest import OFFBOARD
+from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
 ORDER = TypeAdapter(offboard_models.AnyOrder)

@@ -9,10 +9,11 @@ from pydantic import TypeAdapter
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.offboard_models import AnyOrder, StartRequest
 from gcs_server.errors import NotInControl, Refused
-from tests.protocol.conftest import HOLD, LAND, OFFBOARD, sim
+from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import POSITION, asks, seconds, silent
 from tests.protocol.test_authority import ANNA, BOB, MISSION, YES, desk
 from tests.unit.gcs_server.streamer.test_silence import Bench
+from vehicle_sim.mavlink import generated_dialect as sim
 
 ORDER = TypeAdapter(AnyOrder)
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}

@@ -20,8 +20,9 @@ from gcs_server.streamer.setpoints import (
     Trajectory,
     Velocity,
 )
-from tests.protocol.conftest import OFFBOARD, sim
+from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import codes, flight, order, seconds
+from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 ATTITUDE, VELOCITY, POSITION, HEIGHT = 1, 2 | 4, 8 | 16, 32

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
-from tests.protocol.conftest import HOLD, LAND, OFFBOARD
+from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import POSITION, asks, codes, flight, gaps_s, order, seconds, silent
 
 # --- whole flights --------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 
 from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
 from gcs_server.control.client import Client
-from tests.protocol.conftest import OFFBOARD
+from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import flight, order, seconds
 from tests.protocol.test_dangerous_calls import station_of
 

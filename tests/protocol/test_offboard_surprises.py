@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.errors import NoReply, Refused, Rejected
-from tests.protocol.conftest import HOLD, OFFBOARD
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
     OffboardWorld,

@@ -1,0 +1,146 @@
+"""The recorded dialogues: their sessions, what they say of the vehicle, and what they send to it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
+from vehicle_sim.mavlink.rates import API
+
+Dialogue = dict[str, Any]
+Sending = tuple[float, str, str, dict[str, Any], tuple[int, int]]
+"""Seconds since the dialogue began, link, message, its fields, who sends it."""
+
+STATE_MESSAGES = frozenset(
+    {"HEARTBEAT", "CURRENT_MODE", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "GIMBAL_MANAGER_STATUS",
+     "HOME_POSITION", "GIMBAL_DEVICE_ATTITUDE_STATUS"}
+)  # fmt: skip
+"""The recordings keep these when their content changed."""
+LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVENT_SEQUENCE"}
+"""Streams that are part of the dialogues of these names."""
+TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
+
+
+def load(path: Path) -> list[Dialogue]:
+    """The dialogues of one group."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def sessions(folder: Path) -> Iterator[tuple[str, list[Dialogue]]]:
+    """Groups, cut where the recording changed the vehicle: each began at a boot and kept its order."""
+    for path in sorted(folder.glob("*.jsonl")):
+        parts = itertools.groupby(load(path), key=lambda d: d.get("vehicle_system_id"))
+        for number, (_, dialogues) in enumerate(parts):
+            yield f"{path.stem}-{number}", list(dialogues)
+
+
+def tells_of_logs(dialogues: list[Dialogue]) -> bool:
+    """Whether something in a session is said of the onboard log, or asked of it."""
+    return any(
+        each["msg"].startswith("LOG_") or "logger" in json.dumps(each)
+        for dialogue in dialogues
+        for each in (*dialogue["send"], *dialogue["received"])
+    )
+
+
+def value_of(value: Any) -> Any:
+    """A recorded value as Python has it."""
+    if value is None:
+        return math.nan
+    if value in ("inf", "-inf"):
+        return float(value)
+    return [value_of(each) for each in value] if isinstance(value, list) else value
+
+
+def layout_id(name: str) -> int:
+    """The number of a message."""
+    return BY_NAME[name].id
+
+
+def requested(dialogue: Dialogue) -> set[int]:
+    """Ids of telemetry that is part of this dialogue: asked for by it, or listed by the recording."""
+    ids = {
+        int(entry["fields"]["param1"] or 0)
+        for entry in dialogue["send"]
+        if entry["msg"] == "COMMAND_LONG" and entry["fields"]["command"] == 512
+    }
+    ids |= {layout_id(name) for start, name in LISTED_STREAMS.items() if dialogue["id"].startswith(start)}
+    return {msg_id for msg_id in ids if msg_id in LAYOUTS}
+
+
+def sends(dialogue: Dialogue, name: str) -> bool:
+    """Whether a dialogue sends a message of this name."""
+    return any(entry["msg"] == name for entry in dialogue["send"])
+
+
+def boots(words: str) -> bool:
+    """Whether a precondition asks for a vehicle that was started with its parameters."""
+    return "fresh boot" in words or "MNT_MODE_IN -1" in words
+
+
+def parameters_in(words: str) -> dict[str, float]:
+    """The parameters that a precondition names, and their values."""
+    found = re.findall(r"\b([A-Z][A-Z0-9]*_[A-Z0-9_]+)(?: set to |=| )(-?\d+(?:\.\d+)?)", words)
+    return {name: float(value) if "." in value else int(value) for name, value in found}
+
+
+def stored(dialogue: Dialogue) -> list[dict[str, Any]]:
+    """The mission that a dialogue uploads, where PX4 took it."""
+    items = {e["fields"]["seq"]: e["fields"] for e in dialogue["send"] if e["msg"] == "MISSION_ITEM_INT"}
+    took = any(e["msg"] == "MISSION_ACK" and e["fields"]["type"] == 0 for e in dialogue["received"])
+    mission = [items[seq] for seq in sorted(items)]
+    whole = [item["seq"] for item in mission] == list(range(len(mission)))
+    return mission if took and whole and mission and mission[0]["mission_type"] == 0 else []
+
+
+def script(dialogue: Dialogue, system_id: int) -> list[Sending]:
+    """What a dialogue sends, by time, each message of a stream by itself."""
+    out: list[Sending] = []
+    for entry in dialogue["send"]:
+        if entry["msg"] not in BY_NAME:
+            continue  # "stream stops"
+        fields = {k: value_of(v) for k, v in entry["fields"].items()}
+        fields = _wire(entry["msg"], fields, system_id)
+        source = entry.get("src", (255, 190))
+        link = entry.get("link", dialogue["link"])
+        hz, duration_s = entry.get("streamed_hz", 0), entry.get("duration_s", 0)
+        said = re.search(rf"{entry['msg']} .* at (\d+) Hz for (\d+) s", dialogue.get("note", ""))
+        if said and entry is dialogue["send"][-1]:
+            hz, duration_s = float(said.group(1)), float(said.group(2)) - entry["dt_s"]
+        count = max(1, round(hz * duration_s))
+        for n in range(count):
+            dt_s = entry["dt_s"] + (n / hz if count > 1 else 0.0)
+            out.append((dt_s, link, entry["msg"], fields, (source[0], source[1])))
+    return sorted(out, key=lambda each: each[0])
+
+
+def _wire(name: str, fields: dict[str, Any], system_id: int) -> dict[str, Any]:
+    """Recorded fields in the form the dialect packs; set points without a target are for the vehicle."""
+    if "target_system" in BY_NAME[name].fields:
+        fields = {"target_system": system_id, "target_component": 1} | fields
+    if name == "PARAM_SET" and ("int_value" in fields or fields.get("value") is not None):
+        integer = fields.get("int_value", fields.get("value"))
+        if isinstance(integer, int):
+            fields["param_value"] = struct.unpack("<f", struct.pack("<I", integer & 0xFFFFFFFF))[0]
+            fields.setdefault("param_type", 6)
+        else:
+            fields["param_value"], fields["param_type"] = integer, 9
+    if name == "FILE_TRANSFER_PROTOCOL":
+        p = fields["payload"]
+        head = struct.pack(
+            "<HBBBBBBI", p["seq_number"], p["session"], p["opcode"], p["size"], p["req_opcode"],
+            p["burst_complete"], p["padding"], p["offset"],
+        )  # fmt: skip
+        fields["payload"] = list((head + bytes.fromhex(p["data_hex"])).ljust(251, b"\0"))
+    if name == "SERIAL_CONTROL" and "text" in fields:
+        raw = fields["text"].encode()
+        fields["count"] = fields.get("count", len(raw))
+        fields["data"] = list(raw.ljust(70, b"\0"))
+    return {key: value for key, value in fields.items() if key in BY_NAME[name].fields}

@@ -1,0 +1,218 @@
+"""The simulated vehicle of a replay: its clock, what it says, and how it is brought to a starting state."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from recordings import TELEMETRY
+
+from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
+from vehicle_sim.autopilot.health import Report, announce
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import BY_NAME, pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+
+TICK_S = 0.02
+STREAM_EVERY_S = 0.05
+HOLD = 0x3040000
+NAN = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One message of the vehicle; `dt_s` since the dialogue's first message."""
+
+    dt_s: float
+    name: str
+    values: dict[str, Any]
+
+
+class Vehicle:
+    """One simulated vehicle and the station that talks to it."""
+
+    def __init__(
+        self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True, log: bool = False
+    ) -> None:
+        self.parameters = parameters
+        self.heartbeats = heartbeats
+        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, log=log)
+        self.system_id = system_id
+        self.autopilot = self.sim.autopilots[0]
+        self.commander = self.autopilot.commander
+        self.wanted = {layout.id for name, layout in BY_NAME.items() if name not in TELEMETRY - {"PING"}}
+        self.log: list[tuple[float, str, str, dict[str, Any]]] = []
+        self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
+        self.reports: list[list[Heard]] = []
+        """Arming reports that were true, each as it would be told, the newest last."""
+        self._told: Report | None = None
+        self.states: list[tuple[float, dict[str, Any]]] = []
+        """Armed, mode and landed state, and when they became so."""
+        self.counts: dict[int, int] = {}
+        self._skip_unheard()
+        self._parsers = {name: FrameParser() for name in ("gcs", "api")}
+        self._sequence = 0
+        self._beat_s = 0.0
+        self.background: dict[str, Any] | None = None
+        """Set points streamed besides what a dialogue sends."""
+        self._stream_s = 0.0
+
+    @property
+    def now_s(self) -> float:
+        return self.sim.time_s
+
+    @property
+    def height_m(self) -> float:
+        return -float(self.sim.simulation.truth.position_ned_m[0, 2])
+
+    @property
+    def speed_m_s(self) -> float:
+        return math.sqrt(sum(v * v for v in self.sim.simulation.truth.velocity_ned_m_s[0].tolist()))
+
+    def _skip_unheard(self) -> None:
+        """Streams that no dialogue looks at are not built: they are most of the work."""
+        telemetry = self.sim.nodes[0].context.telemetry
+        build = telemetry.payload
+        telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.wanted else None  # type: ignore[method-assign]
+
+    def send(self, name: str, fields: dict[str, Any], via: str = "gcs", src: tuple[int, int] = (255, 190)):
+        layout, payload = pack(name, **fields)
+        self._sequence = (self._sequence + 1) & 0xFF
+        self.sim.feed(0, via, frame_v2(layout, payload, self._sequence, *src))
+
+    def command(self, number: int, *values: float) -> None:
+        fields = {f"param{n + 1}": value for n, value in enumerate(values)}
+        fields |= {"target_system": self.system_id, "target_component": 1, "command": number}
+        self.send("COMMAND_LONG", fields)
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """PARAM_SET in the form the parameter's type asks for."""
+        integer = self.sim.simulation.parameters[0].type_of(name) == "INT32"
+        raw = struct.pack("<i", int(value)) if integer else struct.pack("<f", value)
+        fields = {"target_system": self.system_id, "target_component": 1, "param_id": name,
+                  "param_value": struct.unpack("<f", raw)[0], "param_type": 6 if integer else 9}  # fmt: skip
+        self.send("PARAM_SET", fields)
+
+    def run_to(self, end_s: float, tick_s: float = TICK_S) -> None:
+        while self.now_s < end_s - 1e-6:
+            if self.heartbeats and self.now_s >= self._beat_s:
+                self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
+                self._beat_s = self.now_s + 1.0
+            if self.background is not None and self.now_s >= self._stream_s:
+                self.send("SET_POSITION_TARGET_LOCAL_NED", self.background, "api")
+                self._stream_s = self.now_s + STREAM_EVERY_S
+            self.sim.step(min(tick_s, max(end_s - self.now_s, 0.004)))
+            self.collect()
+
+    def run(self, seconds: float, each: Callable[[], None] | None = None, tick_s: float = TICK_S) -> None:
+        end_s = self.now_s + seconds
+        if each is None:
+            self.run_to(end_s)
+            return
+        while self.now_s < end_s - 1e-6:
+            each()
+            self.run_to(min(end_s, self.now_s + tick_s), min(tick_s, TICK_S))
+
+    def run_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        end_s = self.now_s + timeout_s
+        while not condition() and self.now_s < end_s:
+            self.run(0.1)
+        return condition()
+
+    def collect(self) -> None:
+        state = self.state()
+        if not self.states or state != self.states[-1][1]:
+            self.states.append((self.now_s, state))
+        report = self.commander.report
+        if report is not self._told and report != self._told:
+            self._told = report
+            self.reports.append(_as_told(report))
+        for via, parser in self._parsers.items():
+            for frame in self.sim.frames(0, via):
+                msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
+                if via == "gcs":
+                    self.counts[msg_id] = self.counts.get(msg_id, 0) + 1
+                if msg_id not in self.wanted:
+                    continue
+                for message in parser.feed(frame):
+                    if (message.system_id, message.component_id) == (self.system_id, 1):
+                        self._note(via, message.name, message.values)
+
+    def _note(self, via: str, name: str, values: dict[str, Any]) -> None:
+        self.log.append((self.now_s, via, name, values))
+        self.last[via, name] = self.now_s, values
+
+    def state(self) -> dict[str, Any]:
+        commander = self.commander
+        return {
+            "armed": commander.armed,
+            "custom_mode": commander.custom_mode(),
+            "landed_state": int(commander.landed_state()),
+        }
+
+    def ready(self) -> bool:
+        return self.commander.report.armable(self.commander.intended)
+
+    # --- starting states -------------------------------------------------------------------------------
+
+    def fly(self) -> None:
+        """To Hold at 10 m, from wherever it is."""
+        if not self.commander.armed:
+            self.run_until(self.ready, 15)
+            self.command(176, 1, 4, 3)
+            self.run(0.1)
+            self.command(400, 1)
+            self.run(0.1)
+            self.command(22, -1, 0, 0, NAN, NAN, NAN, self.autopilot.home.alt_amsl_m + 10)
+            self.run_until(lambda: self.state()["custom_mode"] == HOLD and self.height_m > 8.5, 40)
+            self.run(3.0)
+        elif self.state()["custom_mode"] != HOLD:
+            self.command(176, 1, 4, 3)
+            self.run(0.4)
+        self.run_until(lambda: self.speed_m_s < 1.0, 8)
+
+    def offboard(self) -> None:
+        """To Offboard at 10 m, with a stream of set points."""
+        if not 6 < self.height_m < 16:
+            self.fly()
+        self.stream(True)
+        self.run(0.6)
+        self.command(176, 1, 6)
+        self.run(1.0)
+        self.stream(False)
+
+    def stream(self, on: bool) -> None:
+        """A position 10 m up at 20 Hz."""
+        self.background = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
+                           "type_mask": 2552, "z": -10.0} if on else None  # fmt: skip
+
+    def ground(self, armed: bool, custom_mode: int) -> None:
+        """On the ground: armed or not, in a mode."""
+        if self.commander.armed != armed or (armed and self.state()["custom_mode"] != custom_mode):
+            self.command(400, 0, 21196)
+            self.run(0.1)
+        self.run_until(self.ready, 4)
+        if armed and not self.commander.armed:
+            self.command(176, 1, 4, 3)
+            self.run(0.1)
+            self.command(400, 1)
+            self.run(0.1)
+        if self.state()["custom_mode"] != custom_mode:
+            self.command(176, 1, custom_mode >> 16 & 0xFF, custom_mode >> 24)
+            self.run(0.2)
+
+
+def _as_told(report: Report) -> list[Heard]:
+    announcer, told = Announcer(lambda: 0), list[Heard]()
+
+    def hear(item: StatusText | Event) -> None:
+        if isinstance(item, Event):
+            values = {"id": item.id, "log_levels": item.log_levels, "arguments": item.arguments}
+            told.append(Heard(0.0, "EVENT", values))
+
+    announcer.add_listener(hear)
+    announce(report, announcer)
+    return told

@@ -1,0 +1,299 @@
+"""A scripted autopilot behind a link that may lose packets.
+
+It speaks with pymavlink's own encoder and parser (the simulator's dialect module), so that our codec is
+checked against somebody else's.
+"""
+
+import asyncio
+import random
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from gcs_server.links.memory import MemoryLink
+from gcs_server.mavlink.codec import encode_frame
+from vehicle_sim.mavlink import generated_dialect as sim
+
+HOLD, TAKEOFF, LAND, RTL = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))
+MANUAL, OFFBOARD = 1 << 16, 6 << 16
+LATENCY_S = 0.005
+
+
+class FakeAutopilot:
+    """PX4's answers as the recordings show them, as far as these tests need."""
+
+    def __init__(
+        self,
+        link: MemoryLink,
+        *,
+        system: int = 1,
+        loss: float = 0.0,
+        seed: int = 0,
+        peer: str = "peer",
+        uid: int = 0x4954414C44494E4F,
+        boot_s: float = 900.0,
+    ) -> None:
+        self.link, self.peer, self.system, self.uid, self.boot_s = link, peer, system, uid, boot_s
+        self.loss, self.random = loss, random.Random(seed)
+        self.mav = sim.MAVLink(None, srcSystem=system, srcComponent=1)
+        self.parser = sim.MAVLink(None)
+        self.loop = asyncio.get_running_loop()
+        self.armed, self.mode, self.landed = False, HOLD, 1
+        self.heard: list[Any] = []
+        self.refuse: dict[int, int] = {}
+        self.silent_commands: set[int] = set()
+        self.arm_denied = False
+        self.vehicle_type, self.autopilot, self.version = 2, 12, True
+        self.home = (47.397742, 8.545594, 489.0)
+        self.position = [47.397742, 8.545594, 489.0]
+        self.has_position = True
+        self.target = (47.397742, 8.545594, 489.0)
+        self.params: dict[str, tuple[int, float]] = {"MPC_XY_VEL_MAX": (9, 12.0), "NAV_DLL_ACT": (6, 2)}
+        self.control = (0, 0)
+        self.gimbal = True
+        self.gimbal_q = [1.0, 0.0, 0.0, 0.0]
+        self.gimbal_flags = 0
+        self.handlers: list[Callable[[Any], bool]] = []
+        self.event_sequence = 0
+        self.alive = True
+        self.arrives_s = 0.0
+        self._every(1.0, self.heartbeat)
+        self._every(2.0, self.current_mode)
+        self._every(1.0, self.extended)
+        self._every(0.1, self.global_position)
+        self._every(2.0, self.home_position)
+        self._every(2.0, self.gimbal_status)
+
+    # --- the wire
+    def _every(self, period_s: float, work: Callable[[], None]) -> None:
+        def run() -> None:
+            if self.alive:
+                work()
+            self.loop.call_later(period_s, run)
+
+        self.loop.call_later(period_s * self.random.random() * 0.5, run)
+
+    def send(self, message: Any) -> None:
+        self.send_raw(message.pack(self.mav))
+
+    def send_raw(self, raw: bytes) -> None:
+        self.mav.seq = (self.mav.seq + 1) % 256
+        if self.alive and self.random.random() >= self.loss:
+            self.arrives_s = max(
+                self.loop.time() + LATENCY_S, self.arrives_s + 1e-6
+            )  # packets keep their order
+            self.loop.call_at(self.arrives_s, lambda: self.link.inject(raw, self.peer))
+
+    def receive(self, data: bytes) -> None:
+        if self.random.random() >= self.loss:
+            for message in self.parser.parse_buffer(data) or []:
+                self.loop.call_later(LATENCY_S, self.handle, message)
+
+    # --- telemetry
+    def boot_ms(self) -> int:
+        return int((self.loop.time() - self.boot_s) * 1000)
+
+    def heartbeat(self) -> None:
+        base = 29 | (128 if self.armed else 0)
+        self.send(sim.MAVLink_heartbeat_message(self.vehicle_type, self.autopilot, base, self.mode, 4, 3))
+
+    def current_mode(self) -> None:
+        self.send(sim.MAVLink_current_mode_message(0, self.mode, self.mode))
+
+    def extended(self) -> None:
+        self.send(sim.MAVLink_extended_sys_state_message(0, self.landed))
+
+    def global_position(self) -> None:
+        if self.has_position:
+            lat, lon, alt = self.position
+            self.send(
+                sim.MAVLink_global_position_int_message(
+                    self.boot_ms(),
+                    int(lat * 1e7),
+                    int(lon * 1e7),
+                    int(alt * 1e3),
+                    int((alt - 489.0) * 1e3),
+                    0,
+                    0,
+                    0,
+                    0,
+                )
+            )
+
+    def home_position(self) -> None:
+        lat, lon, alt = self.home
+        self.send(
+            sim.MAVLink_home_position_message(
+                round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
+            )
+        )
+
+    def position_target(self) -> None:
+        lat, lon, alt = self.target
+        self.send(
+            sim.MAVLink_position_target_global_int_message(
+                self.boot_ms(), 5, 0, round(lat * 1e7), round(lon * 1e7), alt, 0, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+
+    def gimbal_status(self) -> None:
+        if self.gimbal:
+            self.send(
+                sim.MAVLink_gimbal_manager_status_message(
+                    self.boot_ms(), self.gimbal_flags, 1, *self.control, 0, 0
+                )
+            )
+
+    def gimbal_attitude(self) -> None:
+        if self.gimbal:
+            self.send(
+                sim.MAVLink_gimbal_device_attitude_status_message(
+                    0, 0, self.boot_ms(), self.gimbal_flags, self.gimbal_q, 0, 0, 0, 0, 0, 0, 1
+                )
+            )
+
+    def text(self, text: str, severity: int = 2, text_id: int = 0) -> None:
+        raw = text.encode()
+        chunks = [raw[i : i + 50] for i in range(0, len(raw), 50)]
+        for number, chunk in enumerate(chunks):
+            self.send(sim.MAVLink_statustext_message(severity, chunk, text_id, number))
+
+    def event(self, event_id: int, levels: int, arguments: bytes = b"") -> None:
+        self.event_sequence += 1
+        self.send(
+            sim.MAVLink_event_message(
+                0, 0, event_id, self.boot_ms(), self.event_sequence, levels, list(arguments.ljust(40, b"\0"))
+            )
+        )
+
+    # --- behaviour
+    def ack(self, command: int, result: int, progress: int = 0) -> None:
+        self.send(sim.MAVLink_command_ack_message(command, result, progress, 0, 255, 190))
+
+    def handle(self, message: Any) -> None:
+        self.heard.append(message)
+        if any(handler(message) for handler in self.handlers):
+            return
+        kind = message.get_type()
+        if kind in ("COMMAND_LONG", "COMMAND_INT"):
+            self.command(message)
+        elif kind == "PARAM_REQUEST_READ":
+            self.param_value(message.param_id)
+        elif kind == "PARAM_SET" and message.param_id in self.params:
+            self.params[message.param_id] = (message.param_type, self.stored(message))
+            self.param_value(message.param_id)
+        elif kind == "GIMBAL_MANAGER_SET_ATTITUDE" and self.control == (255, 190):
+            self.gimbal_q = list(message.q)
+
+    def stored(self, message: Any) -> float:
+        if message.param_type == 6:
+            return struct.unpack("<i", bytes(message.get_msgbuf())[10:14])[0]
+        return message.param_value
+
+    def param_value(self, name: str) -> None:
+        if name not in self.params:
+            return
+        kind, value = self.params[name]
+        bits = struct.pack("<i", int(value)) if kind == 6 else struct.pack("<f", value)
+        payload = bits + struct.pack("<HH16sB", 929, 1, name.encode(), kind)
+        self.send_raw(encode_frame(22, payload, self.mav.seq, self.system, 1))
+
+    def command(self, m: Any) -> None:
+        p = [m.param1, m.param2, m.param3, m.param4]
+        place = (
+            (m.x / 1e7, m.y / 1e7, m.z) if m.get_type() == "COMMAND_INT" else (m.param5, m.param6, m.param7)
+        )
+        c = m.command
+        if c in self.silent_commands:
+            return
+        if c == 512:
+            self.requested(int(p[0]))
+        elif c in self.refuse:
+            self.ack(c, self.refuse[c])
+        elif c == 400:
+            self.arm(p)
+        elif c == 176:
+            self.set_mode(p)
+        elif c == 22:
+            self.mode, self.target = TAKEOFF, (self.position[0], self.position[1], place[2])
+            self.ack(c, 0)
+        elif c == 192:
+            self.mode, self.target = HOLD, place
+            self.ack(c, 0)
+        elif c == 1001 and self.gimbal:
+            if p[0] == -3.0:
+                self.control = (0, 0) if self.control == (255, 190) else self.control
+            else:
+                self.control = (int(p[0]), int(p[1]))
+            self.ack(c, 0)
+        elif c == 1000 and self.gimbal:
+            self.ack(c, 0 if self.control == (m.get_srcSystem(), m.get_srcComponent()) else 2)
+        elif c in (195, 197):
+            self.ack(c, 0)
+
+    def arm(self, p: list[float]) -> None:
+        if p[0] == 1 and self.arm_denied:
+            self.ack(400, 1)
+            self.text("Arming denied: Resolve system health failures first\t", 2, 7)
+            self.event(16910493, 0x22)
+            return
+        if p[0] == 0 and self.landed != 1 and p[1] != 21196:
+            self.ack(400, 1)
+            self.text("Disarming denied: not landed\t", 2)
+            self.event(25868725, 0x22)
+            return
+        self.armed = p[0] == 1
+        self.ack(400, 0)
+        if self.armed and self.mode == TAKEOFF:
+            self.target = (*self.position[:2], self.home[2] + 2.5)  # a height given before is forgotten
+            self.loop.call_later(1.5, self.lift)
+
+    def lift(self) -> None:
+        if self.armed and self.mode == TAKEOFF:
+            self.landed = 3
+
+    def set_mode(self, p: list[float]) -> None:
+        mode = int(p[1]) << 16 | int(p[2]) << 24
+        self.ack(176, 0)
+        refused = self.armed and mode == MANUAL
+
+        def commander() -> None:
+            self.ack(176, 1 if refused else 0)
+            if refused:
+                self.text("Switching to Manual is currently not available\t", 2)
+                self.event(27280279, 0x22, HOLD.to_bytes(4, "little") + b"\0")
+            else:
+                self.mode = mode
+
+        self.loop.call_later(0.008, commander)
+
+    def requested(self, msg_id: int) -> None:
+        work = {
+            0: self.heartbeat,
+            436: self.current_mode,
+            245: self.extended,
+            87: self.position_target,
+            281: self.gimbal_status,
+            285: self.gimbal_attitude,
+            148: self.autopilot_version,
+        }.get(msg_id)
+        if work is None:
+            self.ack(512, 2)
+            return
+        work()
+        self.ack(512, 0)
+
+    def autopilot_version(self) -> None:
+        if self.version:
+            self.send(
+                sim.MAVLink_autopilot_version_message(
+                    321791, 0x011000FF, 0x011000FF, 0, 1, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.uid, [0] * 18
+                )
+            )
+
+    def commands(self, command: int) -> list[Any]:
+        return [
+            m
+            for m in self.heard
+            if m.get_type().startswith("COMMAND_") and getattr(m, "command", None) == command
+        ]

@@ -1,0 +1,87 @@
+"""Scripted vehicles in the air beside a server's desk, and the calls that fly them as one group."""
+
+import math
+from types import SimpleNamespace
+
+from gcs_server.api import group_models, group_routes
+from gcs_server.control.client import Client
+from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.test_authority import view
+from tests.protocol.test_dangerous_calls import station_of
+
+ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
+DEG_M = math.radians(1) * 6_371_000.0
+STREAM_PERIOD_S = 0.02
+
+
+def desk(jump, story, *, count=3, spacing_m=10.0):
+    """Vehicles 1, 2, … in a row to the east, in the air, each at its own local origin."""
+
+    async def run():
+        world = OffboardWorld()
+        pilots = {}
+        for index in range(count):
+            pilot = world.offboard_pilot(
+                world.link(f"link{index}"), peer=f"peer{index}", system=index + 1, uid=index + 1, seed=index
+            )
+            pilot.home = (47.0, 8.0 + index * spacing_m / (DEG_M * math.cos(math.radians(47.0))), 489.0)
+            pilot.position = list(pilot.home)
+            pilot.fly()
+            pilots[str(index + 1)] = pilot
+        told = []
+        world.streamer.groups.tell = lambda text, status, warning: told.append((text, status.state, warning))
+        try:
+            for vehicle_id in pilots:
+                await world.ready(vehicle_id)
+            await seconds(2.5)
+            station = station_of(world)
+            vehicles = {v: world.fleet.get(v) for v in pilots}
+            await story(
+                SimpleNamespace(world=world, station=station, pilots=pilots, vehicles=vehicles, told=told)
+            )
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def place(north_m=0.0, east_m=0.0, down_m=-5.0):
+    return {"type": "position", "position_ned_m": [north_m, east_m, down_m]}
+
+
+def velocity(north_m_s=0.0, east_m_s=0.0):
+    return {"type": "velocity", "velocity_ned_m_s": [north_m_s, east_m_s, 0.0]}
+
+
+def path(*points):
+    return {"type": "path", "points": [{"t_s": t, "position_ned_m": at} for t, at in points]}
+
+
+def body(setpoints, **more):
+    members = [{"vehicle": v, "setpoint": s} for v, s in setpoints.items()]
+    return group_models.StartGroup.model_validate({"members": members, "valid_for_s": 60, **more})
+
+
+def changes(setpoints, **more):
+    members = [{"vehicle": v, "setpoint": s} for v, s in setpoints.items()]
+    return group_models.GroupSetpoints.model_validate({"setpoints": members, "valid_for_s": 60, **more})
+
+
+async def begin(at, setpoints, client=ANNA, **more):
+    return view(await group_routes.start(body(setpoints, **more), at.station, client))
+
+
+def modes(at):
+    return {v: pilot.mode for v, pilot in at.pilots.items()}
+
+
+def first_s(pilot, north_m):
+    """When a setpoint for that place was first heard."""
+    return next(t for t, m in pilot.setpoints if abs(m.x - north_m) < 0.01)
+
+
+def nobody_moved(at):
+    assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
+
+
+ALL_NORTH = {"1": place(4), "2": place(4), "3": place(4)}

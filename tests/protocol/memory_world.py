@@ -1,0 +1,88 @@
+"""A whole wire path without a network or waiting: simulated time and links in memory."""
+
+import asyncio
+import selectors
+from typing import Any
+
+from gcs_server.clock import LoopClock
+from gcs_server.links.memory import MemoryLink
+from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.fleet import Fleet
+from tests.protocol.fake_autopilot import FakeAutopilot
+
+
+class JumpLoop(asyncio.SelectorEventLoop):
+    """An event loop whose time jumps to the next thing to do."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+        inner = selectors.DefaultSelector()
+        real_select = inner.select
+
+        def select(timeout: float | None = None) -> Any:
+            ready = real_select(0)
+            if ready or timeout is None:
+                return ready or real_select(1)
+            self.now_s += timeout
+            return ready
+
+        inner.select = select  # type: ignore[method-assign]
+        super().__init__(inner)
+
+    def time(self) -> float:
+        return self.now_s
+
+
+class World:
+    """A server's wire and vehicle rooms, started on simulated time."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.loop = asyncio.get_running_loop()
+        self.clock = LoopClock(self.loop)
+        self.supervisor = Supervisor(self.clock)
+        self.router = Router(self.clock, self.supervisor, RouterSettings(**settings))
+        self.fleet = Fleet(self.clock, self.supervisor, self.router)
+        self.router.start()
+        self.fleet.start()
+
+    def link(self, name: str = "memory", *, replay: bool = False, forward: bool = False) -> MemoryLink:
+        """A memory link whose frames go to the autopilots in `pilots` by their peer."""
+        pilots: dict[str, FakeAutopilot] = {}
+        sent: list[tuple[bytes, str]] = []
+
+        def outgoing(data: bytes, peer: Any) -> None:
+            sent.append((data, peer.name))
+            if peer.name in pilots:
+                pilots[peer.name].receive(data)
+
+        link = MemoryLink(name, outgoing=outgoing, replay=replay, forward=forward)
+        link.pilots, link.sent = pilots, sent  # type: ignore[attr-defined]
+        self.router.add(link)
+        return link
+
+    def pilot(self, link: MemoryLink, *, peer: str = "peer", **options: Any) -> FakeAutopilot:
+        pilot = FakeAutopilot(link, peer=peer, **options)
+        link.pilots[peer] = pilot  # type: ignore[attr-defined]
+        return pilot
+
+    async def ready(self, vehicle_id: str = "1", patience_s: float = 20.0) -> Any:
+        """The vehicle, once it has been heard well."""
+        end_s = self.loop.time() + patience_s
+        while self.loop.time() < end_s:
+            await asyncio.sleep(0.1)
+            vehicles = {v.id: v for v in self.fleet.all()}
+            vehicle = vehicles.get(vehicle_id)
+            if (
+                vehicle
+                and vehicle.topic("home")
+                and vehicle.topic("global_position")
+                and vehicle.facts.landed_state != "unknown"
+            ):
+                return vehicle
+        raise AssertionError(f"vehicle {vehicle_id} was not heard")
+
+    async def close(self) -> None:
+        await self.fleet.close()
+        await self.router.close()
+        await self.supervisor.close()

@@ -1,0 +1,18 @@
+"""One scripted vehicle on a link that loses packets, for as long as a story about it lasts."""
+
+LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
+"""The share of packets lost each way, and a seed for which ones."""
+
+
+def flight(kit, jump, story, *, loss=0.0, seed=0):
+    async def run():
+        world = kit.World()
+        link = world.link()
+        pilot = world.pilot(link, loss=loss, seed=seed)
+        try:
+            vehicle = await world.ready()
+            await story(world, vehicle, pilot)
+        finally:
+            await world.close()
+
+    jump(run)

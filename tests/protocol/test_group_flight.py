@@ -1,0 +1,257 @@
+"""Vehicles in flight as one group: new setpoints in one round, kept apart, and stopped in one call."""
+
+import asyncio
+import itertools
+import math
+import random
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import group_routes
+from gcs_server.api import offboard_models as models
+from gcs_server.errors import InvalidRequest, NotTogether, Refused
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.group_world import (
+    ALL_NORTH,
+    ANNA,
+    DEG_M,
+    STREAM_PERIOD_S,
+    begin,
+    changes,
+    desk,
+    first_s,
+    modes,
+    path,
+    place,
+    velocity,
+)
+from tests.protocol.offboard_world import POSITION, seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.test_authority import view
+from tests.protocol.test_dangerous_calls import station_of
+
+
+def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):
+    async def story(at):
+        await begin(at, {"1": place(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": place(4)})
+        await seconds(1)
+        changed = changes({"1": place(7), "3": place(7)}, valid_for_s=2.0)
+        shown = view(await group_routes.setpoints("1", changed, at.station, ANNA))
+        assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path goes on to its end
+        await seconds(0.1)
+        begun = [first_s(at.pilots[v], 7.0) for v in "13"]
+        assert max(begun) - min(begun) < STREAM_PERIOD_S
+        with pytest.raises(NotTogether, match="would come within"):
+            closer = changes({"1": place(0, 8)})
+            await group_routes.setpoints("1", closer, at.station, ANNA)
+        with pytest.raises(InvalidRequest, match="vehicle 9 is not in group 1"):
+            await group_routes.setpoints("1", changes({"9": place()}), at.station, ANNA)
+        await seconds(6.0)
+        assert view(await group_routes.show("1", at.station))["state"] == "flying"
+        await seconds(8.5)
+        assert set(modes(at).values()) == {HOLD}
+        ended = view(await group_routes.show("1", at.station))
+        assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
+        with pytest.raises(Refused, match="is ended: it takes no setpoints"):
+            await group_routes.setpoints("1", changed, at.station, ANNA)
+
+    desk(jump, story)
+
+
+def test_an_empty_list_renews_all_from_now_on(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH, valid_for_s=3.0)
+        for _ in range(3):
+            await seconds(2)
+            shown = view(await group_routes.setpoints("1", changes({}, valid_for_s=3.0), at.station, ANNA))
+            assert shown["valid_left_s"] == pytest.approx(3.0, abs=0.1)
+        assert view(await group_routes.show("1", at.station))["state"] == "flying"
+        await seconds(12.0)
+        ended = view(await group_routes.show("1", at.station))
+        assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("others_go_on", [False, True])
+def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, others_go_on):
+    async def story(at):
+        await begin(at, ALL_NORTH, others_go_on=others_go_on)
+        await seconds(1)
+        at.pilots["2"].mode = at.pilots["2"].asked_mode = POSITION  # its pilot
+        at.pilots["2"].current_mode()
+        await seconds(7.5)  # a mode asked for lately is waited for
+        others = OFFBOARD if others_go_on else HOLD
+        assert modes(at) == {"1": others, "2": POSITION, "3": others}
+        shown = view(await group_routes.show("1", at.station))
+        assert shown["state"] == ("flying" if others_go_on else "ended")
+        finding = shown["findings"][0]
+        assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
+        assert finding["held"] == ([] if others_go_on else ["1", "3"]), "2 flies as its pilot wants"
+        assert "Vehicle 2 flies the group's setpoints no more: The vehicle left Offboard" in finding["text"]
+        assert [text for text, _, warning in at.told if warning]
+        if others_go_on:
+            with pytest.raises(Refused, match="Vehicle 2 is held and follows group 1 no more"):
+                await group_routes.setpoints("1", changes({"2": place(5)}), at.station, ANNA)
+
+    desk(jump, story)
+
+
+def test_a_member_that_is_lost_holds_the_others_within_two_seconds(jump):
+    async def story(at):
+        await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+        await seconds(2)
+        at.pilots["3"].alive = False
+        await seconds(2.0)
+        shown = view(await group_routes.show("1", at.station))
+        assert shown["findings"][0]["code"] == "place_unknown"
+        assert "The place of vehicle 3 is not known" in shown["findings"][0]["text"]
+        last = {v: at.pilots[v].setpoints[-1][1] for v in "12"}
+        assert all(m.type_mask & 7 == 0 for m in last.values())  # places: they stand
+        await seconds(8)
+        assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
+
+    desk(jump, story)
+
+
+def test_a_member_can_follow_another_of_the_group(jump):
+    async def story(at):
+        beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
+        await begin(at, {"1": place(4), "2": beside})
+        await seconds(2)
+        shown = view(await group_routes.show("1", at.station))
+        assert [m["ordered_type"] for m in shown["members"]] == ["position", "follow"]
+        assert shown["state"] == "flying"
+        last = at.pilots["2"].setpoints[-1][1]
+        assert (last.x, last.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
+        nearer = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
+        with pytest.raises(NotTogether, match="would come within"):
+            await group_routes.setpoints("1", changes({"2": nearer}), at.station, ANNA)
+
+    desk(jump, story, count=2)
+
+
+def test_the_end_of_the_server_holds_a_group_without_findings(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH)
+        await seconds(1)
+        stopped = await at.world.streamer.stop_all()
+        assert [s.error for s in stopped] == [None] * 3
+        assert set(modes(at).values()) == {HOLD}
+        await seconds(0.3)
+        shown = view(await group_routes.show("1", at.station))
+        assert (shown["ended"], shown["findings"]) == ("The server ended.", [])
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_every_fifth_packet_lost_a_group_begins_changes_and_is_held(jump, seed):
+    async def story(at):
+        for index, pilot in enumerate(at.pilots.values()):
+            pilot.loss, pilot.random = 0.2, random.Random(seed * 10 + index)
+        await begin(at, ALL_NORTH)
+        await seconds(2)
+        begun = [next(t for t, m in p.setpoints if m.x > 1) for p in at.pilots.values()]
+        assert max(begun) - min(begun) < 10 * STREAM_PERIOD_S  # a first one may be lost on the way
+        await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
+        held = view(await group_routes.hold("1", at.station, ANNA))
+        assert (held["state"], held["findings"]) == ("ended", [])
+        assert set(modes(at).values()) == {HOLD}
+        assert sum(pilot.failsafes for pilot in at.pilots.values()) == 0
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
+def test_a_loop_that_stalls_does_not_blind_the_guard_and_after_a_second_all_hold(jump, stall_s, code):
+    async def story(at):
+        await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+        await seconds(8)
+        streamer = at.world.streamer
+        streamer.beat_once = lambda: None
+        await seconds(stall_s)
+        del streamer.beat_once
+        await seconds(3)
+        findings = view(await group_routes.show("1", at.station))["findings"]
+        assert [finding["code"] for finding in findings] == ([] if code is None else [code])
+        assert set(modes(at).values()) == ({OFFBOARD} if code is None else {HOLD})
+
+    desk(jump, story)
+
+
+def test_a_killed_client_leaves_all_in_hold(jump):
+    async def story(at):
+        await begin(at, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
+        await seconds(9)
+        assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
+        assert view(await group_routes.show("1", at.station))["ended"] == "Its setpoints expired."
+
+    desk(jump, story)
+
+
+# --- simulated PX4s -------------------------------------------------------------------------------
+
+
+def on_earth(vehicle):
+    at = vehicle.topic("global_position").value
+    return (
+        at.lat_deg * DEG_M,
+        at.lon_deg * DEG_M * math.cos(math.radians(at.lat_deg)),
+        -at.alt_amsl_m,
+    )
+
+
+def apart_m(vehicles):
+    return min(math.dist(on_earth(a), on_earth(b)) for a, b in itertools.combinations(vehicles, 2))
+
+
+def sky(jump, story, count=2):
+    async def run():
+        world = SimulatedWorld(count)
+        try:
+            ids = [str(i + 1) for i in range(count)]
+            async with asyncio.TaskGroup() as tasks:
+                flying = [tasks.create_task(world.in_the_air(v, 8.0)) for v in ids]
+            await story(SimpleNamespace(world=world, station=station_of(world)), [f.result() for f in flying])
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_above_the_minimum(jump):
+    async def story(at, vehicles):
+        await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=2)
+        await until(lambda: apart_m(vehicles) > 22, 30)
+        held = view(await group_routes.hold("1", at.station, ANNA))
+        assert (held["state"], held["findings"]) == ("ended", [])
+        assert {v.status.mode for v in vehicles} == {"hold"}
+
+        stay = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
+        await begin(at, {"1": stay, "2": stay}, minimum_separation_m=5)
+        await seconds(1)
+        for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
+            # each by itself: past the group's look ahead, so that only the guard of the flight can know
+            order = models.VelocityOrder.model_validate({**velocity(0, towards), "valid_for_s": 60})
+            vehicle.offboard.setpoint(order.to_order("anna"))
+        nearest_m, fastest_m_s = math.inf, 0.0
+        for _ in range(120):
+            await seconds(0.1)
+            nearest_m = min(nearest_m, apart_m(vehicles))
+            now = [math.hypot(*v.topic("local_position").value.velocity_ned_m_s) for v in vehicles]
+            fastest_m_s = max(fastest_m_s, *now)
+            if {v.status.mode for v in vehicles} == {"hold"} and max(now) < 0.2:
+                break
+        assert {v.status.mode for v in vehicles} == {"hold"}
+        assert fastest_m_s > 2.0
+        assert 5.0 < nearest_m < 15.0
+        finding = view(await group_routes.show("2", at.station))["findings"][0]
+        assert (finding["code"], finding["vehicles"]) == ("separation", ["1", "2"])
+        assert finding["held"] == ["1", "2"]
+        assert finding["distance_m"] > nearest_m
+        said = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
+        assert any("Vehicles 1 and 2 are" in text and "asking for Hold mode" in text for text in said)
+
+    sky(jump, story)

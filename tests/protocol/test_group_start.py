@@ -1,0 +1,245 @@
+"""Several vehicles begin together as one group or none of them moves, and each refusal names its vehicle."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.api import group_routes, offboard_routes, vehicle_routes
+from gcs_server.api import offboard_models as models
+from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, UnknownGroup, UnknownVehicle
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.group_world import (
+    ALL_NORTH,
+    ANNA,
+    BOB,
+    STREAM_PERIOD_S,
+    begin,
+    body,
+    changes,
+    desk,
+    first_s,
+    modes,
+    nobody_moved,
+    path,
+    place,
+)
+from tests.protocol.offboard_world import POSITION, asks, seconds
+from tests.protocol.test_authority import view
+from tests.protocol.test_dangerous_calls import lines
+
+
+def test_all_are_brought_into_offboard_first_and_then_begin_within_one_period(jump):
+    async def story(at):
+        at.pilots["2"].take_offboard_after_s = 1.4
+        started = await begin(at, ALL_NORTH)
+        assert started["state"] == "waiting"
+        assert set(modes(at).values()) == {OFFBOARD}
+        assert not [m for p in at.pilots.values() for _, m in p.setpoints if m.x != 0]
+        ahead_s = started["start_unix_s"] - at.world.clock.unix_s()
+        assert 0.3 < ahead_s <= 0.5
+        instant_s = at.world.loop.time() + ahead_s
+        await seconds(2.0)
+        begun = [first_s(pilot, 4.0) for pilot in at.pilots.values()]
+        assert max(begun) - min(begun) < STREAM_PERIOD_S
+        assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
+        shown = view(await group_routes.show("1", at.station))
+        assert (shown["state"], [m["mode"] for m in shown["members"]]) == ("flying", ["offboard"] * 3)
+        assert shown["nearest"]["distance_m"] == pytest.approx(10.0, abs=0.1)
+        assert 57 < shown["valid_left_s"] < 60
+        assert [state for _, state, _ in at.told] == ["starting", "waiting", "flying"]
+        assert lines(at.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
+
+    desk(jump, story)
+
+
+def test_the_instant_can_be_named(jump):
+    async def story(at):
+        unix_s = at.world.clock.unix_s()
+        instant_s = at.world.loop.time() + 8.0
+        started = await begin(at, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
+        assert started["start_unix_s"] == pytest.approx(unix_s + 8.0, abs=1e-3)
+        await seconds(10.0)
+        begun = [first_s(pilot, 4.0) for pilot in at.pilots.values()]
+        assert max(begun) - min(begun) < STREAM_PERIOD_S
+        assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("ahead_s", [-5.0, 1.0, 400.0])
+def test_an_instant_that_cannot_be_is_refused(jump, ahead_s):
+    async def story(at):
+        with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
+            await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + ahead_s)
+        assert refused.value.field == "start_at_unix_s"
+        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+
+    desk(jump, story)
+
+
+def test_an_instant_that_passed_before_all_were_confirmed_moves_nobody(jump):
+    async def story(at):
+        at.pilots["3"].take_offboard_after_s = 3.0
+        with pytest.raises(InvalidRequest, match="still ahead when all are in Offboard"):
+            await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 3.1)
+        await seconds(3)
+        assert set(modes(at).values()) == {HOLD}
+        nobody_moved(at)
+
+    desk(jump, story)
+
+
+def test_one_that_refuses_stops_all_and_is_named_with_its_reason(jump):
+    async def story(at):
+        at.pilots["2"].has_stream = lambda: False  # it refuses Offboard
+        with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
+            await begin(at, ALL_NORTH)
+        assert refused.value.vehicles == ("2",)
+        await seconds(3)
+        assert set(modes(at).values()) == {HOLD}
+        nobody_moved(at)
+        assert not any(v.offboard.status().streaming for v in at.vehicles.values())
+        ended = view(await group_routes.show("1", at.station))
+        assert ended["state"] == "ended"
+        assert "Vehicle 2" in ended["ended"]
+        assert lines(at.station)[-1][1:] == ("group/start", "1", "not_together")
+
+    desk(jump, story)
+
+
+def test_one_that_never_confirms_stops_all(jump):
+    async def story(at):
+        at.pilots["3"].take_offboard_after_s = 30.0
+        with pytest.raises(NotTogether, match="Vehicle 3: "):
+            await begin(at, ALL_NORTH)
+        await seconds(3)
+        assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
+        nobody_moved(at)
+
+    desk(jump, story)
+
+
+def test_what_one_cannot_fly_is_refused_before_anything_is_sent(jump):
+    async def story(at):
+        with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
+            far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
+            await begin(at, {"1": place(4), "2": far})
+        at.pilots["1"].estimates = False
+        await seconds(1.5)
+        with pytest.raises(NotTogether, match="Vehicle 1: "):
+            await begin(at, ALL_NORTH)
+        at.pilots["1"].estimates = True
+        at.pilots["3"].armed, at.pilots["3"].landed = False, 1
+        await seconds(2.5)
+        with pytest.raises(NotTogether, match="Vehicle 3 is not in the air"):
+            await begin(at, ALL_NORTH)
+        with pytest.raises(UnknownVehicle):
+            await begin(at, {"1": place(), "9": place()})
+        with pytest.raises(UnknownGroup, match="no group '7'"):
+            await group_routes.show("7", at.station)
+        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+
+    desk(jump, story)
+
+
+def test_a_vehicle_that_flies_offboard_or_in_a_group_already_is_named_and_left_alone(jump):
+    async def story(at):
+        alone = models.StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
+        await offboard_routes.start("3", alone, at.station, ANNA)
+        with pytest.raises(NotTogether, match="Vehicle 3 is streamed to already"):
+            await begin(at, ALL_NORTH)
+        assert at.vehicles["3"].offboard.status().state == "streaming"
+        await begin(at, {"1": place(4), "2": place(4)})
+        with pytest.raises(NotTogether, match="Vehicle 2 flies in group 1 already"):
+            await begin(at, {"2": place(4), "3": place(4)})
+        await seconds(1)
+        assert set(modes(at).values()) == {OFFBOARD}
+
+    desk(jump, story)
+
+
+def test_the_lease_of_another_refuses_all_takes_none_and_names_whom(jump):
+    async def story(at):
+        await vehicle_routes.hold("2", at.station, BOB)  # open to all: takes nothing
+        at.station.authority.control("2").lease.take(BOB)
+        with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
+            await begin(at, ALL_NORTH)
+        assert not at.station.authority.held_by(ANNA)
+        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert lines(at.station)[-3:] == [("anna", "group/start", v, "not_in_control") for v in "123"]
+        at.station.authority.control("2").lease.release(BOB)
+        await begin(at, ALL_NORTH)
+        assert at.station.authority.held_by(ANNA) == ["1", "2", "3"]
+        with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
+            await group_routes.setpoints("1", changes({"1": place(5)}), at.station, BOB)
+        held = view(await group_routes.hold("1", at.station, BOB))
+        assert (held["state"], held["ended"]) == ("ended", "bob commanded Hold.")
+        assert set(modes(at).values()) == {HOLD}
+        assert lines(at.station)[-3:] == [("bob", "hold", v, "ok") for v in "321"]
+
+    desk(jump, story)
+
+
+def test_two_that_are_too_near_or_would_come_are_refused_in_words(jump):
+    async def story(at):
+        with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 10.0 m apart now") as refused:
+            await begin(at, ALL_NORTH, minimum_separation_m=12)
+        assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
+        with pytest.raises(NotTogether, match=r"vehicles 1 and 2 would come within .* m of each other"):
+            await begin(at, {"1": place(0, 9), "2": place(0, 0)})
+        crossing = {  # 2 flies to where 1 will be, both in time
+            "1": path((0, [0, 0, -5]), (10, [20, 10, -5])),
+            "2": path((0, [0, 0, -5]), (10, [20, 0, -5])),
+        }
+        with pytest.raises(NotTogether, match="vehicles 1 and 2 would come within") as refused:
+            await begin(at, crossing, minimum_separation_m=4)
+        assert refused.value.vehicles == ("1", "2")
+        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        await begin(at, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": place(20)})
+
+    desk(jump, story)
+
+
+def test_trouble_before_the_instant_moves_nobody(jump):
+    async def story(at):
+        started = asyncio.ensure_future(
+            group_routes.start(
+                body(ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0, others_go_on=True),
+                at.station,
+                ANNA,
+            )
+        )
+        await started
+        at.pilots["1"].mode = at.pilots["1"].asked_mode = POSITION
+        at.pilots["1"].current_mode()
+        await seconds(12)
+        assert modes(at) == {"1": POSITION, "2": HOLD, "3": HOLD}
+        nobody_moved(at)
+
+    desk(jump, story)
+
+
+def test_held_before_the_instant_nobody_begins(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
+        await group_routes.hold("1", at.station, ANNA)
+        await seconds(8)
+        assert set(modes(at).values()) == {HOLD}
+        nobody_moved(at)
+        assert view(await group_routes.show("1", at.station))["findings"] == []
+
+    desk(jump, story)
+
+
+def test_a_member_steered_alone_before_the_instant_moves_nobody(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
+        alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
+        at.vehicles["1"].offboard.setpoint(alone.to_order("anna"))
+        await seconds(12)
+        assert set(modes(at).values()) == {HOLD}
+        nobody_moved(at)
+        finding = view(await group_routes.show("1", at.station))["findings"][0]
+        assert "Vehicle 1 was given another setpoint before the common start" in finding["text"]
+
+    desk(jump, story)
