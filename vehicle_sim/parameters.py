@@ -11,8 +11,9 @@ import math
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -33,6 +34,8 @@ _VOLATILE_NAMES = frozenset(
         "SENS_DPRES_OFF",
     }
 )
+NO_PRIORITY = -1
+"""CAL_*_PRIO of a sensor that nobody gave one."""
 _NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
 
 
@@ -107,6 +110,8 @@ class Parameters:
         self._by_name = {default.name: default for default in defaults}
         self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
         self._listeners: list[Listener] = []
+        self.resetting = False
+        """While listeners hear of a reset: PX4 does not count it as a change to be saved and told."""
         self._storage: Path | None = None
         if storage is not None and storage.exists():
             self._load(storage)
@@ -182,10 +187,19 @@ class Parameters:
                 listener(name, stored)
         return stored
 
-    def reset(self, name: str | None = None) -> None:
-        """Back to the boot value: one parameter, or all of them."""
-        for each in (name,) if name is not None else self.changed():
-            self.set(each, self._default(each).value)
+    def reset(self, name: str) -> None:
+        """Back to its default, which is the boot value unless PX4 or its start script stored that one."""
+        self.resetting = True
+        try:
+            self.set(name, _default(name, self._default(name).value))
+        finally:
+            self.resetting = False
+
+    def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
+        """All whose names fit one of the patterns `only` and none of `keep`."""
+        for name in self._names:
+            if _fits(name, only) and not _fits(name, keep):
+                self.reset(name)
 
     def changed(self) -> tuple[str, ...]:
         """Names whose value differs from the boot value, in list order."""
@@ -221,7 +235,8 @@ class Parameters:
         if not isinstance(stored, dict):
             raise ValueError(f"the parameter file {storage} holds no object of names and values; remove it")
         for name, value in stored.items():
-            if name in self._by_name:
+            # A start with calibrations reset stores the simulated sensors' ids again.
+            if name in self._by_name and (value or not name.endswith("_ID")):
                 number = float(value) if isinstance(value, str) else value
                 self._values[name] = coerce(name, self._by_name[name].type, number)
 
@@ -236,6 +251,18 @@ class Parameters:
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(self._storage)
+
+
+def _fits(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _default(name: str, boot_value: ParameterValue) -> ParameterValue:
+    """The boot value, but for what is stored at boot: which sensors were found, and the airframe."""
+    if name.startswith("CAL_") and name.endswith("_PRIO"):
+        return NO_PRIORITY
+    stored = name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID"))
+    return 0 if stored else boot_value
 
 
 def _same(a: ParameterValue, b: ParameterValue) -> bool:

@@ -23,6 +23,8 @@ BATTERY_TEXTS = {
     "check_battery_critical": "Critical battery",
     "check_battery_emergency": "Emergency battery level",
 }
+CALIBRATIONS = (("accel", "CAL_ACC0_ID"), ("gyro", "CAL_GYRO0_ID"), ("mag", "CAL_MAG0_ID"))
+"""The sensor that a calibration is stored for; 0: none is."""
 _BATTERY_LEVELS = ((3, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
 
 
@@ -77,6 +79,7 @@ class Checks:
             wind_too_high=monitors.wind_too_high,
             wind_m_s=round(monitors.wind_m_s, 1) if monitors.wind_too_high else 0.0,
             flight_time_over=monitors.flight_time_over,
+            uncalibrated=tuple(sensor for sensor, name in CALIBRATIONS if not body.choice(name)),
             compasses_required=body.choice("SYS_HAS_MAG"),
             open_drone_id=body.choice("COM_ARM_ODID"),
             parachute_required=body.choice("COM_PARACHUTE") > 0,

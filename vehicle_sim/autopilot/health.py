@@ -26,6 +26,8 @@ COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
 COMPONENT_PARACHUTE = 26
 COMPONENT_MAGNETOMETER = 27
+COMPONENT_ACCELEROMETER = 28
+COMPONENT_GYRO = 29
 COMPONENT_OPEN_DRONE_ID = 30
 WARNING = 4
 """Log level: below it are errors, above it notes that count as neither."""
@@ -82,6 +84,8 @@ class Facts(NamedTuple):
     wind_too_high: bool = False
     wind_m_s: float = 0.0
     flight_time_over: bool = False
+    uncalibrated: tuple[str, ...] = ()
+    """Of "accel", "gyro" and "mag"."""
     compasses_required: int = 1
     """SYS_HAS_MAG."""
     logging: bool = True
@@ -145,12 +149,23 @@ def examine(facts: Facts) -> Report:
                   modes if running is None else running, text)
         )  # fmt: skip
 
+    def add_uncalibrated(sensor: str, component: int, text: str) -> None:
+        if sensor in facts.uncalibrated:
+            checks.append(
+                Check(f"check_{sensor}_not_calibrated", EVERY_MODE, component, EVERY_MODE, 0,
+                      f"Preflight Fail: {text} 0 uncalibrated", counts=(0,))
+            )  # fmt: skip
+
+    add_uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
     for number in range(facts.distance_sensors, facts.distance_sensors_required):
         text = f"Preflight Fail: distance sensor {number} missing"
         checks.append(
             Check("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0, text,
                   counts=(number,))
         )  # fmt: skip
+    add_uncalibrated("gyro", COMPONENT_GYRO, "Gyro")
+    if facts.compasses_required:
+        add_uncalibrated("mag", COMPONENT_MAGNETOMETER, "Compass")
     if facts.compasses_required > COMPASSES:
         counts = COMPASSES, facts.compasses_required
         text = f"Preflight Fail: Found {counts[0]} compass (required: {counts[1]})"

@@ -116,9 +116,7 @@ class ParamCommand:
         return ""
 
     def _reset_all(self, excluded: Words) -> str:
-        for name in self._parameters.changed():
-            if not any(fnmatchcase(name, pattern) for pattern in excluded):
-                self._parameters.reset(name)
+        self._parameters.reset_all(keep=excluded)
         return ""
 
     def _pair(self, words: Words) -> tuple[float, list[float]]:

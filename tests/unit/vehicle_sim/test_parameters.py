@@ -84,8 +84,33 @@ def test_changed_and_reset():
     assert parameters.changed() == ("MAV_SYS_ID", "MPC_XY_CRUISE")
     parameters.reset("MAV_SYS_ID")
     assert parameters.get("MAV_SYS_ID") == 1
-    parameters.reset()
+    parameters.reset("MPC_XY_CRUISE")
     assert parameters.changed() == ()
+
+
+def test_reset_all_forgets_what_was_stored_at_boot_and_keeps_what_it_is_told_to():
+    parameters = Parameters({"MPC_XY_CRUISE": 6.0, "LND_FLIGHT_T_LO": 77})
+    parameters.reset_all(keep=("LND_*",))
+    assert parameters.get("MPC_XY_CRUISE") == parameters.default_of("MPC_XY_CRUISE")
+    assert parameters.get("LND_FLIGHT_T_LO") == 77
+    assert parameters.get("CAL_ACC0_ID") == 0
+    assert parameters.get("CAL_MAG0_PRIO") == -1
+    assert parameters.get("SYS_AUTOSTART") == 0
+    parameters = Parameters({"MPC_XY_CRUISE": 6.0})
+    parameters.reset_all(only=("CAL_ACC*",))
+    assert parameters.get("CAL_ACC0_ID") == 0
+    assert parameters.get("CAL_GYRO0_ID") != 0
+    assert parameters.get("MPC_XY_CRUISE") == 6.0
+
+
+def test_a_start_finds_its_sensors_again_after_a_reset(tmp_path):
+    store = tmp_path / "parameters.json"
+    parameters = Parameters(storage=store)
+    parameters.reset_all()
+    parameters.set("MPC_XY_CRUISE", 6.0)
+    again = Parameters(storage=store)
+    assert again.get("CAL_ACC0_ID") == Parameters().get("CAL_ACC0_ID")
+    assert again.get("MPC_XY_CRUISE") == 6.0
 
 
 def test_hash_is_a_raw_crc_over_names_and_values():
@@ -104,7 +129,7 @@ def test_hash_is_a_raw_crc_over_names_and_values():
     assert parameters.hash() == first, "flight time is volatile"
     parameters.set("MPC_XY_CRUISE", 6.0)
     assert parameters.hash() != first
-    parameters.reset()
+    parameters.reset("MPC_XY_CRUISE")
     assert parameters.hash() == first
 
 
@@ -117,7 +142,7 @@ def test_changes_survive_a_restart(tmp_path):
     assert again.get("MPC_XY_CRUISE") == 6.0
     assert again.get("MPC_XY_VEL_MAX") == math.inf
     assert again.changed() == ("MPC_XY_CRUISE", "MPC_XY_VEL_MAX")
-    again.reset()
+    again.reset_all(only=("MPC_*",))
     assert Parameters(storage=storage).changed() == ()
     assert [path.name for path in storage.parent.iterdir()] == ["parameters.json"]
 

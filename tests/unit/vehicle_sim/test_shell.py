@@ -130,9 +130,12 @@ def test_parameters_are_shown_set_compared_and_reset_and_the_links_hear_of_it(te
     assert terminal.ask("param greater MPC_XY_VEL_MAX 8") == ""
     assert terminal.ask("param reset MPC_XY*") == ""
     assert store.get("MPC_XY_VEL_MAX") == 12.0
+    told = [m for m in terminal.station.heard("PARAM_VALUE") if m.param_id == "MPC_XY_VEL_MAX"]
+    assert told[-1].param_value == 8.5, "PX4 tells changes, not resets"
     assert "1 differ from" in terminal.ask("param set COM_OF_LOSS_T 3") + terminal.ask("param status")
     terminal.ask("param reset_all COM_*")
-    assert store.changed() == ("COM_OF_LOSS_T",)
+    assert store.get("COM_OF_LOSS_T") == 3.0
+    assert store.get("CAL_ACC0_ID") == 0
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,13 @@ REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 18
 RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, AUTOTUNE, EXTERNAL_WIND = 211, 212, 43004
 FORCE = 21196
+LOAD, SAVE = 0, 1
+STORAGE_RESETS = {
+    2: (("*",), ("LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "COM_FLIGHT_UUID")),
+    3: (("CAL_ACC*", "CAL_GYRO*", "CAL_MAG*"), ()),
+    4: (("*",), ()),
+}
+"""param1 of PREFLIGHT_STORAGE: which parameters become their defaults, and which of them do not."""
 GRIPPER_S = 1.0
 """PD_GRIPPER_TO: a gripper that tells nothing is taken to be done after it."""
 ALTITUDE_LIMIT_M = 100_000.0
@@ -261,9 +268,14 @@ class CommandService:
         return ACCEPTED
 
     def _storage(self, c: Command) -> int | None:
-        if c.p1 < 0:
-            return None
-        return TEMPORARILY_REJECTED if self._commander.armed else ACCEPTED
+        if self._commander.armed:
+            return TEMPORARILY_REJECTED
+        what = int(c.p1) if math.isfinite(c.p1) else -1
+        if what in STORAGE_RESETS:
+            only, keep = STORAGE_RESETS[what]
+            parameters = self._context.body.parameters
+            self._context.later(lambda: parameters.reset_all(only=only, keep=keep))
+        return ACCEPTED if what in (LOAD, SAVE, *STORAGE_RESETS) else None
 
     def _gripper(self, c: Command) -> int | None:
         grab = c.p2 == 1.0

@@ -88,7 +88,10 @@ class ParamService:
         why = self._context.body.simulation.reload_parameters(self._context.body.row)
         if why is not None:
             self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
-        self._mark(name)
+        if self._parameters.resetting:
+            self._unsaved.discard(name)
+        else:
+            self._mark(name)
         self._tell_at_s = min(self._tell_at_s, self._context.body.time_s + TELL_AFTER_S)
 
     def _mark(self, name: str) -> None:
