@@ -110,6 +110,8 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
     "commander_max_flight_time_warning_minutes": (23657844, 68),
     "commander_max_flight_time_warning_seconds": (24491452, 68),
     "navigator_reposition_outside_geofence": (30272452, 99),
+    "navigator_change_altitude_outside_geofence": (18658125, 99),
+    "commander_ctrl_high_latency_failed": (33368711, 98),
     "navigator_geofence_invalid_against_home": (27750677, 66),
     "navigator_mis_unsup_cmd": (25552931, 67),
     "navigator_mis_vtol_items": (28298937, 99),

@@ -80,26 +80,35 @@ class Navigator:
         return self._orbit.circle
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
-        """DO_REPOSITION; what is not finite stays as it is."""
-        north, east, down = self.path.position_ned_m
-        old = self.path.target_ned_m
+        """DO_REPOSITION; without a place it keeps the one it flies to, without an altitude the present one.
+
+        With nothing at all the vehicle stops.
+        """
+        if not (is_place(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
+            self.stop_at(math.nan)
+            return
+        north, east, down = self._body.belief.position_ned_m
+        target_n, target_e, _ = self.path.target_ned_m
         origin_lat, origin_lon, origin_alt = self._body.origin
-        target_n, target_e, target_d = (
-            old[0] if old[0] is not None else north,
-            old[1] if old[1] is not None else east,
-            old[2] if old[2] is not None else down,
-        )
         if is_place(lat_deg, lon_deg):
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             target_n, target_e = float(n), float(e)
-        if math.isfinite(alt_amsl_m):
-            target_d = -(alt_amsl_m - origin_alt)
+        elif target_n is None or target_e is None:
+            target_n, target_e = north, east
+        target_d = -(alt_amsl_m - origin_alt) if math.isfinite(alt_amsl_m) else down
         self.path.target_ned_m = (target_n, target_e, target_d)
         self.path.faces_target = not math.isfinite(yaw_ned_rad)
         if math.isfinite(yaw_ned_rad):
             self.path.yaw_target_rad = yaw_ned_rad
         else:
             self.path.face(target_n, target_e)
+
+    def stop_at(self, alt_amsl_m: float) -> None:
+        """Come to rest, at this altitude (NaN: the present one)."""
+        north, east, down = self._stopping_place()
+        if math.isfinite(alt_amsl_m):
+            down = -(alt_amsl_m - self._body.origin[2])
+        self.path.target_ned_m, self.path.faces_target = (north, east, down), True
 
     def change_speed(self, kind: float, speed_m_s: float) -> None:
         """DO_CHANGE_SPEED; what is no speed takes the parameters' again."""

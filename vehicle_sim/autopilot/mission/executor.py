@@ -133,6 +133,15 @@ class Mission:
         """Items."""
         return len(self._items)
 
+    @property
+    def landing_start(self) -> int | None:
+        """Where its landing begins: DO_LAND_START, else LAND; None: it has none."""
+        for command in (LAND_START, LAND):
+            for seq, item in enumerate(self._items):
+                if item.command == command:
+                    return seq
+        return None
+
     def set_current(self, seq: int) -> bool:
         """Go on with another item."""
         if not 0 <= seq < len(self._items):

@@ -12,6 +12,7 @@ from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.services.command_types import (
     ACCEPTED,
+    CANCELLED,
     DENIED,
     FAILED,
     IN_PROGRESS,
@@ -22,15 +23,24 @@ from vehicle_sim.mavlink.services.command_types import (
 
 Handler = Callable[[Command], int | None]
 
-NO_ANSWER = frozenset({0, 203, 206, 214, 243, 311, 521, 530, 531, 2003, 2511, 42600})
+NO_ANSWER = frozenset(
+    {0, 1, 2, 93, 203, 204, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
+     30002, 42600}
+)  # fmt: skip
 """PX4 acknowledges none of these here: nobody handles them, or who does stays silent."""
-ALWAYS_ACCEPTED = frozenset({186, 2510})
+ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
+"""Of these without an effect here: no actuator sets, no fixed-wing landing to break off, no log stream."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
 TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
+CHANGE_ALTITUDE, GO_TO_LANDING, HIGH_LATENCY = 186, 189, 2600
 RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, AUTOTUNE, EXTERNAL_WIND = 211, 212, 43004
 FORCE = 21196
+AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
+"""Of MAV_MODE_FLAG."""
+FIRST_MOTOR, FIRST_SERVO, MOTORS, SERVOS, OWN_FUNCTIONS = 1, 33, 12, 8, 1000
+"""ACTUATOR_OUTPUT_FUNCTION; from 1000 on PX4's own numbers follow."""
 LOAD, SAVE = 0, 1
 STORAGE_RESETS = {
     2: (("*",), ("LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "COM_FLIGHT_UUID")),
@@ -77,6 +87,9 @@ class CommandService:
             ORBIT: self._orbit,
             FIGURE_EIGHT: self._figure_eight,
             REPOSITION: self._reposition,
+            CHANGE_ALTITUDE: self._change_altitude,
+            GO_TO_LANDING: self._go_to_landing,
+            HIGH_LATENCY: self._high_latency,
             CHANGE_SPEED: self._change_speed,
             SET_HOME: self._set_home,
             TERMINATE: self._terminate,
@@ -84,7 +97,7 @@ class CommandService:
             RUN_PREARM_CHECKS: self._checks,
             STORAGE: self._storage,
             REBOOT: lambda c: ACCEPTED if c.p1 == 0.0 else DENIED,
-            ACTUATOR_TEST: lambda c: DENIED if self._commander.armed else ACCEPTED,
+            ACTUATOR_TEST: self._actuator_test,
             GRIPPER: self._gripper,
             AUTOTUNE: self._autotune,
             EXTERNAL_WIND: self._external_wind,
@@ -148,10 +161,11 @@ class CommandService:
     # --- arming and modes ------------------------------------------------------------------------------
 
     def _arm(self, c: Command) -> int | None:
-        if math.isnan(c.p1) or abs(c.p1) < 1.0:
-            done = self._commander.disarm(force=c.p2 == FORCE)
+        action = _rounded(c.p1)
+        if action == 0:
+            done = self._commander.disarm(force=_rounded(c.p2) == FORCE)
             return ACCEPTED if done else TEMPORARILY_REJECTED
-        if not 1.0 <= c.p1 < 2.0:
+        if action != 1:
             self._announcer.both(
                 2, f"Unsupported ARM_DISARM param: {c.p1:.3f}", "commander_unsupported_arm_disarm_param",
                 "f", c.p1,
@@ -163,9 +177,10 @@ class CommandService:
         return self._switch_by_numbers(c)
 
     def _switch_by_numbers(self, c: Command) -> int:
-        base = int(c.p1) if math.isfinite(c.p1) else 0
-        if not base & 1:
-            return ACCEPTED
+        base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
+        if not base & CUSTOM_FLAG:
+            mode = _mode_of_flags(base)
+            return ACCEPTED if mode is None else self._switch(mode, told=c.sender[1] == TOLD_OF_REFUSALS)
         main = int(c.p2) if math.isfinite(c.p2) else 0
         sub = int(c.p3) if math.isfinite(c.p3) else 0
         try:
@@ -212,7 +227,10 @@ class CommandService:
 
     def _orbit(self, c: Command) -> int:
         self._navigator.orbit((c.p5, c.p6, c.p7), c.p1, c.p2, c.p3)
-        return self._switch(NavState.ORBIT)
+        result = self._switch(NavState.ORBIT, told=False)
+        if result != ACCEPTED:
+            self._announcer.text(2, "Orbit refused")
+        return result
 
     def _figure_eight(self, c: Command) -> int | None:
         self._announcer.text(2, "Figure 8 command only available for fixed wing and vtol vehicles.")
@@ -222,20 +240,40 @@ class CommandService:
         flags = int(c.p2) if math.isfinite(c.p2) else 0
         if flags != REPOSITION_CHANGE_MODE:
             return UNSUPPORTED
-        if self._leaves_fence(c):
-            self._announcer.both(2, "Reposition is outside geofence", "navigator_reposition_outside_geofence")
-            return ACCEPTED
+        outside = self._leaves_fence(c.p5, c.p6, c.p7)
+        was_holding = self._commander.active is NavState.HOLD
         result = self._switch(NavState.HOLD)
-        if result == ACCEPTED and self._commander.armed:
+        if result != ACCEPTED or not self._commander.armed:
+            return result
+        if outside:
+            self._announcer.both(2, "Reposition is outside geofence", "navigator_reposition_outside_geofence")
+        elif self._commander.active is NavState.HOLD:
             self._navigator.goto(c.p5, c.p6, c.p7, c.p4)
             if math.isfinite(c.p1) and c.p1 > 0.0:
                 self._navigator.path.cruise_m_s = c.p1
+            elif not was_holding:
+                self._navigator.path.cruise_m_s = math.nan
         return result
 
-    def _leaves_fence(self, c: Command) -> bool:
+    def _change_altitude(self, c: Command) -> int:
+        """Hold, at another altitude above sea level [m], over where the vehicle comes to rest."""
+        outside = self._leaves_fence(math.nan, math.nan, c.p1)
+        result = self._switch(NavState.HOLD)
+        if result != ACCEPTED or not self._commander.armed:
+            return result
+        if outside:
+            self._announcer.both(
+                2, "Altitude outside the geofence", "navigator_change_altitude_outside_geofence"
+            )
+        elif self._commander.active is NavState.HOLD:
+            self._navigator.stop_at(c.p1)
+        return result
+
+    def _leaves_fence(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
         belief = self._context.body.belief
-        lat, lon = (c.p5, c.p6) if is_place(c.p5, c.p6) else (belief.lat_deg, belief.lon_deg)
-        alt = c.p7 if math.isfinite(c.p7) else belief.alt_amsl_m
+        here = belief.lat_deg, belief.lon_deg
+        lat, lon = (lat_deg, lon_deg) if is_place(lat_deg, lon_deg) else here
+        alt = alt_amsl_m if math.isfinite(alt_amsl_m) else belief.alt_amsl_m
         return math.isfinite(lat) and not self._navigator.fence.allows(lat, lon, alt)
 
     def _change_speed(self, c: Command) -> int:
@@ -243,10 +281,14 @@ class CommandService:
         return ACCEPTED
 
     def _set_home(self, c: Command) -> int:
-        if c.p1 == 1.0:
-            return ACCEPTED if self._commander.home.set_here() else DENIED
+        if not self._context.body.choice("COM_HOME_EN"):
+            return DENIED
+        if c.p1 > 0.5:
+            return ACCEPTED if self._commander.home.set_here() else TEMPORARILY_REJECTED
         if not (abs(c.p5) <= 90.0 and abs(c.p6) <= 180.0 and abs(c.p7) <= ALTITUDE_LIMIT_M):
             return DENIED
+        if not self._context.body.belief.valid_position:
+            return TEMPORARILY_REJECTED
         self._commander.home.set(c.p5, c.p6, c.p7, c.p4)
         return ACCEPTED
 
@@ -261,7 +303,30 @@ class CommandService:
             return DENIED
         return ACCEPTED if started else TEMPORARILY_REJECTED
 
+    def _go_to_landing(self, c: Command) -> int:
+        """DO_LAND_START: on with the mission where its landing begins."""
+        start = self._navigator.mission.landing_start
+        if start is None:
+            return CANCELLED
+        self._commander.start_mission(float(start))
+        return ACCEPTED
+
     # --- the rest --------------------------------------------------------------------------------------
+
+    def _actuator_test(self, c: Command) -> int:
+        if self._commander.armed or self._context.body.choice("COM_MOT_TEST_EN") != 1:
+            return DENIED
+        which = int(c.p5 + 0.5) if math.isfinite(c.p5) else 0
+        known = (
+            FIRST_MOTOR <= which < FIRST_MOTOR + MOTORS
+            or FIRST_SERVO <= which < FIRST_SERVO + SERVOS
+            or which >= OWN_FUNCTIONS
+        )
+        return ACCEPTED if known else UNSUPPORTED
+
+    def _high_latency(self, c: Command) -> int:
+        self._announcer.both(2, "No high-latency telemetry to control", "commander_ctrl_high_latency_failed")
+        return FAILED
 
     def _checks(self, c: Command) -> int:
         self._commander.run_checks()
@@ -297,3 +362,19 @@ class CommandService:
     def _external_wind(self, c: Command) -> int:
         self._acknowledge(c, ACCEPTED)
         return UNSUPPORTED
+
+
+def _rounded(value: float) -> int:
+    """To the nearest whole number, halves away from zero; 0 for what is no number."""
+    return int(math.copysign(math.floor(abs(value) + 0.5), value)) if math.isfinite(value) else 0
+
+
+def _mode_of_flags(base: int) -> NavState | None:
+    """What the old base modes ask for, without a mode of PX4's own."""
+    if base & AUTO_FLAG:
+        return NavState.MISSION
+    if not base & MANUAL_FLAG:
+        return None
+    if base & GUIDED_FLAG:
+        return NavState.POSITION
+    return NavState.STABILIZED if base & STABILIZE_FLAG else NavState.MANUAL

@@ -1,0 +1,188 @@
+"""Commands a ground station may send at any time: what the vehicle does, and what it answers."""
+
+import math
+
+import pytest
+from plan_station import MISSION_MODE, PlanStation
+from sim_station import HOLD, NAN, POSITION
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
+ARM, SET_MODE, REPOSITION, CHANGE_ALTITUDE, CHANGE_SPEED = 400, 176, 192, 186, 178
+SET_HOME, ACTUATOR_TEST, GO_TO_LANDING, HIGH_LATENCY, ORBIT = 179, 310, 189, 2600, 34
+STABILIZED, MANUAL = 0x70000, 0x10000
+
+
+@pytest.fixture
+def ground() -> PlanStation:
+    station = PlanStation(sensor_noise=False)
+    station.ready_to_arm()
+    return station
+
+
+@pytest.fixture
+def air(ground: PlanStation) -> PlanStation:
+    ground.fly_to(8.0)
+    return ground
+
+
+def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:
+    asked_s = s.now_s
+    s.command(command, *parameters)
+    s.run(0.2)
+    return s.acks(command, asked_s)
+
+
+def amsl(s: PlanStation, height_m: float) -> float:
+    return s.sim.autopilots[0].home.alt_amsl_m + height_m
+
+
+def place(s: PlanStation) -> tuple[float, float]:
+    north, east, _ = s.sim.simulation.truth.position_ned_m[0]
+    return float(north), float(east)
+
+
+def go_north(s: PlanStation, metres: float) -> None:
+    there = s.item(16, metres)
+    assert ask(s, REPOSITION, -1, 1, 0, NAN, there["x"] / 1e7, there["y"] / 1e7, amsl(s, 8.0)) == [ACCEPTED]
+
+
+def test_a_change_of_altitude_is_flown_over_the_place_and_ends_a_go_to(air):
+    go_north(air, 60.0)
+    air.run(4.0)
+    left_at_m = place(air)[0]
+    assert ask(air, CHANGE_ALTITUDE, amsl(air, 14.0)) == [ACCEPTED]
+    air.run(12.0)
+    assert air.height_m == pytest.approx(14.0, abs=0.5)
+    assert left_at_m < place(air)[0] < left_at_m + 12.0, "it comes to rest, it does not fly on"
+    assert air.flown_mode == HOLD
+
+
+def test_a_change_of_altitude_beyond_the_fence_only_holds(air):
+    air.sim.set_parameter(0, "GF_MAX_VER_DIST", 12.0)
+    air.run(1.5)
+    asked_s = air.now_s
+    assert ask(air, CHANGE_ALTITUDE, amsl(air, 30.0)) == [ACCEPTED]
+    air.run(5.0)
+    assert air.height_m == pytest.approx(8.0, abs=0.5)
+    assert "navigator_change_altitude_outside_geofence" in air.events(asked_s)
+
+
+def test_a_go_to_with_nothing_in_it_stops(air):
+    go_north(air, 60.0)
+    air.run(4.0)
+    left_at_m = place(air)[0]
+    assert ask(air, REPOSITION, -1, 1, 0, NAN, NAN, NAN, NAN) == [ACCEPTED]
+    air.run(8.0)
+    assert left_at_m < place(air)[0] < left_at_m + 12.0
+    assert air.height_m == pytest.approx(8.0, abs=0.5)
+
+
+def test_a_go_to_with_an_altitude_alone_goes_on_to_its_place(air):
+    go_north(air, 20.0)
+    air.run(1.0)
+    assert ask(air, REPOSITION, -1, 1, 0, NAN, NAN, NAN, amsl(air, 12.0)) == [ACCEPTED]
+    air.run(12.0)
+    assert place(air)[0] == pytest.approx(20.0, abs=1.0)
+    assert air.height_m == pytest.approx(12.0, abs=0.5)
+
+
+def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(air):
+    air.upload([air.item(16, 60.0), air.item(16, 60.0, 30.0)])
+    assert ask(air, SET_MODE, 1, 4, 4)[-1] == ACCEPTED
+    air.run(3.0)
+    assert air.flown_mode == MISSION_MODE
+    air.sim.set_parameter(0, "GF_MAX_HOR_DIST", 100.0)
+    air.run(0.5)
+    there, asked_s = air.item(16, 300.0), air.now_s
+    assert ask(air, REPOSITION, -1, 1, 0, NAN, there["x"] / 1e7, there["y"] / 1e7, amsl(air, 8.0)) == [0]
+    assert "navigator_reposition_outside_geofence" in air.events(asked_s)
+    assert air.flown_mode == HOLD
+    air.run(8.0)
+    assert place(air)[0] < 45.0
+
+
+def test_a_go_to_from_another_mode_forgets_a_changed_speed_and_one_in_hold_keeps_it(air):
+    cruise = air.sim.autopilots[0].navigator.path
+    ask(air, CHANGE_SPEED, 1, 2.0, -1)
+    go_north(air, 5.0)
+    assert cruise.cruise_m_s == 2.0
+    air.send("MANUAL_CONTROL", target=1, x=0, y=0, z=500, r=0, buttons=0)
+    air.run(0.2)
+    assert ask(air, SET_MODE, 1, 3, 0)[-1] == ACCEPTED
+    go_north(air, 5.0)
+    assert math.isnan(cruise.cruise_m_s)
+
+
+def test_the_landing_of_a_mission_can_be_asked_for(air):
+    assert ask(air, GO_TO_LANDING) == [CANCELLED]
+    air.upload([air.item(16, 30.0), air.action(189), air.item(16, 5.0), air.item(21, 0.0, height_m=0.0)])
+    assert ask(air, GO_TO_LANDING) == [ACCEPTED]
+    air.run(1.0)
+    assert air.flown_mode == MISSION_MODE
+    assert air.sim.autopilots[0].navigator.mission.current >= 1
+
+
+@pytest.mark.parametrize(
+    ("param1", "armed"), [(0.6, True), (1.4, True), (0.4, False), (-0.4, False), (NAN, False)]
+)
+def test_arming_takes_the_nearest_whole_number(ground, param1, armed):
+    assert ask(ground, ARM, param1) == [ACCEPTED]
+    assert ground.armed is armed
+
+
+@pytest.mark.parametrize("param1", [1.5, 2.0, -0.6])
+def test_arming_with_another_number_is_told_and_not_answered(ground, param1):
+    asked_s = ground.now_s
+    assert ask(ground, ARM, param1) == []
+    assert "commander_unsupported_arm_disarm_param" in ground.events(asked_s)
+
+
+@pytest.mark.parametrize(
+    ("base", "mode"),
+    [
+        (4, MISSION_MODE),
+        (64 | 8, POSITION),
+        (64 | 16, STABILIZED),
+        (64, MANUAL),
+        (128 | 64, MANUAL),
+        (16, HOLD),
+    ],
+)
+def test_base_modes_choose_a_mode_too(ground, base, mode):
+    assert ask(ground, SET_MODE, base, 0, 0)[-1] == ACCEPTED
+    assert ground.flown_mode == mode
+
+
+def test_home_stays_where_it_is_when_it_may_not_be_moved(ground):
+    ground.sim.set_parameter(0, "COM_HOME_EN", 0)
+    assert ask(ground, SET_HOME, 1) == [DENIED]
+    ground.sim.set_parameter(0, "COM_HOME_EN", 1)
+    assert ask(ground, SET_HOME, 0.7) == [ACCEPTED]
+    assert ask(ground, SET_HOME, 0, 0, 0, NAN, NAN, 8.5, 490.0) == [DENIED]
+
+
+@pytest.mark.parametrize(
+    ("output", "result"),
+    [(1, ACCEPTED), (12, ACCEPTED), (13, UNSUPPORTED), (33, ACCEPTED), (41, UNSUPPORTED), (1101, ACCEPTED)],
+)
+def test_actuator_tests_name_an_output_there_can_be(ground, output, result):
+    assert ask(ground, ACTUATOR_TEST, 0.0, 1.0, 0, 0, output) == [result]
+
+
+def test_actuator_tests_can_be_forbidden(ground):
+    ground.sim.set_parameter(0, "COM_MOT_TEST_EN", 0)
+    assert ask(ground, ACTUATOR_TEST, 0.0, 1.0, 0, 0, 1) == [DENIED]
+
+
+def test_there_is_no_high_latency_link_to_control(ground):
+    asked_s = ground.now_s
+    assert ask(ground, HIGH_LATENCY, 1) == [FAILED]
+    assert "commander_ctrl_high_latency_failed" in ground.events(asked_s)
+
+
+def test_an_orbit_without_a_position_is_refused(air):
+    air.sim.simulation.set_gps_enabled(0, False)
+    air.run(9.0)
+    asked_s = air.now_s
+    assert ask(air, ORBIT, 10, 2, 0, NAN, NAN, NAN, NAN) == [TEMPORARILY_REJECTED]
+    assert "Orbit refused" in air.texts(asked_s)
