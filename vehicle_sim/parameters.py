@@ -13,6 +13,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
@@ -37,6 +38,27 @@ _VOLATILE_NAMES = frozenset(
 NO_PRIORITY = -1
 """CAL_*_PRIO of a sensor that nobody gave one."""
 _NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
+
+
+_SET_AT_BOOT = frozenset(
+    {
+        "CAL_ACC0_ID", "CAL_ACC1_ID", "CAL_ACC2_ID", "CAL_BARO0_ID", "CAL_BARO0_OFF", "CAL_BARO0_PRIO",
+        "CAL_GYRO0_ID", "CAL_GYRO1_ID", "CAL_GYRO2_ID", "CAL_MAG0_ID", "CAL_MAG0_PRIO", "CAL_MAG1_ID",
+        "CAL_MAG1_PRIO", "SENS_BOARD_X_OFF", "SENS_DPRES_OFF", "SYS_AUTOCONFIG", "SYS_AUTOSTART",
+        "UXRCE_DDS_KEY", "UXRCE_DDS_PTCFG",
+    }
+)  # fmt: skip
+"""Told at each first boot of the recorded vehicles; what was found, and what the start script sets."""
+_DEFAULTS = {"SENS_BOARD_X_OFF": 0.0, "SENS_DPRES_OFF": 0.0, "UXRCE_DDS_KEY": 1, "UXRCE_DDS_PTCFG": 0}
+"""Of these; ids are 0 and priorities -1, the rest as at boot."""
+
+
+class Change(Enum):
+    """How a parameter changed: PX4 tells what is set, and neither what is reset nor what it counts."""
+
+    SET = "set"
+    RESET = "reset"
+    COUNT = "count"
 
 
 class UnknownParameterError(KeyError):
@@ -110,13 +132,20 @@ class Parameters:
         self._by_name = {default.name: default for default in defaults}
         self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
         self._listeners: list[Listener] = []
-        self.resetting = False
-        """While listeners hear of a reset: PX4 does not count it as a change to be saved and told."""
+        self.change = Change.SET
+        """While listeners hear of a change: of which kind it is."""
+        self.set_at_boot: tuple[str, ...] = ()
+        """What PX4 and its start script stored at boot; nothing where that had been done before."""
         self._storage: Path | None = None
         if storage is not None and storage.exists():
             self._load(storage)
+        else:
+            self.set_at_boot = tuple(name for name in self._names if name in _SET_AT_BOOT)
         for name, value in (overrides or {}).items():
             self.set(name, value)
+        self.set_at_boot = tuple(
+            name for name in self._names if name in self.set_at_boot or name in (overrides or {})
+        )
         self._storage = storage
 
     def __len__(self) -> int:
@@ -189,17 +218,24 @@ class Parameters:
 
     def reset(self, name: str) -> None:
         """Back to its default, which is the boot value unless PX4 or its start script stored that one."""
-        self.resetting = True
-        try:
-            self.set(name, _default(name, self._default(name).value))
-        finally:
-            self.resetting = False
+        self._change(name, _default(name, self._default(name).value), Change.RESET)
 
     def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
         """All whose names fit one of the patterns `only` and none of `keep`."""
         for name in self._names:
             if _fits(name, only) and not _fits(name, keep):
                 self.reset(name)
+
+    def count(self, name: str, value: ParameterValue) -> None:
+        """Store a statistic of PX4's own: who wants to know it asks."""
+        self._change(name, value, Change.COUNT)
+
+    def _change(self, name: str, value: ParameterValue, change: Change) -> None:
+        self.change = change
+        try:
+            self.set(name, value)
+        finally:
+            self.change = Change.SET
 
     def changed(self) -> tuple[str, ...]:
         """Names whose value differs from the boot value, in list order."""
@@ -261,8 +297,9 @@ def _default(name: str, boot_value: ParameterValue) -> ParameterValue:
     """The boot value, but for what is stored at boot: which sensors were found, and the airframe."""
     if name.startswith("CAL_") and name.endswith("_PRIO"):
         return NO_PRIORITY
-    stored = name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID"))
-    return 0 if stored else boot_value
+    if name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID")):
+        return 0
+    return _DEFAULTS.get(name, boot_value)
 
 
 def _same(a: ParameterValue, b: ParameterValue) -> bool:

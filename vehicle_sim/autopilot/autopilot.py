@@ -37,10 +37,10 @@ class Autopilot:
         self.plans = Plans()
         self.own_commands = OwnCommands()
         self.navigator = Navigator(body, self.announcer, self._row, self.home, self.plans, self.own_commands)
-        self.commander = Commander(
-            body, self.announcer, self._row, self.navigator, self.offboard, self.own_commands
-        )
         self.sticks = Sticks(body)
+        self.commander = Commander(
+            body, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
+        )
         self._manual = Manual(body, self._row, self.sticks, self.home)
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()

@@ -7,6 +7,7 @@ from enum import IntEnum
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.arming import FlightCount, why_denied
 from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
@@ -19,6 +20,7 @@ from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
 from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.sticks import Sticks
 
 REFUSAL_EVERY_S = 1.0
 """A refused change of mode is told at most this often."""
@@ -58,8 +60,11 @@ class Commander:
         navigator: Navigator,
         offboard: Offboard,
         commands: OwnCommands,
+        sticks: Sticks,
     ) -> None:
         self._body = body
+        self._sticks = sticks
+        self._flights = FlightCount(body)
         self._announcer = announcer
         self._row = row
         self._navigator = navigator
@@ -92,11 +97,9 @@ class Commander:
         if self.armed:
             return True
         self._check()
-        if not self.report.armable(self.intended):
-            self._announcer.both(
-                2, "Arming denied: Resolve system health failures first",
-                "commander_arm_denied_resolve_failures",
-            )  # fmt: skip
+        denied = why_denied(self.report, self.intended, self._sticks, calibrating=self.calibrating)
+        if denied is not None:
+            self._announcer.both(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
             return False
         self.armed = True
         self._armed_at_s = self._body.time_s
@@ -121,6 +124,7 @@ class Commander:
         self._announcer.both(6, f"Disarmed by {_TEXTS[reason]}", "commander_disarmed_by", "B", reason)
         self._body.simulation.refill_battery(self._body.row)
         self._watch.reset()
+        self._flights.disarmed()
         self.intended = self._after_disarming
         self._activate(self.intended)
         return True
@@ -267,6 +271,7 @@ class Commander:
                 self._announcer.both(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
             self._flew = True
+            self._flights.lifted()
             self._announcer.both(6, "Takeoff detected", "commander_takeoff_detected")
             self.home.lifted()
 

@@ -237,6 +237,7 @@ def test_without_a_position_nothing_that_needs_one_arms() -> None:
 def test_autotuning_is_wished_for_on_the_ground_and_refused_in_the_air() -> None:
     station = Station()
     station.run_until(lambda: station.ready, 15)
+    station.run(1.0)
     since_s = station.now_s
     station.command(212, 1)
     station.run(0.1)

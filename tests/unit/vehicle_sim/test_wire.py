@@ -18,6 +18,9 @@ from vehicle_sim.mavlink.rates import API, GCS
 ONLY_IN_ORBIT = {"ORBIT_EXECUTION_STATUS"}
 NOT_ON_GROUND = {"POSITION_TARGET_GLOBAL_INT"} | ONLY_IN_ORBIT
 
+BOOTED_S = 2.0
+"""By then a vehicle has told the parameters that it stored at boot."""
+
 
 def frame(name: str, sequence: int = 0, **fields: object) -> bytes:
     layout, payload = pack(name, **fields)
@@ -98,17 +101,19 @@ def test_texts_wait_for_a_ground_station_and_events_do_not() -> None:
 
 def test_all_parameters_come_within_a_second_hash_first() -> None:
     s = Station()
-    s.run(1)
+    s.run(BOOTED_S)
+    asked_s = s.now_s
     s.send("PARAM_REQUEST_LIST", target_system=1, target_component=1)
     s.run(1.0)
-    values = s.heard("PARAM_VALUE")
+    values = s.heard("PARAM_VALUE", since_s=asked_s)
     assert values[0].param_id == "_HASH_CHECK"
     assert [m.param_index for m in values[1:]] == list(range(values[1].param_count))
 
 
 def test_parameters_are_set_bytewise_and_nonsense_gets_no_reply() -> None:
     s = Station(links=BOTH)
-    s.run(0.5)
+    s.run(BOOTED_S)
+    asked_s = s.now_s
     as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
 
     def set_(name: str, value: float, kind: int) -> None:
@@ -118,19 +123,19 @@ def test_parameters_are_set_bytewise_and_nonsense_gets_no_reply() -> None:
     set_("NAV_DLL_ACT", as_float, 6)
     s.run(0.1)
     assert s.sim.simulation.parameters[0].get("NAV_DLL_ACT") == 3
-    assert len(s.heard("PARAM_VALUE", "gcs")) == 2
-    assert len(s.heard("PARAM_VALUE", "api")) == 1
+    assert len(s.heard("PARAM_VALUE", "gcs", asked_s)) == 2
+    assert len(s.heard("PARAM_VALUE", "api", asked_s)) == 1
     set_("NAV_DLL_ACT", 2.0, 9)
     set_("NO_SUCH_PARAM", 2.0, 9)
     s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_id="NOPE", param_index=-1)
     s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5000)
     s.run(0.1)
-    assert len(s.heard("PARAM_VALUE", "gcs")) == 2
+    assert len(s.heard("PARAM_VALUE", "gcs", asked_s)) == 2
 
 
 def test_an_impossible_airframe_does_not_end_the_simulation() -> None:
     s = Station()
-    s.run(0.5)
+    s.run(BOOTED_S)
     s.send(
         "PARAM_SET", target_system=1, target_component=1, param_id="SIH_MASS", param_value=0.0, param_type=9
     )

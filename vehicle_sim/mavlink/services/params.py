@@ -11,7 +11,7 @@ from vehicle_sim.autopilot.parameter_limits import ParameterLimits
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.parameters import ParameterValue
+from vehicle_sim.parameters import Change, ParameterValue
 
 HASH_NAME = "_HASH_CHECK"
 HASH_INDEX = 65535
@@ -20,6 +20,7 @@ UINT32, INT32, REAL32 = 5, 6, 9
 BURST_PER_STEP = 5
 """With 250 steps a second this sends 930 values in 0.8 s."""
 TELL_AFTER_S = 0.01
+TELL_AT_BOOT_S = 1.0
 SAVE_AFTER_S, SAVE_EVERY_S = 0.3, 2.0
 """PX4 saves so long after a change, and no more often; until then a value counts as unsaved."""
 SAME = 1.19e-7
@@ -39,6 +40,10 @@ class ParamService:
         self._tell_at_s = math.inf
         self._limits = ParameterLimits(self._parameters, context.autopilot.announcer)
         self._parameters.add_listener(self._note)
+        if self._parameters.set_at_boot:
+            self._unsaved.update(self._parameters.set_at_boot)
+            self._tell_at_s = TELL_AT_BOOT_S
+            self._save_at_s = TELL_AT_BOOT_S + SAVE_AFTER_S
         self.handlers = {
             "PARAM_REQUEST_LIST": self.request_list,
             "PARAM_REQUEST_READ": self.request_read,
@@ -88,7 +93,9 @@ class ParamService:
         why = self._context.body.simulation.reload_parameters(self._context.body.row)
         if why is not None:
             self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
-        if self._parameters.resetting:
+        if self._parameters.change is Change.COUNT:
+            return
+        if self._parameters.change is Change.RESET:
             self._unsaved.discard(name)
         else:
             self._mark(name)

@@ -1,0 +1,57 @@
+"""What keeps a vehicle from being armed, and what PX4 counts of its flights."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.health import Report
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.sticks import Sticks
+from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES
+
+THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
+"""Of the stick, -1..1: what climbs at once, and what gives no thrust."""
+_LOW_WORD = 0xFFFFFFFF
+
+
+def why_denied(
+    report: Report, mode: NavState, sticks: Sticks, *, calibrating: bool
+) -> tuple[str, str] | None:
+    """Why the vehicle may not be armed in this mode, in words and as the event's name ends; None: it may."""
+    if calibrating:
+        return "calibrating", "calibrating"
+    if mode in STICK_MODES and sticks.valid:
+        if mode in DIRECT_MODES and not sticks.raw.throttle < THROTTLE_LOW:
+            return "throttle is not down", "throttle_high"
+        if mode not in DIRECT_MODES and sticks.raw.throttle > THROTTLE_ABOVE_CENTRE:
+            return "throttle is above its centre", "throttle_center"
+    if not report.armable(mode):
+        return "Resolve system health failures first", "resolve_failures"
+    return None
+
+
+class FlightCount:
+    """COM_FLIGHT_UUID and LND_FLIGHT_T_*: how often it was disarmed, and how long it has flown."""
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+        self._lifted_at_s = math.nan
+
+    def lifted(self) -> None:
+        """A take-off; the first since arming counts."""
+        if math.isnan(self._lifted_at_s):
+            self._lifted_at_s = self._body.time_s
+
+    def disarmed(self) -> None:
+        """The end of a flight, or of none."""
+        parameters = self._body.parameters
+        parameters.count("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
+        if math.isnan(self._lifted_at_s):
+            return
+        high, low = int(parameters.get("LND_FLIGHT_T_HI")), int(parameters.get("LND_FLIGHT_T_LO"))
+        flown_us = round(1e6 * (self._body.time_s - self._lifted_at_s))
+        total_us = (high << 32 | low & _LOW_WORD) + flown_us
+        parameters.count("LND_FLIGHT_T_HI", total_us >> 32)
+        parameters.count("LND_FLIGHT_T_LO", total_us & _LOW_WORD)
+        self._lifted_at_s = math.nan
