@@ -17,12 +17,14 @@ const nowS = (): number => performance.now() / 1000;
 
 const turns = new Turns();
 
+const nameOf = (id: string): string => page.factsOf(id)?.name ?? `Vehicle ${id}`;
+
 export const offboard = new OffboardControl(page.api, turns, nowS);
 
 export const actions = new ActionController(page.api, nowS, (facts, wish) => offboard.start(facts, wish), (id) => page.factsOf(id));
 
 export const groups = new GroupDesk(
-  page.api, turns, actions, nowS, () => document.visibilityState === 'visible', (id) => page.factsOf(id)?.name ?? `Vehicle ${id}`,
+  page.api, turns, actions, nowS, () => document.visibilityState === 'visible', nameOf,
   (id) => offboard.drop(id),
 );
 
@@ -44,6 +46,9 @@ export const replay = new ReplayControl({
 
 export function start(): void {
   offboard.onAlone = (id) => groups.sentAlone(id);
+  offboard.onNotRenewed = (id, problem) => {
+    void actions.attempt('Renewing the setpoint', { name: nameOf(id) }, 'room', () => Promise.resolve({ ok: false, problem }));
+  };
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
   page.onTelemetry.push(() => groups.tick(page.connection));
   page.onTelemetry.push(() => replay.follow());

@@ -222,6 +222,22 @@ describe('offboard', () => {
     await settle();
     expect(said).toHaveLength(4);
   });
+  it('tells that a setpoint may not be said again, once', async () => {
+    let answer = (): Response => Response.json({});
+    const api = new ApiClient('test', undefined, () => Promise.resolve().then(answer));
+    let now_s = 0;
+    const control = new OffboardControl(api, new Turns(), () => now_s);
+    const told: string[] = [];
+    control.onNotRenewed = (id, problem) => told.push(`${id}: ${problem.detail}`);
+    const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
+    await control.send('1', { type: 'position', position_ned_m: [1, 0, -5], yaw_ned_rad: 0 }, LASTING);
+    answer = () => Response.json({ detail: 'somebody else has control', code: 'not_in_control' }, { status: 409 });
+    for (now_s of [4, 8, 12]) {
+      control.tick(() => true);
+      await settle();
+    }
+    expect(told).toEqual(['1: somebody else has control']);
+  });
 });
 
 describe('gimbal', () => {

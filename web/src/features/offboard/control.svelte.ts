@@ -2,6 +2,7 @@
 
 import type { VehicleFacts } from '../../app/facts';
 import type { ApiClient, Outcome } from '../../api/client';
+import type { Problem } from '../../api/problems';
 import type { Turns } from '../../api/turns';
 import { ageText } from '../../live/age';
 import { SetpointKeeper } from './keeper';
@@ -27,6 +28,8 @@ export class OffboardControl {
   private readonly keepers = new Map<string, SetpointKeeper>();
   /** Told of each vehicle that is sent something by itself. */
   onAlone: (id: string) => void = () => undefined;
+  /** Told where a setpoint may not be said again: it will expire. */
+  onNotRenewed: (id: string, problem: Problem) => void = () => undefined;
 
   constructor(
     private readonly api: ApiClient,
@@ -105,7 +108,10 @@ export class OffboardControl {
     if (keeper === undefined) {
       keeper = new SetpointKeeper(async ({ setpoint, lasting }) => {
         const outcome = await this.say(id, setpoint, lasting);
-        return outcome.ok ? 'taken' : PASSING.includes(outcome.problem.code) ? 'not now' : 'refused';
+        if (outcome.ok) return 'taken';
+        if (PASSING.includes(outcome.problem.code)) return 'not now';
+        this.onNotRenewed(id, outcome.problem);
+        return 'refused';
       });
       this.keepers.set(id, keeper);
     }
