@@ -218,7 +218,7 @@ class Parameters:
 
     def reset(self, name: str) -> None:
         """Back to its default, which is the boot value unless PX4 or its start script stored that one."""
-        self._change(name, _default(name, self._default(name).value), Change.RESET)
+        self._change(name, _reset_value(name, self._default(name).value), Change.RESET)
 
     def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
         """All whose names fit one of the patterns `only` and none of `keep`."""
@@ -271,8 +271,8 @@ class Parameters:
         if not isinstance(stored, dict):
             raise ValueError(f"the parameter file {storage} holds no object of names and values; remove it")
         for name, value in stored.items():
-            # A start with calibrations reset stores the simulated sensors' ids again.
-            if name in self._by_name and (value or not name.endswith("_ID")):
+            # A start after a reset finds its sensors again, and the start script its airframe.
+            if name in self._by_name and (value or not _is_found_at_boot(name)):
                 number = float(value) if isinstance(value, str) else value
                 self._values[name] = coerce(name, self._by_name[name].type, number)
 
@@ -293,13 +293,15 @@ def _fits(name: str, patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
-def _default(name: str, boot_value: ParameterValue) -> ParameterValue:
+def _reset_value(name: str, boot_value: ParameterValue) -> ParameterValue:
     """The boot value, but for what is stored at boot: which sensors were found, and the airframe."""
     if name.startswith("CAL_") and name.endswith("_PRIO"):
         return NO_PRIORITY
-    if name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID")):
-        return 0
-    return _DEFAULTS.get(name, boot_value)
+    return 0 if _is_found_at_boot(name) else _DEFAULTS.get(name, boot_value)
+
+
+def _is_found_at_boot(name: str) -> bool:
+    return name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID"))
 
 
 def _same(a: ParameterValue, b: ParameterValue) -> bool:

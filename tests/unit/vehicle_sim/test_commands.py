@@ -130,7 +130,7 @@ def test_arming_takes_the_nearest_whole_number(ground, param1, armed):
     assert ground.armed is armed
 
 
-@pytest.mark.parametrize("param1", [1.5, 2.0, -0.6])
+@pytest.mark.parametrize("param1", [1.5, 2.0, -0.6, math.inf, -math.inf, 3e38])
 def test_arming_with_another_number_is_told_and_not_answered(ground, param1):
     asked_s = ground.now_s
     assert ask(ground, ARM, param1) == []

@@ -108,7 +108,10 @@ def test_a_start_finds_its_sensors_again_after_a_reset(tmp_path):
     parameters = Parameters(storage=store)
     parameters.reset_all()
     parameters.set("MPC_XY_CRUISE", 6.0)
+    parameters.set("COM_ARM_AUTH_ID", 0)
     again = Parameters(storage=store)
+    assert again.get("COM_ARM_AUTH_ID") == 0
+    assert again.get("SYS_AUTOSTART") == Parameters().get("SYS_AUTOSTART")
     assert again.get("CAL_ACC0_ID") == Parameters().get("CAL_ACC0_ID")
     assert again.get("MPC_XY_CRUISE") == 6.0
 

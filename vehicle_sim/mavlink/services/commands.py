@@ -365,8 +365,10 @@ class CommandService:
 
 
 def _rounded(value: float) -> int:
-    """To the nearest whole number, halves away from zero; 0 for what is no number."""
-    return int(math.copysign(math.floor(abs(value) + 0.5), value)) if math.isfinite(value) else 0
+    """To the nearest whole number, halves away from zero; 0 for NaN, as recorded."""
+    if math.isnan(value):
+        return 0
+    return int(math.copysign(math.floor(min(abs(value), INT32_MAX) + 0.5), value))
 
 
 def _mode_of_flags(base: int) -> NavState | None:
