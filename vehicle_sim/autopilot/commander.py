@@ -106,7 +106,7 @@ class Commander:
         self._flew = False
         self._watch.reset()
         self._row.armed(True)
-        self.home.set_here()
+        self.home.armed_or_lifted()
         self._announcer.both(6, f"Armed by {_TEXTS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
         return True
@@ -273,7 +273,7 @@ class Commander:
             self._flew = True
             self._flights.lifted()
             self._announcer.both(6, "Takeoff detected", "commander_takeoff_detected")
-            self.home.lifted()
+            self.home.armed_or_lifted()
 
     def _check(self) -> None:
         self.checks.run(self.intended, armed=self.armed, terminated=self.terminated)

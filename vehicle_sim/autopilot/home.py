@@ -38,7 +38,7 @@ class HomeKeeper:
         self.home = home
 
     def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
-        """A given place becomes home, and stays it until the next command or arming."""
+        """A given place becomes home, and stays it until the next command."""
         origin_lat, origin_lon, origin_alt = self._body.origin
         n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home
@@ -77,15 +77,20 @@ class HomeKeeper:
         home.alt_amsl_m = float(sensors.gps_alt_amsl_m[i])
         home.position_ned_m, home.yaw_ned_rad, home.set_at_us = (0.0, 0.0, 0.0), 0.0, now_us
 
-    def lifted(self) -> None:
-        """The vehicle left the ground: where it did is home, unless a place was given."""
-        if not self.home.manual:
+    @property
+    def _moves(self) -> bool:
+        """Whether home moves by itself: COM_HOME_EN, unless a place was given."""
+        return not self.home.manual and self._body.choice("COM_HOME_EN") != 0
+
+    def armed_or_lifted(self) -> None:
+        """The vehicle was armed or left the ground: where it did is home."""
+        if self._moves:
             self.set_here()
 
     def follow(self) -> None:
         """While disarmed: home goes with a vehicle that is carried more than a metre."""
         belief = self._body.belief
-        if self.home.manual:
+        if not self._moves:
             return
         if not belief.valid_position:
             self._follow_gps()

@@ -161,6 +161,25 @@ def test_home_stays_where_it_is_when_it_may_not_be_moved(ground):
     assert ask(ground, SET_HOME, 0, 0, 0, NAN, NAN, 8.5, 490.0) == [DENIED]
 
 
+def test_a_home_that_was_given_stays_when_the_vehicle_arms_and_takes_off(ground):
+    there = ground.item(16, 40.0)
+    given = (there["x"] / 1e7, there["y"] / 1e7)
+    assert ask(ground, SET_HOME, 0, 0, 0, NAN, *given, amsl(ground, 0.0)) == [ACCEPTED]
+    ground.fly_to(4.0)
+    home = ground.sim.autopilots[0].home
+    assert (home.lat_deg, home.lon_deg) == pytest.approx(given, abs=5e-6), "as a float carries it"
+    assert ask(ground, SET_HOME, 1) == [ACCEPTED], "a command moves it"
+    assert home.lat_deg != pytest.approx(given[0], abs=1e-4)
+
+
+def test_without_leave_home_does_not_move_by_itself(ground):
+    home = ground.sim.autopilots[0].home
+    before = home.set_at_us
+    ground.sim.set_parameter(0, "COM_HOME_EN", 0)
+    ground.fly_to(4.0)
+    assert home.set_at_us == before
+
+
 @pytest.mark.parametrize(
     ("output", "result"),
     [(1, ACCEPTED), (12, ACCEPTED), (13, UNSUPPORTED), (33, ACCEPTED), (41, UNSUPPORTED), (1101, ACCEPTED)],
