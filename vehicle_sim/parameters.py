@@ -134,18 +134,16 @@ class Parameters:
         self._listeners: list[Listener] = []
         self.change = Change.SET
         """While listeners hear of a change: of which kind it is."""
-        self.set_at_boot: tuple[str, ...] = ()
-        """What PX4 and its start script stored at boot; nothing where that had been done before."""
         self._storage: Path | None = None
         if storage is not None and storage.exists():
             self._load(storage)
+            stored = frozenset(overrides or ())
         else:
-            self.set_at_boot = tuple(name for name in self._names if name in _SET_AT_BOOT)
+            stored = _SET_AT_BOOT.union(overrides or ())
         for name, value in (overrides or {}).items():
             self.set(name, value)
-        self.set_at_boot = tuple(
-            name for name in self._names if name in self.set_at_boot or name in (overrides or {})
-        )
+        self.set_at_boot = tuple(name for name in self._names if name in stored)
+        """What was stored at this boot: by PX4 and its start script, unless before, and by `overrides`."""
         self._storage = storage
 
     def __len__(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Annotated, Any, cast
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
@@ -46,7 +47,7 @@ class Body(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class SetpointBody(Body):
+class SetpointBody(Body, ABC):
     """One of the types of setpoints."""
 
     @model_validator(mode="before")
@@ -58,9 +59,9 @@ class SetpointBody(Body):
                     raise ValueError(f"{name}: {FOREIGN[name]}")
         return data
 
+    @abstractmethod
     def to_setpoint(self) -> s.Setpoint:
         """The streamer's own value."""
-        raise NotImplementedError
 
 
 class YawOrRate(SetpointBody):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import flight_recordings, flight_replay
-from .flight_comparison import MANOEUVRES, XYZ, Track, grid_of, rms, shape_of, size_of
+from .flight_comparison import GRID_S, MANOEUVRES, XYZ, Track, grid_of, rms, shape_of, size_of
 from .flight_recordings import FloatArray, Recording
 
 FLIGHTS = 4
@@ -43,7 +43,7 @@ def _repeats(recording: Recording, tracks: list[Track]) -> Repeats:
     manoeuvre = MANOEUVRES[recording.name]
     quantity = manoeuvre.quantity
     real = Track(recording)
-    whole_s = np.arange(0.0, min(float(track.t_s[-1]) for track in (real, *tracks)), 0.02)
+    whole_s = np.arange(0.0, min(float(track.t_s[-1]) for track in (real, *tracks)), GRID_S)
     grid = grid_of(manoeuvre, real, *tracks)
     pairs = list(itertools.combinations(tracks, 2))
     return Repeats(
@@ -80,9 +80,9 @@ def table() -> Iterator[str]:
         gaps = [abs(a - b) for a, b in itertools.combinations(repeats.rises_s, 2)]
         gap_s = float(np.median(gaps)) if gaps else math.nan
         cells = (
-            _pair(ours[0], spread.position_m),
-            _pair(ours[1], spread.velocity_m_s),
-            _pair(gap_s, spread.rise_s),
+            pair(ours[0], spread.position_m),
+            pair(ours[1], spread.velocity_m_s),
+            pair(gap_s, spread.rise_s),
         )
         yield f"| {name} | {' | '.join(cells)} |"
         parts.append((ours[0] / spread.position_m, ours[1] / spread.velocity_m_s))
@@ -94,5 +94,6 @@ def table() -> Iterator[str]:
     )
 
 
-def _pair(sim: float, real: float) -> str:
-    return " / ".join("–" if math.isnan(value) else f"{value:.2f}" for value in (sim, real))
+def pair(sim: float, real: float, digits: int = 2) -> str:
+    """Ours and PX4's in a cell of a table."""
+    return " / ".join("–" if math.isnan(value) else f"{value:.{digits}f}" for value in (sim, real))

@@ -11,6 +11,7 @@ from vehicle_sim.parameters import Parameters
 
 from . import flight_recordings, flight_replay, flight_spread, recorded_motion
 from .flight_comparison import VELOCITY, Comparison, compare
+from .flight_spread import pair
 
 NOISY_FLIGHTS = 8
 
@@ -20,10 +21,6 @@ def measure(wanted: list[str] | None = None) -> list[Comparison]:
     recordings = [flight_recordings.load(name) for name in wanted or flight_recordings.names()]
     flown = flight_replay.fly(recordings)
     return [compare(recording, flown[recording.name]) for recording in recordings]
-
-
-def _pair(sim: float, real: float, digits: int) -> str:
-    return " / ".join("–" if math.isnan(value) else f"{value:.{digits}f}" for value in (sim, real))
 
 
 def _size(c: Comparison) -> str:
@@ -41,8 +38,8 @@ def rows(comparisons: list[Comparison]) -> Iterator[str]:
         sim, real = c.sim, c.real
         cells = (
             c.name, _size(c), f"{c.error:.2f}", f"{c.limit:.2f}", verdict,
-            _pair(sim.first_motion_s, real.first_motion_s, 2), _pair(sim.rise_s, real.rise_s, 2),
-            _pair(sim.overshoot, real.overshoot, 2), _pair(sim.settling_s, real.settling_s, 1),
+            pair(sim.first_motion_s, real.first_motion_s, 2), pair(sim.rise_s, real.rise_s, 2),
+            pair(sim.overshoot, real.overshoot, 2), pair(sim.settling_s, real.settling_s, 1),
             f"{c.path_error_m:.2f}",
         )  # fmt: skip
         yield f"| {' | '.join(cells)} |"

@@ -2,11 +2,11 @@
 
 import contextlib
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -66,46 +66,45 @@ def crew(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
             process.communicate(timeout=10)
 
 
-def gone(pids: list[int]) -> bool:
-    """Whether these end within ten seconds."""
-    for _ in range(200):
-        if not any(running(pid) for pid in pids):
-            return True
-        time.sleep(0.05)
-    return False
+class Watch:
+    """Processes whose ends can be waited for, also when they are not our own children."""
 
+    def __init__(self, first: int) -> None:
+        self.pids = family(first)
+        self._ends = [os.pidfd_open(pid) for pid in self.pids]
 
-def running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+    def all_end(self) -> bool:
+        """Whether all have ended within ten seconds each."""
+        ended = [bool(select.select([end], [], [], 10.0)[0]) for end in self._ends]
+        for end in self._ends:
+            os.close(end)
+        return all(ended)
 
 
 def test_told_to_end_all_end_cleanly() -> None:
     with crew() as (process, _):
-        pids = family(process.pid)
-        assert len(pids) >= 3
+        watch = Watch(process.pid)
+        assert len(watch.pids) >= 3
         process.terminate()
         out, _ = process.communicate(timeout=10)
         assert process.returncode == 0
         assert sorted(line.split()[1] for line in out.splitlines()) == ["1", "2", "3"]
-        assert gone(pids)
+        assert watch.all_end()
 
 
 def test_the_first_process_killed_ends_the_others() -> None:
     with crew() as (process, _):
-        pids = family(process.pid)
+        watch = Watch(process.pid)
         process.kill()
-        assert gone(pids)
+        assert watch.all_end()
 
 
 def test_one_that_fails_ends_the_others_and_is_told() -> None:
     with crew() as (process, _):
-        pids = family(process.pid)
-        workers = [pid for pid in pids if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        watch = Watch(process.pid)
+        workers = [pid for pid in watch.pids if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
         os.kill(workers[0], signal.SIGKILL)
         _, err = process.communicate(timeout=10)
         assert process.returncode == 1
         assert "has ended (SIGKILL); the others are ended too" in err
-        assert gone(pids)
+        assert watch.all_end()
