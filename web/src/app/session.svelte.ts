@@ -47,7 +47,7 @@ export const replay = new ReplayControl({
 export function start(): void {
   offboard.onAlone = (id) => groups.sentAlone(id);
   offboard.onNotRenewed = (id, problem) => {
-    void actions.attempt('Renewing the setpoint', { name: nameOf(id) }, 'room', () => Promise.resolve({ ok: false, problem }));
+    for (const place of ['offboard', 'room'] as const) actions.tell('Renewing the setpoint', nameOf(id), place, problem);
   };
   page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
   page.onTelemetry.push(() => groups.tick(page.connection));

@@ -176,6 +176,11 @@ export class ActionController {
     else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
   }
 
+  /** What the page heard by itself, shown as the refusal of a button in that place would be. */
+  tell(what: string, vehicleName: string, place: Place, problem: Problem): void {
+    this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
+  }
+
   /** Any other call whose refusal belongs to a place: nudges, gimbal. */
   async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: Place, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
