@@ -16,12 +16,13 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.control.allocation import mixer_of
 from vehicle_sim.control.cascade import Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
-from vehicle_sim.estimator.estimator import Estimator
+from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
 from vehicle_sim.estimator.vision import VisionSample
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.physics.battery import Batteries
 from vehicle_sim.physics.rigid_body import RigidBodies
 from vehicle_sim.physics.wind import Wind
+from vehicle_sim.sensors.range_finder import RangeFinder
 from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.state import (
     BatteryState,
@@ -107,6 +108,7 @@ class Simulation:
         self._wind = Wind(count, STEP_S * WIND_EVERY_STEPS, seed=seed)
         self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
         self._sensors = SensorSuite(count, STEP_S, self.home, seed=seed, noise=sensor_noise)
+        self._range_finder = RangeFinder(count)
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
         self.motor_health = np.ones((count, 4))
@@ -179,6 +181,8 @@ class Simulation:
         """Move all vehicles by `dt_s`."""
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
+        if self._steps % RANGE_EVERY_STEPS == 0:
+            self._estimator.take_ranges(self._distances_down_m(), self.setpoints.in_air)
         self._cascade.update(self.setpoints, self._estimator.state)
         if self._wind.gusty and self._steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
@@ -207,8 +211,11 @@ class Simulation:
         return taken
 
     def distance_down_m(self, i: int) -> float:
-        """What the lidar of vehicle `i` measures straight down its body; inf where it meets nothing."""
-        return float(self._lidar.down_m(self._steps, self._bodies.matrix)[i])
+        """What the range finder of vehicle `i` says of straight down its body; NaN out of its range."""
+        return float(self._distances_down_m()[i])
+
+    def _distances_down_m(self) -> FloatArray:
+        return self._range_finder.measured_m(self._lidar.down_m(self._steps, self._bodies.matrix))
 
     def distance_forward_m(self, i: int) -> float:
         """What its forward lidar measures (`World.lidars`)."""
@@ -295,6 +302,7 @@ class Simulation:
         self._bodies.configure(i, airframe)
         self._batteries.configure(i, parameters)
         self._sensors.configure(i, parameters)
+        self._range_finder.configure(i, parameters)
         self._estimator.configure(i, parameters)
         self._cascade.configure(i, parameters)
 

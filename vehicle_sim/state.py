@@ -135,6 +135,8 @@ class EstimateState:
     """(N,)."""
     gps_rejected: BoolArray
     """(N,) the newest GPS sample lay outside its gate and was not fused."""
+    height_above_ground_m: FloatArray
+    """(N,) by the range finder (dist_bottom); NaN: not known."""
     valid_attitude: BoolArray
     """(N,)."""
     valid_velocity: BoolArray
@@ -160,6 +162,7 @@ class EstimateRows:
         self.lat_deg: list[float] = state.lat_deg.tolist()
         self.lon_deg: list[float] = state.lon_deg.tolist()
         self.alt_amsl_m: list[float] = state.alt_amsl_m.tolist()
+        self.height_above_ground_m: list[float] = state.height_above_ground_m.tolist()
         self.valid_position: list[bool] = state.valid_position.tolist()
         self.valid_velocity: list[bool] = state.valid_velocity.tolist()
         self.valid_attitude: list[bool] = state.valid_attitude.tolist()

@@ -194,6 +194,7 @@ class Vehicle:
         if self.commander.armed != armed or (armed and self.state()["custom_mode"] != custom_mode):
             self.command(400, 0, 21196)
             self.run(0.1)
+            self.run_until(lambda: self.commander.landed, 2)
         self.run_until(self.ready, 4)
         if armed and not self.commander.armed:
             self.command(176, 1, 4, 3)

@@ -12,7 +12,7 @@ from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import Navigator
-from vehicle_sim.autopilot.offboard import WITHOUT_ESTIMATE, Kind, Offboard
+from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
@@ -46,6 +46,9 @@ class Autopilot:
         self.land_detector = LandDetector()
         self.gimbal = Gimbal(body, lambda: self.waypoint)
         self._control_mode = ControlMode()
+        self._down_m = 0.0
+        self._asked_down_m_s = math.nan
+        """Vertical velocity of the last trajectory set point that was not just a push against the ground."""
         self.offboard.on_setpoint = self._take_at_once
         self._landing_limits: Limits | None = None
         body.parameters.add_listener(self._forget_limits)
@@ -81,19 +84,28 @@ class Autopilot:
         target, i = self.body.simulation.target, self.body.row
         direct = int(self.body.simulation.setpoints.level[i]) < ControlLevel.TRAJECTORY
         thrust = float(target.thrust[i]) if self.takeoff.may_thrust or direct else 0.0
+        estimates_hover = self.takeoff.flying and not direct and self.body.choice("MPC_USE_HTE") != 0
         # A horizontal velocity that is not known keeps nobody from having landed.
         vn, ve, vd = belief.velocity_ned_m_s
+        down_m, self._down_m = self._down_m, belief.position_ned_m[2]
         self.land_detector.update(
             self.body.time_s,
             Motion(
                 armed=self.commander.armed,
                 thrust=thrust,
+                hover_thrust=float(target.hover_thrust[i]),
+                hover_thrust_known=estimates_hover,
                 velocity_ned_m_s=(vn, ve, vd) if belief.valid_velocity else (0.0, 0.0, vd),
+                down_by_position_m_s=(self._down_m - down_m) / TICK_S,
+                vertical_known=belief.valid_altitude,
                 rates_frd_rad_s=belief.rates_frd_rad_s,
-                descends=self._descends(),
+                height_above_ground_m=belief.height_above_ground_m,
+                climb_rate_controlled=not direct,
+                asked_down_m_s=self._asked_down_m_s,
             ),
             self._limits(),
         )
+        self._row.in_air(not self.land_detector.landed)
 
     def _limits(self) -> Limits:
         if self._landing_limits is None:
@@ -104,7 +116,7 @@ class Autopilot:
                 rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
                 trigger_s=parameter("LNDMC_TRIG_TIME"),
                 thrust_min=parameter("MPC_THR_MIN"),
-                thrust_hover=parameter("MPC_THR_HOVER"),
+                thrust_min_by_hand=parameter("MPC_MANTHR_MIN"),
             )
         return self._landing_limits
 
@@ -123,18 +135,6 @@ class Autopilot:
         elif self.sticks.takes_over(offboard=commander.active is NavState.OFFBOARD):
             self.announcer.text(6, "Pilot took over using sticks\t")
             commander.set_mode(NavState.POSITION)
-
-    def _descends(self) -> bool:
-        if self._by_sticks:
-            return self._manual.descends(self.commander.active)
-        if self.commander.active is not NavState.OFFBOARD:
-            return self.navigator.descends(self.commander.active)
-        setpoint = self.offboard.setpoint
-        if setpoint.kind in WITHOUT_ESTIMATE or self.offboard.invalid:
-            return True
-        if math.isfinite(setpoint.position_ned_m[2]):
-            return setpoint.position_ned_m[2] > self.body.belief.position_ned_m[2]
-        return setpoint.velocity_ned_m_s[2] > 0.0
 
     def _ramp(self) -> None:
         parameter, active = self.body.parameter, self.commander.active
@@ -174,6 +174,8 @@ class Autopilot:
                 self.body.parameter("MPC_TILTMAX_LND")
             ),
         )  # fmt: skip
+        if commander.active is NavState.OFFBOARD:
+            self._asked_down_m_s = self.offboard.setpoint.velocity_ned_m_s[2]
         if self._by_sticks and commander.active in DIRECT_MODES:
             self._manual.run(commander.active)
         elif direct:
@@ -184,11 +186,13 @@ class Autopilot:
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._by_sticks:
             self._manual.run(commander.active)
+            self._asked_down_m_s = self._row.asked()[1][2]
         elif commander.active is NavState.OFFBOARD:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         else:
             self.navigator.run(commander.active, flying=takeoff.flying)
+            self._asked_down_m_s = self._row.asked()[1][2]
             return
         if commander.active is not NavState.OFFBOARD:
             # keep the trajectory at the vehicle while it cannot follow
@@ -216,29 +220,13 @@ class Autopilot:
             self._row.thrust_torque(setpoint.thrust, setpoint.torque_frd)
         elif setpoint.kind is Kind.ACTUATORS:
             self._row.motors(setpoint.motors)
-        else:
-            position, velocity = _complete(setpoint.position_ned_m, setpoint.velocity_ned_m_s)
+        elif setpoint.complete:
             self._row.trajectory(
-                position,
-                velocity,
+                setpoint.position_ned_m,
+                setpoint.velocity_ned_m_s,
                 setpoint.acceleration_ned_m_s2,
                 setpoint.yaw_ned_rad,
                 setpoint.yaw_rate_ned_rad_s,
             )
-
-
-def _complete(
-    position: tuple[float, float, float], velocity: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """A lone horizontal axis cannot be controlled: position falls to velocity, missing velocities to zero."""
-    finite_p = [math.isfinite(value) for value in position]
-    finite_v = [math.isfinite(value) for value in velocity]
-    if not any(finite_p) and not any(finite_v):
-        return position, velocity
-    p, v = list(position), list(velocity)
-    if finite_p[0] != finite_p[1]:
-        p[0] = p[1] = math.nan
-    for axis in range(3):
-        if math.isnan(p[axis]) and math.isnan(v[axis]):
-            v[axis] = 0.0
-    return (p[0], p[1], p[2]), (v[0], v[1], v[2])
+        else:
+            self._row.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))

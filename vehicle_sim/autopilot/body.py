@@ -28,6 +28,8 @@ class Belief(NamedTuple):
     lat_deg: float
     lon_deg: float
     alt_amsl_m: float
+    height_above_ground_m: float
+    """By the range finder; NaN: not known."""
     valid_position: bool
     valid_velocity: bool
     valid_attitude: bool
@@ -120,6 +122,7 @@ class Body:
             lat_deg=rows.lat_deg[i],
             lon_deg=rows.lon_deg[i],
             alt_amsl_m=rows.alt_amsl_m[i],
+            height_above_ground_m=rows.height_above_ground_m[i],
             valid_position=rows.valid_position[i],
             valid_velocity=rows.valid_velocity[i],
             valid_attitude=rows.valid_attitude[i],

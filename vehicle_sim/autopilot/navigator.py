@@ -18,7 +18,7 @@ from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
-from vehicle_sim.autopilot.tasks.return_home import ReturnHome, ReturnPhase
+from vehicle_sim.autopilot.tasks.return_home import ReturnHome
 from vehicle_sim.geodesy import is_place, to_local
 
 LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
@@ -51,7 +51,7 @@ class Navigator:
         self.home = home
         self.path = Path(body, row)
         self._climb = Climb(body, announcer, self.path, home)
-        self._descent = Descent(body, self.path, home)
+        self._descent = Descent(body, self.path)
         self._return = ReturnHome(body, announcer, self.path, home, self._descent, plans, commands)
         self._orbit = Orbit(body, announcer, self.path, row)
         self.follow = Follow(body, self.path, row, home)
@@ -212,14 +212,6 @@ class Navigator:
         if mode in (NavState.HOLD, NavState.RTL) and down is not None:
             return down < self._body.belief.position_ned_m[2] - 0.5
         return False
-
-    def descends(self, mode: NavState) -> bool:
-        """Whether the mode is on its way down, so that contact may be landing."""
-        if mode is NavState.RTL:
-            return self._return.phase in (ReturnPhase.DESCEND, ReturnPhase.LAND)
-        if mode is NavState.MISSION:
-            return self.mission.landing
-        return mode not in (NavState.TAKEOFF, NavState.HOLD, NavState.ORBIT, NavState.FOLLOW)
 
     def run(self, mode: NavState, *, flying: bool) -> None:
         """One tick of the active mode; writes the set points."""

@@ -59,6 +59,16 @@ class Setpoint:
     motors: tuple[float, ...] = ()
     """0..1 each; NaN: that motor stands still."""
 
+    @property
+    def complete(self) -> bool:
+        """Whether the position controller can follow it: something on each axis, north and east together.
+
+        What is not, it stops for: with velocity zero, wherever the vehicle is.
+        """
+        levels = (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
+        pairs = all(math.isfinite(north) == math.isfinite(east) for north, east, _ in levels)
+        return pairs and all(_finite(*axis) for axis in zip(*levels, strict=True))
+
 
 LEVELS = {
     Kind.ATTITUDE: ControlLevel.ATTITUDE,

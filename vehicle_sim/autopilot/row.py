@@ -97,6 +97,10 @@ class SetpointRow:
         """Whether the motors may turn."""
         self._all.armed[self._i] = armed
 
+    def in_air(self, in_air: bool) -> None:
+        """The land detector's word."""
+        self._all.in_air[self._i] = in_air
+
     def limits(
         self,
         *,

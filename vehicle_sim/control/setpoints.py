@@ -83,7 +83,9 @@ class Setpoints:
     tilt_limit_rad: FloatArray
     """(N,) NaN: MPC_TILTMAX_AIR (near the ground the autopilot passes MPC_TILTMAX_LND)."""
     landed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) the land detector's word: integrators are held at zero while it is true."""
+    """(N,) on the ground or touching it: integrators are held at zero while it is true."""
+    in_air: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    """(N,) the land detector's word, which the estimator takes its range finder by."""
 
     @classmethod
     def idle(cls, count: int) -> Setpoints:
@@ -108,6 +110,7 @@ class Setpoints:
             climb_limit_m_s=_nan(count),
             tilt_limit_rad=_nan(count),
             landed=np.zeros(count, dtype=np.bool_),
+            in_air=np.zeros(count, dtype=np.bool_),
         )
 
     def clear(self, i: int) -> None:

@@ -17,6 +17,7 @@ from vehicle_sim.estimator.channels import ERROR, POSITION, VELOCITY, Channels
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.estimator.heading import Heading
 from vehicle_sim.estimator.outputs import blank_estimate, blank_row
+from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
 from vehicle_sim.frames import (
     GRAVITY_M_S2,
@@ -36,6 +37,8 @@ from vehicle_sim.state import SensorState
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+RANGE_EVERY_STEPS = 10
+"""A range every so many IMU samples, 25 Hz."""
 _SAMPLES_A_PREDICTION = 2
 _GLOBAL_EVERY_PREDICTIONS = 5
 _STANDING_VARIANCE = 0.25
@@ -96,6 +99,7 @@ class Estimator:
         self._gravity_gate_m_s2 = np.zeros((count, 1))
         self._gravity_variance = np.full((count, 1), np.inf)
         self._vision = Vision(count)
+        self._terrain = Terrain(count, dt_s * RANGE_EVERY_STEPS)
         self._gps_aided = np.zeros(count, dtype=np.bool_)
         self._gravity_step = np.tile([0.0, 0.0, GRAVITY_M_S2 * self._predict_s], (count, 1))
         # Views of arrays that are only ever written in place: to make them anew costs as much as a product.
@@ -112,6 +116,7 @@ class Estimator:
 
         self.channels.configure(i, parameters)
         self._vision.configure(i, parameters)
+        self._terrain.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_POS", "EKF2_TAU_VEL")):
             self._decay[i, :, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
@@ -132,6 +137,7 @@ class Estimator:
         blank_row(self.state, i)
         self.channels.reset(i)
         self._vision.reset(i)
+        self._terrain.reset(i)
         self._gyro.reset(i)
         self._started[i] = False
         sums = (self._delta_angle, self._delta_velocity, self._residual)
@@ -165,6 +171,12 @@ class Estimator:
                 self._counts = counts
             if self._vision.waits:
                 self._fuse_vision()
+
+    def take_ranges(self, range_m: FloatArray, in_air: BoolArray) -> None:
+        """Ranges (N,) [m] every RANGE_EVERY_STEPS samples (NaN: none), and who is in the air (N,)."""
+        state = self.state
+        height = self._terrain.update(range_m, self._matrix[:, 2, 2], in_air, state.position_ned_m[:, 2])
+        np.copyto(state.height_above_ground_m, np.where(state.valid_altitude, height, np.nan))
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
         """A position, velocity or heading of vehicle `i` measured from outside (EKF2_EV_CTRL)."""

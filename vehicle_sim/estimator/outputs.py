@@ -8,8 +8,16 @@ import numpy as np
 
 from vehicle_sim.state import EstimateState
 
-_UNKNOWN_UNTIL_ORIGIN = frozenset(
-    {"lat_deg", "lon_deg", "alt_amsl_m", "origin_lat_deg", "origin_lon_deg", "origin_alt_amsl_m"}
+_UNKNOWN = frozenset(
+    {
+        "lat_deg",
+        "lon_deg",
+        "alt_amsl_m",
+        "origin_lat_deg",
+        "origin_lon_deg",
+        "origin_alt_amsl_m",
+        "height_above_ground_m",
+    }
 )
 _VECTORS = frozenset(
     {
@@ -33,7 +41,7 @@ def blank_estimate(count: int) -> EstimateState:
         elif field.name.startswith("valid_") or field.name == "gps_rejected":
             values[field.name] = np.zeros(count, dtype=np.bool_)
         else:
-            values[field.name] = np.full(count, np.nan if field.name in _UNKNOWN_UNTIL_ORIGIN else 0.0)
+            values[field.name] = np.full(count, np.nan if field.name in _UNKNOWN else 0.0)
     return EstimateState(**values)
 
 

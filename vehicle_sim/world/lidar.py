@@ -39,6 +39,11 @@ class Lidar:
 
     def down_m(self, step: int, matrix: FloatArray) -> FloatArray:
         """(N,) along the body's down axis; inf where there is nothing."""
+        if self.world.empty:  # asked for all the time: no rays are needed over a plain
+            cos_tilt = matrix[:, 2, 2]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distance = np.maximum(-self._truth.position_ned_m[:, 2], 0.0) / cos_tilt
+            return np.where(cos_tilt > 0.0, distance, math.inf)
         return self._measured("down", self._down_frd, math.inf, step, matrix)[:, 0]
 
     def forward_m(self, step: int, matrix: FloatArray) -> FloatArray:

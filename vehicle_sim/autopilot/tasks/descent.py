@@ -1,22 +1,22 @@
-"""Landing: down where the vehicle is, slower near the ground."""
+"""Landing: down where the vehicle is, slower near the ground.
+
+Near is what the range finder says; without it, height above the local origin, and no crawling.
+"""
 
 from __future__ import annotations
 
-from vehicle_sim.autopilot.body import Body
-from vehicle_sim.autopilot.home import Home
-from vehicle_sim.autopilot.path import Path
+import math
 
-RANGE_FINDER_HEIGHT_M = 0.2
-"""What PX4's range finder reads on the ground: it slows down so much lower than MPC_LAND_ALT3."""
+from vehicle_sim.autopilot.body import Body
+from vehicle_sim.autopilot.path import Path
 
 
 class Descent:
     """The flight task of mode Land, and the last part of a return."""
 
-    def __init__(self, body: Body, path: Path, home: Home) -> None:
+    def __init__(self, body: Body, path: Path) -> None:
         self._body = body
         self._path = path
-        self._home = home
 
     def run(self) -> None:
         """One tick of the descent."""
@@ -25,19 +25,17 @@ class Descent:
         self._path.keep_near()
         self._path.write()
 
-    def height_above_ground_m(self) -> float:
-        """Over where the vehicle took off (it has no working range finder)."""
-        return self._home.position_ned_m[2] - self._body.belief.position_ned_m[2]
-
     def _land_speed(self) -> float:
         parameter = self._body.parameter
-        height = self.height_above_ground_m()
+        belief = self._body.belief
+        seen_m = belief.height_above_ground_m
+        height = -belief.position_ned_m[2] if math.isnan(seen_m) else seen_m
         fast, slow = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_LAND_SPEED")
         high, low = parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2")
+        if seen_m <= parameter("MPC_LAND_ALT3"):
+            return parameter("MPC_LAND_CRWL")
         if height >= high:
             return fast
         if height > low and high > low:
             return slow + (fast - slow) * (height - low) / (high - low)
-        if height <= parameter("MPC_LAND_ALT3") - RANGE_FINDER_HEIGHT_M:
-            return min(slow, parameter("MPC_LAND_CRWL"))
         return slow

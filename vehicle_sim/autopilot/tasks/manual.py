@@ -51,10 +51,6 @@ class Manual:
         """Whether the throttle would lift a standing vehicle."""
         return self._sticks.raw.throttle > TAKEOFF_THROTTLE
 
-    def descends(self, mode: NavState) -> bool:
-        """Whether the pilot goes down, so that contact may be landing."""
-        return mode in DIRECT_MODES or self._sticks.shaped().throttle < 0.0
-
     # --- each tick -----------------------------------------------------------------------------------------
 
     def run(self, mode: NavState) -> None:

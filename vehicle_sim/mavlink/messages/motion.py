@@ -102,6 +102,7 @@ class MotionMessages(Family):
         baro = self._baro_alt_amsl_m
         known = b.valid_position and math.isfinite(b.alt_amsl_m)
         relative = b.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
+        above_ground = b.height_above_ground_m if known else NAN
         return pack(
             "ALTITUDE",
             time_usec=self._body.time_boot_us(),
@@ -109,8 +110,8 @@ class MotionMessages(Family):
             altitude_amsl=b.alt_amsl_m if known else NAN,
             altitude_local=-b.position_ned_m[2] if known else NAN,
             altitude_relative=relative,
-            altitude_terrain=-home.position_ned_m[2] if known and home.valid else NAN,
-            bottom_clearance=max(0.0, relative) if known and home.valid else NAN,
+            altitude_terrain=-b.position_ned_m[2] - above_ground,
+            bottom_clearance=above_ground,
         )[1]
 
     @property

@@ -93,10 +93,8 @@ class SensorMessages(Family):
         """PX4's own simulated one, which points down."""
         body = self._body
         measured = body.simulation.distance_down_m(body.row)
-        forced, lowest, highest = (body.parameter(f"SIH_DISTSNSR_{end}") for end in ("OVR", "MIN", "MAX"))
-        if forced >= 0.0:
-            measured = forced
-        distance = round(measured * 100) if lowest <= measured <= highest else OUT_OF_RANGE_CM
+        lowest, highest = (body.parameter(f"SIH_DISTSNSR_{end}") for end in ("MIN", "MAX"))
+        distance = round(measured * 100) if math.isfinite(measured) else OUT_OF_RANGE_CM
         return pack(
             "DISTANCE_SENSOR", time_boot_ms=body.time_boot_ms(), current_distance=distance & 0xFFFF,
             min_distance=_cm(lowest), max_distance=_cm(highest), orientation=DOWN,

@@ -1,0 +1,228 @@
+"""When is the vehicle on the ground? The detector, the range finder's height, and landings of both kinds."""
+
+import math
+
+import numpy as np
+import pytest
+from sim_station import BOTH, LAND, NAN, OFFBOARD, Station
+
+from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
+from vehicle_sim.estimator.terrain import LASTS_FROM_GROUND_S, LASTS_S, Terrain
+from vehicle_sim.parameters import Parameters
+
+LIMITS = Limits(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
+FLYING = Motion(
+    armed=True, thrust=0.49, hover_thrust=0.49, hover_thrust_known=True, velocity_ned_m_s=(0.0, 0.0, 0.0),
+    down_by_position_m_s=0.0, vertical_known=True, rates_frd_rad_s=(0.0, 0.0, 0.0), height_above_ground_m=0.5,
+    climb_rate_controlled=True, asked_down_m_s=0.7,
+)  # fmt: skip
+PRESSED = FLYING._replace(thrust=0.12)
+TICK_S = 0.02
+
+
+class Watch:
+    """A detector on a fake clock."""
+
+    def __init__(self) -> None:
+        self.detector = LandDetector()
+        self.now_s = 0.0
+
+    def see(self, motion: Motion, for_s: float = TICK_S) -> LandDetector:
+        for _ in range(round(for_s / TICK_S)):
+            self.now_s += TICK_S
+            self.detector.update(self.now_s, motion, LIMITS)
+        return self.detector
+
+    def until_landed(self, motion: Motion, at_most_s: float = 10.0) -> float:
+        start_s = self.now_s
+        while not self.see(motion).landed and self.now_s - start_s < at_most_s:
+            pass
+        return self.now_s - start_s
+
+
+def flying() -> Watch:
+    watch = Watch()
+    detector = watch.see(FLYING)
+    assert [detector.ground_contact, detector.maybe_landed, detector.landed] == [False] * 3
+    return watch
+
+
+def test_three_stages_of_a_third_each_and_three_times_that_where_the_ground_is_not_seen() -> None:
+    assert flying().until_landed(PRESSED) == pytest.approx(1.0, abs=0.1)
+    unseen = PRESSED._replace(height_above_ground_m=NAN)
+    assert flying().until_landed(unseen) == pytest.approx(3.0, abs=0.1)
+    never_seen = Watch()
+    never_seen.see(FLYING._replace(height_above_ground_m=NAN))
+    assert never_seen.until_landed(unseen) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"asked_down_m_s": NAN},
+        {"asked_down_m_s": 0.2},
+        {"height_above_ground_m": 1.5},
+        {"thrust": 0.36},
+        {"velocity_ned_m_s": (0.0, 0.0, 0.3), "down_by_position_m_s": 0.3},
+        {"velocity_ned_m_s": (1.2, 1.2, 0.0)},
+        {"rates_frd_rad_s": (0.3, 0.3, 0.0)},
+    ],
+)
+def test_each_condition_alone_keeps_it_from_having_landed(change: dict[str, object]) -> None:
+    watch = flying()
+    assert watch.until_landed(PRESSED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
+    assert not watch.detector.landed
+
+
+def test_low_thrust_is_more_where_the_hover_thrust_is_an_estimate() -> None:
+    light = FLYING._replace(thrust=0.3)
+    assert flying().see(light, 1.0).ground_contact
+    assert not flying().see(light._replace(hover_thrust_known=False), 1.0).ground_contact
+
+
+def test_without_a_controlled_climb_rate_no_descent_need_be_asked_for() -> None:
+    by_hand = FLYING._replace(thrust=0.08, climb_rate_controlled=False, asked_down_m_s=NAN)
+    assert flying().until_landed(by_hand) == pytest.approx(1.0, abs=0.1)
+    assert not flying().see(by_hand._replace(thrust=0.12), 5.0).landed
+
+
+def test_blind_in_height_eight_seconds_without_thrust_are_a_landing() -> None:
+    assert flying().until_landed(PRESSED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
+
+
+def test_thrust_lifts_off_at_once_and_disarming_lands_after_its_third() -> None:
+    watch = flying()
+    watch.until_landed(PRESSED)
+    assert not watch.see(FLYING).landed
+    assert watch.until_landed(FLYING._replace(armed=False)) == pytest.approx(0.36, abs=0.05)
+
+
+# --- the height above ground ---------------------------------------------------------------------------
+
+
+class Ranger:
+    """One vehicle's terrain estimate; it climbs and sinks as told."""
+
+    def __init__(self) -> None:
+        self.terrain = Terrain(1, 0.04)
+        self.terrain.configure(0, Parameters())
+
+    def see(self, range_m: float, *, in_air: bool = True, down_m: float = 0.0, for_s: float = 0.04) -> float:
+        height = NAN
+        for _ in range(round(for_s / 0.04)):
+            height = float(
+                self.terrain.update(np.array([range_m]), np.ones(1), np.array([in_air]), np.array([down_m]))[
+                    0
+                ]
+            )
+        return height
+
+
+def test_on_the_ground_the_height_is_the_shortest_range() -> None:
+    assert Ranger().see(0.0, in_air=False) == pytest.approx(0.1)
+
+
+def test_just_above_the_ground_the_height_is_lost_and_found_again() -> None:
+    ranger = Ranger()
+    ranger.see(0.0, in_air=False)
+    assert ranger.see(0.02, down_m=-0.05) == pytest.approx(0.15)
+    assert math.isnan(ranger.see(0.03, down_m=-0.05, for_s=LASTS_FROM_GROUND_S))
+    assert ranger.see(0.3, down_m=-0.3) == pytest.approx(0.3)
+    assert ranger.see(0.05, down_m=-0.05) == pytest.approx(0.05)
+    assert math.isnan(ranger.see(0.0, for_s=LASTS_S + 0.04))
+
+
+def test_the_height_follows_the_range_a_little_late() -> None:
+    ranger = Ranger()
+    ranger.see(5.0)
+    for k in range(100):
+        height = ranger.see(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
+    assert height - 2.2 == pytest.approx(0.7 * 0.13, abs=0.03)
+
+
+def test_ranges_that_are_not_used_say_nothing() -> None:
+    ranger = Ranger()
+    ranger.terrain.configure(0, Parameters({"EKF2_RNG_CTRL": 0}))
+    assert math.isnan(ranger.see(3.0, for_s=1.0))
+
+
+# --- flown ---------------------------------------------------------------------------------------------
+
+
+def hover(height_m: float) -> Station:
+    s = Station(links=BOTH, sensor_noise=False)
+    s.run_until(lambda: s.ready, 10)
+    s.command(400, 1)
+    s.run(0.1)
+    s.command(22, -1, 0, 0, NAN, NAN, NAN, s.sim.autopilots[0].home.alt_amsl_m + height_m)
+    s.run_until(lambda: s.height_m > height_m - 0.3, 20)
+    s.run(6)
+    return s
+
+
+def set_points(s: Station, mask: int, **fields: float):
+    return lambda: s.send(
+        "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
+        coordinate_frame=1, type_mask=mask, **fields,
+    )  # fmt: skip
+
+
+def offboard(s: Station, mask: int, **fields: float) -> None:
+    stream = set_points(s, mask, **fields)
+    s.run(0.5, stream)
+    s.command(176, 1, 6)
+    s.run(0.2, stream)
+    assert s.mode == OFFBOARD
+
+
+def test_a_landing_is_detected_some_seconds_after_the_touch() -> None:
+    """A real PX4 took 3.3 to 4.3 s: near the ground it sees nothing."""
+    s = hover(5.0)
+    assert s.last["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
+    s.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
+    truth = s.sim.simulation.truth
+    s.run_until(lambda: truth.position_ned_m[0, 2] > -0.5, 20)
+    assert s.mode == LAND
+    s.run_until(lambda: truth.position_ned_m[0, 2] > -0.4, 5)
+    assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "crawls below one metre"
+    s.run_until(lambda: truth.position_ned_m[0, 2] > -0.001, 20)
+    touched_s = s.now_s
+    s.run_until(lambda: "Landing detected\t" in s.texts(), 10)
+    assert 2.8 < s.now_s - touched_s < 4.4
+    s.run(2.5)
+    assert s.last["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
+
+
+def test_a_position_below_the_ground_is_no_landing_but_a_descent_is() -> None:
+    """PX4 asks for a vertical velocity; whoever flies positions into the ground stays armed on it."""
+    s = hover(3.0)
+    into_ground = set_points(s, 0b110111111000, z=2.0)
+    offboard(s, 0b110111111000, z=2.0)
+    s.run(15, into_ground)
+    assert s.sim.simulation.truth.position_ned_m[0, 2] == pytest.approx(0.0, abs=0.01)
+    assert s.armed
+    assert "Landing detected\t" not in s.texts()
+    s.run_until(lambda: "Landing detected\t" in s.texts(), 10, set_points(s, 0b110111000111, vz=0.5))
+    assert "Landing detected\t" in s.texts()
+
+
+HALF_SET_POINTS = (
+    (0b110111100111, {"vx": 1.0}),  # nothing vertical
+    (0b110111111011, {"z": -5.0}),  # nothing horizontal
+    (0b110111111010, {"x": 4.0, "z": -3.0}),  # north without east
+    (0b110111110101, {"y": 4.0, "vx": 1.0, "vz": -1.0}),
+)
+
+
+def test_what_leaves_an_axis_open_stops_the_vehicle() -> None:
+    """As a real PX4 does (its echo then says velocity zero); half of a set point is not flown."""
+    s = hover(3.0)
+    before = s.sim.simulation.truth.position_ned_m[0].copy()
+    offboard(s, 0b110111000111)
+    for mask, fields in HALF_SET_POINTS:
+        s.run(3, set_points(s, mask, **fields))
+        echo = s.last["POSITION_TARGET_LOCAL_NED"]
+        assert (echo.vx, echo.vy, echo.vz) == (0.0, 0.0, 0.0)
+        assert all(map(math.isnan, (echo.x, echo.y, echo.z)))
+        assert s.sim.simulation.truth.position_ned_m[0] == pytest.approx(before, abs=0.3)
+    assert s.mode == OFFBOARD
