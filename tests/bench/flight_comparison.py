@@ -167,9 +167,9 @@ class Track:
         return np.interp(at_s, self.t_s, self._columns[axis])
 
 
-def compare(recording: Recording, replay: Replay) -> Comparison:
-    """Measure one flight against its recording."""
-    manoeuvre = MANOEUVRES[recording.name]
+def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = None) -> Comparison:
+    """Measure one flight against its recording, by default a reference flight."""
+    manoeuvre = manoeuvre or MANOEUVRES[recording.name]
     quantity = manoeuvre.quantity
     real, sim = Track(recording), Track(replay)
     grid = grid_of(manoeuvre, real, sim)

@@ -45,6 +45,8 @@ class Recording:
     t_s: FloatArray
     columns: dict[str, FloatArray]
     spread: Spread
+    controllers_told_s: float = math.nan
+    """When the controllers learnt of a new kind of set point, where a message shows it."""
 
     def at(self, column: str, t_s: float) -> float:
         """A column's value at a time (nearest earlier row)."""
@@ -77,13 +79,8 @@ class Recording:
 def load(name: str, folder: Path = FLIGHTS) -> Recording:
     """Read one recording."""
     raw = json.loads(gzip.decompress((folder / f"{name}.json.gz").read_bytes()))
-    spread = json.loads((folder / "spread.json").read_text())[name]
     table = np.array([[math.nan if v is None else v for v in row] for row in raw["rows"]], dtype=float)
     columns = {column: table[:, k] for k, column in enumerate(raw["columns"])}
-
-    def known(key: str) -> float:
-        return float(spread.get(key, math.nan))
-
     return Recording(
         name,
         raw["header"]["description"],
@@ -91,14 +88,16 @@ def load(name: str, folder: Path = FLIGHTS) -> Recording:
         raw["stimulus"],
         columns["t_s"],
         columns,
-        Spread(
-            known("pos_rms_m"),
-            known("vel_rms_m_s"),
-            known("att_rms_deg"),
-            known("rise_diff_s"),
-            spread["comparable"],
-        ),
+        spread_of(name, folder),
     )
+
+
+def spread_of(name: str, folder: Path = FLIGHTS) -> Spread:
+    """How far PX4's own repeat of a flight was from the first."""
+    raw = json.loads((folder / "spread.json").read_text())[name]
+    keys = ("pos_rms_m", "vel_rms_m_s", "att_rms_deg", "rise_diff_s")
+    position, velocity, attitude, rise = (float(raw.get(key, math.nan)) for key in keys)
+    return Spread(position, velocity, attitude, rise, raw["comparable"])
 
 
 def names(folder: Path = FLIGHTS) -> list[str]:

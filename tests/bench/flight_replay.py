@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim import frames
+from vehicle_sim.autopilot.control_mode import PUBLISH_EVERY_S
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -22,6 +23,7 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import Home
 
 from .flight_recordings import Recording
+from .ros2_recordings import INNER
 
 FloatArray = NDArray[np.float64]
 Script = Generator[None, None, None]
@@ -85,6 +87,13 @@ class _Pilot:
         layout, payload = pack(name, **values)
         self._sequence = (self._sequence + 1) & 0xFF
         self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
+
+    def hand(self, name: str, fields: dict[str, Any]) -> None:
+        """Part of the stimulus: over MAVLink, or by the inner interface."""
+        if name in INNER:
+            getattr(self.sim.autopilots[self.row].offboard, name)(**fields)
+        else:
+            self.send(name, self._in_our_frame(name, fields))
 
     def command(self, number: int, *parameters: float) -> None:
         self.send(
@@ -160,7 +169,7 @@ class _Pilot:
         for at_s, name, fields in self.recording.sends():
             while self.now_s - start_s < at_s - 1e-6:
                 yield
-            self.send(name, self._in_our_frame(name, fields))
+            self.hand(name, fields)
 
     def _in_our_frame(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
         """An orbit about the same place of the local frame as in the recording."""
@@ -216,7 +225,10 @@ class _Pilot:
         end_s = self.now_s + 3.0
         goal = (0.0, 0.0, -height)
         yield from self._until(lambda: self.now_s > end_s and self._calm(goal), "holding", stream)
-        end_s = self.now_s + HOVER_S - OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
+        told_s = self.recording.controllers_told_s % PUBLISH_EVERY_S
+        if math.isnan(told_s):
+            told_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
+        end_s = self.now_s + HOVER_S - told_s
         yield from self._until(lambda: self.now_s > end_s, "holding", stream)
 
     def _orbit(self, height: float) -> Script:

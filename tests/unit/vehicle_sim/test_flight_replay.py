@@ -1,8 +1,16 @@
 """Some reference flights flown through MAVLink as `make bench` flies all: near PX4, and the table says so."""
 
+import math
+
 import pytest
 
-from tests.bench import flight_comparison, flight_recordings, reference_flights
+from tests.bench import (
+    flight_comparison,
+    flight_recordings,
+    reference_flights,
+    ros2_flights,
+    ros2_recordings,
+)
 
 SHORT = ("att_roll_10", "rate_roll_pulse", "vel_z_up1p5", "pos_step_z_up3", "yaw_step_90")
 
@@ -41,3 +49,31 @@ def test_streams_are_unrolled_at_their_rate(shared):
     assert sends[1][0] - sends[0][0] == pytest.approx(1.0 / 30.0)
     circle = list(flight_recordings.load("circle_r5_v3_posvel").sends())
     assert circle[-1][0] == pytest.approx(24.84, abs=0.01), "by the vehicle's clock"
+
+
+def test_ros2_set_points_become_messages(shared):
+    """Each OffboardControlMode carries the set point then in force; motors go past MAVLink."""
+
+    def sends(name):
+        recording = ros2_recordings.load(name, "vel_x_1")
+        return [(t_s, message, fields) for t_s, message, fields in recording.sends() if t_s < 3.0]
+
+    velocity = sends("vel_x2")
+    assert {message for _, message, _ in velocity} == {"SET_POSITION_TARGET_LOCAL_NED"}
+    assert len(velocity) == 59, "20 a second from 0.099 s on"
+    assert velocity[-1][2] == pytest.approx(velocity[-1][2] | {"type_mask": 0b100111000111, "vx": 2.0})
+    assert sends("vel_x1_z_nan")[-1][2]["type_mask"] == 0b100111100111
+    motors = [fields for _, message, fields in sends("motors_one_nan") if message == "actuators"]
+    assert len(motors) == 37
+    assert motors[0]["motors"] == pytest.approx([0.49, 0.49, 0.49, math.nan], nan_ok=True)
+    attitude = [fields for _, message, fields in sends("att_roll10") if message == "SET_ATTITUDE_TARGET"]
+    assert attitude[60]["q"] == pytest.approx([0.996, 0.087, 0.0, 0.0], abs=1e-3)
+    assert {fields["thrust"] for fields in attitude} == {0.49}
+    commands = [fields for _, message, fields in sends("takeoff_hold_land") if message == "COMMAND_LONG"]
+    assert [fields["command"] for fields in commands] == [400, 22]
+    assert math.isnan(commands[1]["param7"])
+
+
+def test_every_ros2_flight_is_like_one_that_was_repeated(shared):
+    likes = {like for _, like in ros2_flights.MANOEUVRES.values()}
+    assert all(flight_recordings.spread_of(like).comparable for like in likes)

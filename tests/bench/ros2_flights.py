@@ -1,0 +1,72 @@
+"""Flights from ROS 2 messages on the simulated PX4 beside the real one: a second set, found after the first.
+
+Nothing in the simulator was fitted to them. Thrust and torque, and motors, which MAVLink cannot carry, are
+flown by the simulator's inner interface. PX4 did not repeat these flights: its spread is taken to be that of
+the reference flight most like each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from . import flight_replay, ros2_recordings
+from .flight_comparison import (
+    ATTITUDE,
+    PATH,
+    POSITION,
+    RATE,
+    VELOCITY,
+    XYZ,
+    Comparison,
+    Manoeuvre,
+    compare,
+)
+from .reference_flights import rows
+
+LEAN = ("roll", "pitch")
+MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
+    "acc_x1": (Manoeuvre(VELOCITY, ("vx",), "vx", 0.1, 2.1), "acc_x_1"),
+    "att_10hz_roll5": (Manoeuvre(ATTITUDE, LEAN, "roll", 0.6, 1.6), "att_roll_10_clean"),
+    "att_level_049": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 2.1), "att_thrust_step_clean"),
+    "att_q_nan": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.1), "att_thrust_step_clean"),
+    "att_roll10": (Manoeuvre(ATTITUDE, LEAN, "roll", 0.6, 1.6), "att_roll_10_clean"),
+    "loss_all_act3": (Manoeuvre(PATH, ("z",), "z", 0.0, 8.0), "land_from_10m"),
+    "loss_all_act5": (Manoeuvre(POSITION, XYZ, None, 0.0, 8.0), "hold_drift_30s"),
+    "loss_all_streams": (Manoeuvre(PATH, ("z",), "z", 0.0, 8.0), "offboard_stop_streaming"),
+    "motors_equal_049": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.1), "rate_roll_pulse_clean"),
+    "motors_one_nan": (Manoeuvre(ATTITUDE, LEAN, "roll", 0.1, 0.6), "rate_roll_pulse_clean"),
+    "motors_roll_pulse": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.3), "rate_roll_pulse_clean"),
+    "ocm_08hz": (Manoeuvre(POSITION, XYZ, None, 0.0, 8.0), "hold_drift_30s"),
+    "ocm_1hz": (Manoeuvre(POSITION, XYZ, None, 0.0, 8.0), "hold_drift_30s"),
+    "pos_step_x3": (Manoeuvre(POSITION, XYZ, "x", 0.0, 6.1), "pos_step_x_p5"),
+    "pos_with_velocity_ff": (Manoeuvre(POSITION, XYZ, "x", 0.0, 6.1), "pos_step_x_p5"),
+    "pos_yawspeed": (Manoeuvre(ATTITUDE, ("yaw",), "yaw", 0.0, 5.2), "pos_yawrate_0p5"),
+    "pos_z_only_nan_xy": (Manoeuvre(POSITION, ("z",), "z", 0.0, 5.2), "pos_step_z_up3"),
+    "rate_roll20": (Manoeuvre(RATE, ("p",), "p", 0.6, 1.2), "rate_roll_pulse_clean"),
+    "seed_node_20hz_square": (Manoeuvre(POSITION, XYZ, "x", 14.5, 19.5), "pos_step_x_p5"),
+    "seed_node_5m": (Manoeuvre(PATH, ("z",), "z", 0.0, 20.0), "takeoff_10m"),
+    "setmode_takeoff_hold_land": (Manoeuvre(PATH, ("z",), "z", 0.0, 20.0), "takeoff_2p5m"),
+    "takeoff_hold_land": (Manoeuvre(PATH, ("z",), "z", 0.0, 20.0), "takeoff_2p5m"),
+    "tt_hover": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.3), "rate_roll_pulse_clean"),
+    "tt_roll_pulse": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.3), "rate_roll_pulse_clean"),
+    "vel_up1": (Manoeuvre(VELOCITY, ("vz",), "vz", 0.1, 3.1), "vel_z_up1p5"),
+    "vel_x1_z_nan": (Manoeuvre(VELOCITY, ("vx", "vy"), None, 0.1, 3.1), "vel_x_1"),
+    "vel_x2": (Manoeuvre(VELOCITY, ("vx",), "vx", 0.1, 4.1), "vel_x_1"),
+    "yaw_nan_only": (Manoeuvre(POSITION, XYZ, "x", 0.0, 4.2), "pos_step_x_p5"),
+}
+"""What each is judged by, and the reference flight whose spread counts."""
+
+
+def measure(wanted: list[str] | None = None) -> list[Comparison]:
+    """Fly and compare."""
+    recordings = [ros2_recordings.load(name, MANOEUVRES[name][1]) for name in wanted or MANOEUVRES]
+    flown = flight_replay.fly(recordings)
+    return [compare(each, flown[each.name], MANOEUVRES[each.name][0]) for each in recordings]
+
+
+def table() -> Iterator[str]:
+    """For `make bench`."""
+    if not ros2_recordings.FLIGHTS.is_dir():
+        yield "The recordings (../shared/px4/dds/flights) are not beside this checkout."
+        return
+    yield from rows(measure())

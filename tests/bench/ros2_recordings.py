@@ -1,0 +1,159 @@
+"""Flights that a real PX4 flew from ROS 2 messages, as messages that the simulated vehicle takes.
+
+A stream of set points is two topics there: OffboardControlMode, which keeps Offboard alive and names the
+level, and the set point. Here each OffboardControlMode becomes one message with the set point then in force:
+over MAVLink, or by the inner interface (`INNER`) where MAVLink has no words for it.
+"""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+import gzip
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .flight_recordings import Recording, spread_of
+
+FLIGHTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "flights"
+
+Send = tuple[float, str, dict[str, Any]]
+
+THRUST_TORQUE, ACTUATORS = "thrust_torque", "actuators"
+INNER = frozenset({THRUST_TORQUE, ACTUATORS})
+"""Methods of the simulated Offboard that stand for messages MAVLink does not have."""
+TOPICS = {
+    "position": "trajectory_setpoint",
+    "velocity": "trajectory_setpoint",
+    "acceleration": "trajectory_setpoint",
+    "attitude": "vehicle_attitude_setpoint",
+    "body_rate": "vehicle_rates_setpoint",
+    "thrust_and_torque": "vehicle_thrust_setpoint",
+    "direct_actuator": "actuator_motors",
+}
+"""The topic that each flag of OffboardControlMode asks for, the highest level first."""
+MODES = {2: 0x30000, 4: 0x3040000, 5: 0x5040000, 14: 0x60000, 17: 0x2040000, 18: 0x6040000}
+"""nav_state to custom_mode."""
+ARMED = 2
+ATTITUDE_ONLY, RATES_ONLY = 7, 128
+SETPOINT_LAG_S = 0.01
+"""So much later than its OffboardControlMode a set point may be recorded."""
+MOTORS = 4
+
+
+def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
+    """Read one flight; its spread is that of the reference flight `like`."""
+    raw = json.loads(gzip.decompress((folder / f"{name}.json.gz").read_bytes()))
+    table = np.array([[math.nan if v is None else v for v in row] for row in raw["rows"]], dtype=float)
+    columns = {column: table[:, k] for k, column in enumerate(raw["columns"])}
+    columns["custom_mode"] = np.array(
+        [MODES.get(int(state), 0) for state in columns["nav_state"]], dtype=float
+    )
+    columns["armed"] = (columns["arming_state"] == ARMED).astype(float)
+    held = _Held(raw["stimulus"], "trajectory_setpoint").at(0.0)
+    for axis, value in zip(("sx", "sy", "sz"), held.get("position", [math.nan] * 3), strict=True):
+        columns[axis] = np.full(len(table), value)
+    columns["syaw"] = np.zeros(len(table))
+    sends: list[dict[str, Any]] = [
+        dict(zip(("t_s", "message", "fields"), send, strict=True)) for send in _sends(raw["stimulus"])
+    ]
+    return Recording(
+        name,
+        raw["header"]["note"] or raw["header"]["precondition"],
+        raw["header"]["parameters"],
+        sends,
+        columns["t_s"],
+        columns,
+        dataclasses.replace(spread_of(like), comparable=False),
+        _told_s(raw["messages"]),
+    )
+
+
+def _told_s(messages: list[dict[str, Any]]) -> float:
+    """When the controllers first learnt that positions are not controlled any more."""
+    told = (m["dt_s"] for m in messages if "flag_control_position_enabled" in m.get("changed", {}))
+    return next(told, math.nan)
+
+
+class _Held:
+    """What was published last on a topic, as a function of time."""
+
+    def __init__(self, stimulus: list[dict[str, Any]], topic: str) -> None:
+        found: list[tuple[float, dict[str, Any]]] = []
+        for entry in stimulus:
+            if entry["topic"].endswith(f"/{topic}"):
+                found += entry.get("setpoints") or [(entry["dt_s"], entry["fields"])]
+        found.sort(key=lambda each: each[0])
+        self._times = [each[0] for each in found]
+        self._fields = [each[1] for each in found]
+
+    def at(self, t_s: float) -> dict[str, Any]:
+        k = bisect.bisect_right(self._times, t_s) - 1
+        return {key: _number(value) for key, value in self._fields[k].items()} if k >= 0 else {}
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_number(each) for each in value]
+    return math.nan if value is None else value
+
+
+def _sends(stimulus: list[dict[str, Any]]) -> list[Send]:
+    held = {topic: _Held(stimulus, topic) for topic in {*TOPICS.values(), "vehicle_torque_setpoint"}}
+    sends: list[Send] = []
+    for entry in stimulus:
+        topic = entry["topic"].rsplit("/", 1)[1]
+        if topic == "vehicle_command":
+            fields = {f"param{n}": _number(entry["fields"].get(f"param{n}", 0.0)) for n in range(1, 8)}
+            sends.append((entry["dt_s"], "COMMAND_LONG", fields | {"command": entry["fields"]["command"]}))
+        elif topic == "offboard_control_mode":
+            sends += _stream(entry, held)
+    return sorted(sends, key=lambda send: send[0])
+
+
+def _stream(entry: dict[str, Any], held: dict[str, _Held]) -> Iterator[Send]:
+    topic = next(TOPICS[flag] for flag in TOPICS if entry["fields"].get(flag))
+    for k in range(entry["count"]):
+        t_s = entry["dt_s"] + k / entry["streamed_hz"]
+        if t_s >= 0.0:
+            at_s = t_s + SETPOINT_LAG_S
+            fields = held[topic].at(at_s)
+            if topic == "vehicle_thrust_setpoint":
+                torque = held["vehicle_torque_setpoint"].at(at_s).get("xyz", [0.0, 0.0, 0.0])
+                yield t_s, THRUST_TORQUE, {"thrust_frd": fields["xyz"], "torque_frd": torque}
+            else:
+                yield t_s, *_message(topic, fields)
+
+
+def _message(topic: str, fields: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    if topic == "trajectory_setpoint":
+        return "SET_POSITION_TARGET_LOCAL_NED", _trajectory(fields)
+    if topic == "actuator_motors":
+        return ACTUATORS, {"motors": fields["control"][:MOTORS]}
+    thrust = -fields["thrust_body"][2]
+    if topic == "vehicle_attitude_setpoint":
+        return "SET_ATTITUDE_TARGET", {"type_mask": ATTITUDE_ONLY, "q": fields["q_d"], "thrust": thrust}
+    rates = {f"body_{axis}_rate": fields.get(axis, 0.0) for axis in ("roll", "pitch", "yaw")}
+    return "SET_ATTITUDE_TARGET", rates | {
+        "type_mask": RATES_ONLY, "q": [1.0, 0.0, 0.0, 0.0], "thrust": thrust,
+    }  # fmt: skip
+
+
+def _trajectory(fields: dict[str, Any]) -> dict[str, Any]:
+    """NaN becomes a bit of the mask; what the recording leaves out was zero."""
+    values: dict[str, Any] = {"coordinate_frame": 1}
+    axes = (("x", "y", "z"), ("vx", "vy", "vz"), ("afx", "afy", "afz"))
+    kinds = ("position", "velocity", "acceleration")
+    for names, kind in zip(axes, kinds, strict=True):
+        values |= zip(names, fields.get(kind, [0.0, 0.0, 0.0]), strict=True)
+    values |= {"yaw": fields.get("yaw", 0.0), "yaw_rate": fields.get("yawspeed", 0.0)}
+    mask = 0
+    for bit, name in enumerate((*axes[0], *axes[1], *axes[2], None, "yaw", "yaw_rate")):
+        if name is not None and math.isnan(values[name]):
+            mask, values[name] = mask | 1 << bit, 0.0
+    return values | {"type_mask": mask}
