@@ -248,7 +248,8 @@ class Commander:
     def _end_task(self) -> None:
         """A take-off that arrived and a mission that is over go on in Hold."""
         mission = self._navigator.mission
-        if self.active is NavState.TAKEOFF and self._navigator.finished(NavState.TAKEOFF):
+        taking_off = self.active is NavState.TAKEOFF and not self.landed
+        if taking_off and self._navigator.finished(NavState.TAKEOFF):
             onward = self._body.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
             self._go_on(NavState.MISSION if onward else NavState.HOLD)
             return

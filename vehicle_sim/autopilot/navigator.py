@@ -204,7 +204,7 @@ class Navigator:
         """Whether the mode would lift a vehicle that stands on the ground."""
         down = self.path.target_ned_m[2]
         if mode is NavState.TAKEOFF:
-            return True
+            return self._climb.wants_to_climb
         if mode is NavState.MISSION:
             return self.mission.taking_off
         if mode is NavState.RTL and self.landing:

@@ -270,13 +270,11 @@ class Offboard:
     def wants_to_climb(self, z_ned_m: float) -> bool:
         """Whether the set point leads off the ground."""
         setpoint = self.setpoint
-        if setpoint.kind is Kind.POSITION and math.isfinite(setpoint.position_ned_m[2]):
-            return setpoint.position_ned_m[2] < z_ned_m - 0.1
-        if _finite(setpoint.velocity_ned_m_s[2]):
-            return setpoint.velocity_ned_m_s[2] < 0.0
-        if _finite(setpoint.acceleration_ned_m_s2[2]):
-            return setpoint.acceleration_ned_m_s2[2] < 0.0
-        return False
+        return (
+            setpoint.position_ned_m[2] < z_ned_m
+            or setpoint.velocity_ned_m_s[2] < 0.0
+            or setpoint.acceleration_ned_m_s2[2] < 0.0
+        )
 
 
 def _nobody() -> None:

@@ -102,8 +102,7 @@ class Path:
         if flying and north is not None and east is not None and down is not None:
             self.fly_way(self._way_to((north, east, down)), flying)
             return
-        self.advance_horizontal()
-        self.advance_vertical(flying)
+        self.advance_vertical(flying, self.advance_horizontal())
         self.write()
 
     def fly_way(self, way: Way, flying: bool) -> None:
@@ -120,17 +119,17 @@ class Path:
             self._way = Way(here, target_ned_m, None, self._body.parameter("NAV_ACC_RAD"))
         return self._way
 
-    def advance_horizontal(self) -> None:
-        """One tick north and east."""
+    def advance_horizontal(self) -> float:
+        """One tick north and east; how long it is for the trajectory [s], in height too."""
         north, east, down = self.target_ned_m
         way = None
         if north is not None and east is not None:
             way = self._way_to((north, east, self.z.position_m if down is None else down))
         elif math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
             self.target_ned_m = (self.x.position_m, self.y.position_m, down)
-        self._smoothing.fly_level(TICK_S, way, self._limits)
+        return self._smoothing.fly_level(TICK_S, way, self._limits)
 
-    def advance_vertical(self, flying: bool) -> None:
+    def advance_vertical(self, flying: bool, tick_s: float = TICK_S) -> None:
         """One tick up or down."""
         north, east, down = self.target_ned_m
         if not flying:
@@ -141,7 +140,7 @@ class Path:
             wanted = math.copysign(self._smoothing.vertical_speed(way_m, self._limits), way_m)
         elif abs(self.z.velocity_m_s) < 0.05 and flying:
             self.target_ned_m = (north, east, self.z.position_m)
-        self.z_towards(wanted)
+        self.z_towards(wanted, tick_s)
         self.keep_near()
 
     def keep_near(self) -> None:
@@ -150,9 +149,9 @@ class Path:
         if abs(self.z.position_m - z) > MAX_Z_LEAD_M:
             self.z.position_m = z + math.copysign(MAX_Z_LEAD_M, self.z.position_m - z)
 
-    def z_towards(self, velocity_m_s: float) -> None:
+    def z_towards(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
         """One tick towards a vertical speed (down is positive)."""
-        self.z.fly(TICK_S)
+        self.z.fly(tick_s)
         self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:

@@ -73,8 +73,12 @@ class Smoothing:
         self.plan_vertical(down)
         synchronise(self.x, self.y, self.z)
 
-    def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> None:
-        """One tick north and east only; without a way to rest."""
+    def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> float:
+        """One tick north and east only; without a way to rest.
+
+        Returns:
+            How long the tick is for the trajectory, which waits for a vehicle that lags [s].
+        """
         stretched_s = dt_s * self._stretch()
         self.x.fly(stretched_s)
         self.y.fly(stretched_s)
@@ -87,6 +91,7 @@ class Smoothing:
                 north, east = speed * dn / length, speed * de / length
         self._plan_level(north, east)
         synchronise(self.x, self.y)
+        return stretched_s
 
     def plan_vertical(self, velocity_m_s: float) -> None:
         """Towards a vertical speed (down is positive) by the limits of that direction."""

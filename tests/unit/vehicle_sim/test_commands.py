@@ -4,7 +4,7 @@ import math
 
 import pytest
 from plan_station import MISSION_MODE, PlanStation
-from sim_station import HOLD, NAN, POSITION
+from sim_station import HOLD, NAN, POSITION, TAKEOFF
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
 ARM, SET_MODE, REPOSITION, CHANGE_ALTITUDE, CHANGE_SPEED = 400, 176, 192, 186, 178
@@ -205,3 +205,27 @@ def test_an_orbit_without_a_position_is_refused(air):
     asked_s = air.now_s
     assert ask(air, ORBIT, 10, 2, 0, NAN, NAN, NAN, NAN) == [TEMPORARILY_REJECTED]
     assert "Orbit refused" in air.texts(asked_s)
+
+
+def test_a_take_off_below_the_vehicle_stays_on_the_ground_and_is_disarmed(ground: PlanStation) -> None:
+    """As it goes to who gives a height above ground where one above the sea is asked for."""
+    ground.command(400, 1)
+    ground.run(0.1)
+    ground.command(22, -1, 0, 0, NAN, NAN, NAN, 7.0)
+    ground.run(8.0)
+    assert ground.acks(22) == [0]
+    assert "Already higher than takeoff altitude\t" in ground.texts()
+    assert ground.flown_mode == TAKEOFF
+    assert ground.height_m < 0.2
+    ground.run(3.5)
+    assert not ground.armed
+    assert ground.texts()[-1].startswith("Disarmed by auto preflight disarming")
+
+
+def test_a_take_off_climbs_as_far_as_was_asked_also_less_than_its_default(ground: PlanStation) -> None:
+    ground.command(400, 1)
+    ground.run(0.1)
+    ground.command(22, -1, 0, 0, NAN, NAN, NAN, ground.sim.autopilots[0].home.alt_amsl_m + 1.2)
+    ground.run(12.0)
+    assert ground.flown_mode == HOLD
+    assert ground.height_m == pytest.approx(1.2, abs=0.3)

@@ -11,6 +11,8 @@ from vehicle_sim.autopilot.path import TICK_S, Path
 
 CLIMB_DELAY_S = 1.4
 """From the start of the take-off ramp until the climb begins (measured on PX4: the ramp passes zero then)."""
+LEAST_CLIMB_M = 0.2
+"""Less above the vehicle does not lift it off."""
 CLIMB_ACCELERATION_M_S2 = 0.5
 CLIMB_APPROACH = 1.15
 """Speed over the square root of the height left near the target (both from recorded take-offs)."""
@@ -29,15 +31,12 @@ class Climb:
         self._climb_since_s = math.nan
 
     def enter(self) -> None:
-        """Choose the height: the one asked for, never below MIS_TAKEOFF_ALT over home."""
-        self._climb_since_s = math.nan
-        origin_alt = self._body.origin[2]
+        """Choose the height: the one asked for, else MIS_TAKEOFF_ALT from here, and never below here."""
         default_m = self._body.parameter("MIS_TAKEOFF_ALT")
-        lowest = self._home.alt_amsl_m + default_m
-        wanted = self.alt_amsl_m
-        self.alt_amsl_m = math.nan
         here = self._body.belief.alt_amsl_m
+        wanted, self.alt_amsl_m = self.alt_amsl_m, math.nan
         if not math.isfinite(wanted):
+            wanted = here + default_m
             self._announcer.both(
                 6,
                 f"Using default takeoff altitude: {default_m:.1f} m",
@@ -45,18 +44,21 @@ class Climb:
                 "f",
                 default_m,
             )
-        elif here > max(wanted, lowest):
+        elif wanted < here:
+            wanted = here
             self._announcer.both(
                 2, "Already higher than takeoff altitude", "navigator_takeoff_already_higher"
             )
-        wanted = max(
-            lowest, here if here > lowest + 1.0 else lowest, wanted if math.isfinite(wanted) else lowest
-        )
-        north, east, _ = self._body.belief.position_ned_m
-        self._path.target_ned_m = (north, east, -(wanted - origin_alt))
+        self.begin(wanted)
+
+    @property
+    def wants_to_climb(self) -> bool:
+        """Whether the height that was chosen is above the vehicle; if not it stays on the ground."""
+        down = self._path.target_ned_m[2]
+        return down is not None and down < self._body.belief.position_ned_m[2] - LEAST_CLIMB_M
 
     def begin(self, alt_amsl_m: float) -> None:
-        """Straight up to an altitude, as a mission asks for before its first item."""
+        """Straight up to an altitude, as a mission also asks for before its first item."""
         self._climb_since_s = math.nan
         north, east, _ = self._body.belief.position_ned_m
         self._path.target_ned_m = (north, east, self._body.origin[2] - alt_amsl_m)

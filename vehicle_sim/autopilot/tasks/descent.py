@@ -20,8 +20,8 @@ class Descent:
 
     def run(self) -> None:
         """One tick of the descent."""
-        self._path.advance_horizontal()
-        self._path.z_towards(self._land_speed())
+        tick_s = self._path.advance_horizontal()
+        self._path.z_towards(self._land_speed(), tick_s)
         self._path.keep_near()
         self._path.write()
 
