@@ -312,7 +312,7 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             expect(chip).to_contain_text("lost", timeout=10_000)
         with (
             page.expect_request(
-                lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=20_000
+                lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
             ) as told,
             running(command),
         ):

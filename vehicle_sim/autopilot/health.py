@@ -176,6 +176,7 @@ def examine(facts: Facts) -> Report:
     if facts.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
             text="Preflight Fail: optical flow sensor missing")  # fmt: skip
+    checks += _detected_failures(facts)
     if facts.mode in CANNOT_TAKE_OFF and not facts.armed and not facts.terminated:
         add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
     if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
@@ -207,7 +208,7 @@ def examine(facts: Facts) -> Report:
     if facts.parachute_required:
         add("check_parachute_missing", EVERY_MODE, COMPONENT_PARACHUTE, running=0,
             text="Preflight Fail: parachute system missing")  # fmt: skip
-    checks += _failures(facts)
+    checks += _limits(facts)
     if facts.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
     elif facts.battery_warning == 2:
@@ -239,12 +240,14 @@ FENCE_EVENTS = {
 }  # fmt: skip
 
 
-def _failures(facts: Facts) -> list[Check]:
-    """What forbids arming in every mode and stops none that is flown."""
+def _no_arming(event: str, component: int, text: str) -> Check:
+    """A finding that forbids arming in every mode and stops none that is flown."""
+    return Check(event, EVERY_MODE, component, EVERY_MODE, 0, text)
+
+
+def _detected_failures(facts: Facts) -> list[Check]:
+    """What the failure detector found."""
     found: list[tuple[str, int, str]] = []
-    for breach in Breach:
-        if breach in facts.fence:
-            found.append((FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1]))
     if facts.roll_failure:
         text = "Preflight Fail: Attitude failure (roll)"
         found.append(("check_failure_detector_roll", COMPONENT_SYSTEM, text))
@@ -253,9 +256,15 @@ def _failures(facts: Facts) -> list[Check]:
         found.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
     if facts.motor_failure:
         found.append(("check_failure_detector_motor", COMPONENT_MOTORS, "Motor failure detected"))
+    return [_no_arming(*each) for each in found]
+
+
+def _limits(facts: Facts) -> list[Check]:
+    """What was exceeded: fence, flight time, wind."""
+    checks = [_no_arming(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
+              for breach in Breach if breach in facts.fence]  # fmt: skip
     if facts.flight_time_over:
-        found.append(("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached"))
-    checks = [Check(event, EVERY_MODE, component, EVERY_MODE, 0, text) for event, component, text in found]
+        checks.append(_no_arming("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached"))
     if facts.wind_too_high:
         checks.append(
             Check("check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0, argument=facts.wind_m_s)

@@ -1,12 +1,15 @@
 """When is the vehicle on the ground? The detector, the range finder's height, and landings of both kinds."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sim_station import BOTH, LAND, NAN, OFFBOARD, Station
 
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
+from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.estimator.terrain import LASTS_FROM_GROUND_S, LASTS_S, Terrain
 from vehicle_sim.parameters import Parameters
 
@@ -226,3 +229,35 @@ def test_what_leaves_an_axis_open_stops_the_vehicle() -> None:
         assert all(map(math.isnan, (echo.x, echo.y, echo.z)))
         assert s.sim.simulation.truth.position_ned_m[0] == pytest.approx(before, abs=0.3)
     assert s.mode == OFFBOARD
+
+
+# --- the trajectory of a landing -----------------------------------------------------------------------
+
+
+class Lagging:
+    """A body that is held beside its trajectory, with a row that only remembers."""
+
+    def __init__(self, north_m: float) -> None:
+        self.belief = SimpleNamespace(
+            position_ned_m=(north_m, 0.0, -20.0), velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0,
+            height_above_ground_m=20.0,
+        )  # fmt: skip
+        self.parameter = Parameters().usable
+        self.choice = lambda name: int(Parameters().get(name))
+
+    def trajectory(self, position_ned_m: tuple[float, float, float], *_: object) -> None:
+        self.down_m = position_ned_m[2]
+
+
+@pytest.mark.parametrize(("beside_m", "part"), [(0.0, 1.0), (0.5, 0.75), (1.0, 0.5)])
+def test_a_vehicle_beside_its_trajectory_lands_more_slowly(beside_m: float, part: float) -> None:
+    """MPC_XY_ERR_MAX is 2 m; a real PX4 that wandered by half a metre sank at three quarters of its speed."""
+    body = Lagging(-beside_m)
+    path = Path(body, body)  # type: ignore[arg-type]
+    for axis, at_m in ((path.x, 0.0), (path.y, 0.0), (path.z, -20.0)):
+        axis.reset(at_m)
+    path.z.reset(-20.0, 1.5)
+    descent = Descent(body, path)  # type: ignore[arg-type]
+    for _ in range(20):
+        descent.run()
+    assert body.down_m + 20.0 == pytest.approx(20 * TICK_S * 1.5 * part, rel=0.02)
