@@ -1,6 +1,6 @@
 """Flights from ROS 2 messages on the simulated PX4 beside the real one: a second set, found after the first.
 
-Nothing in the simulator was fitted to them. Thrust and torque, and motors, which MAVLink cannot carry, are
+No number in the simulator was fitted to them. Thrust and torque, and motors, which MAVLink cannot carry, are
 flown by the simulator's inner interface. PX4 did not repeat these flights: its spread is taken to be that of
 the reference flight most like each.
 """
