@@ -76,8 +76,6 @@ LEVELS = {
     Kind.THRUST_TORQUE: ControlLevel.THRUST_TORQUE,
     Kind.ACTUATORS: ControlLevel.MOTORS,
 }
-WITHOUT_ESTIMATE = frozenset(LEVELS)
-"""Kinds that need neither position nor velocity."""
 
 
 def _finite(*values: float) -> bool:
