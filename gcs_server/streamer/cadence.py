@@ -8,6 +8,8 @@ from collections import deque
 _REMEMBERED = 101
 RECENT_S = 2.0
 """The rate achieved is that of so much time."""
+PAUSE_S = 0.5
+"""A longer gap (at slow rates, of more than two periods) is a pause: PX4 wants two setpoints a second."""
 
 
 class Cadence:
@@ -18,6 +20,7 @@ class Cadence:
         self.next_s = 0.0
         """When the next one is due."""
         self._sent_at: deque[float] = deque(maxlen=_REMEMBERED)
+        self._steady_from_s = 0.0
 
     def begin(self, rate_hz: float) -> None:
         """A new stream."""
@@ -30,6 +33,8 @@ class Cadence:
 
     def sent(self, now_s: float) -> None:
         """One has gone out."""
+        if not self._sent_at or now_s - self._sent_at[-1] > max(PAUSE_S, 2.0 / self.rate_hz):
+            self._steady_from_s = now_s
         self._sent_at.append(now_s)
         missed = math.floor((now_s - self.next_s) * self.rate_hz + 1e-6)
         self.next_s += (missed + 1) / self.rate_hz
@@ -38,6 +43,11 @@ class Cadence:
         """Over the last setpoints sent; None before there were two within two seconds."""
         recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= RECENT_S]
         return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) >= 2 else None
+
+    @property
+    def steady_s(self) -> float:
+        """From the first to the last setpoint that went out without a pause; 0 before there were two."""
+        return self._sent_at[-1] - self._steady_from_s if self._sent_at else 0.0
 
     def age_s(self, now_s: float) -> float | None:
         """Since one last went out."""

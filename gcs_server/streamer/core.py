@@ -65,7 +65,8 @@ class StreamCore:
         """What made the stream end the flight by itself, for who asks afterwards."""
         self.phase = "idle"
         self.order: Order | None = None
-        self._cadence = Cadence()
+        self.cadence = Cadence()
+        """When setpoints go out, and went out; of the last stream while idle."""
         self.reports: deque[Report] = deque(maxlen=50)
         self.last_end: Report | None = None
         self._since_s = 0.0
@@ -82,7 +83,7 @@ class StreamCore:
 
     def begin(self, now_s: float, order: Order, rate_hz: float, snapshot: Snapshot) -> None:
         """Starts to stream before Offboard is asked for; validity counts from `engage`."""
-        self._cadence.begin(rate_hz)
+        self.cadence.begin(rate_hz)
         self._asked_mode, self.last_end = None, None
         self._engaged_s = math.inf
         self._was_armed, self._last_estimate = False, None
@@ -158,7 +159,7 @@ class StreamCore:
         """When `tick` wants to be called next; infinity while idle."""
         if self.phase == "idle":
             return math.inf
-        return min(self._cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
+        return min(self.cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
 
     def tick(self, now_s: float, snapshot: Snapshot, beat_s: float) -> list[Outgoing]:
         """What goes out now.
@@ -186,12 +187,12 @@ class StreamCore:
         outgoing: list[Outgoing] = []
         if self.phase in ("to_hold", "landing"):
             self._ask_for_mode(now_s, outgoing)
-        if self.phase != "idle" and now_s >= self._cadence.next_s:
+        if self.phase != "idle" and now_s >= self.cadence.next_s:
             self._take_aim(now_s, snapshot)
             if not self.streaming:
                 return outgoing
             outgoing.append(self._aimer.packet(now_s))
-            self._cadence.sent(now_s)
+            self.cadence.sent(now_s)
         return outgoing
 
     # --- what can be read -------------------------------------------------------------------------
@@ -211,22 +212,9 @@ class StreamCore:
         """Whether setpoints go out."""
         return self.phase != "idle"
 
-    @property
-    def rate_hz(self) -> float:
-        """As asked for."""
-        return self._cadence.rate_hz
-
-    def rate_achieved_hz(self, now_s: float) -> float | None:
-        """Over the last setpoints sent; None while idle, or before there were two within two seconds."""
-        return None if self.phase == "idle" else self._cadence.achieved_hz(now_s)
-
     def age_s(self, now_s: float) -> float | None:
         """Age of the order."""
         return None if self.order is None or self.phase == "idle" else now_s - self._since_s
-
-    def sent_age_s(self, now_s: float) -> float | None:
-        """Since a setpoint last went out."""
-        return None if self.phase == "idle" else self._cadence.age_s(now_s)
 
     def valid_left_s(self, now_s: float) -> float | None:
         """Until the order expires (it has not begun to while starting); None while idle."""
@@ -246,7 +234,7 @@ class StreamCore:
         self._aimer.take(now_s, order.setpoint, snapshot)
         self._why = ""
         self.order, self._since_s = order, now_s
-        self._cadence.at_once(now_s)
+        self.cadence.at_once(now_s)
 
     def _take_aim(self, now_s: float, snapshot: Snapshot) -> None:
         """Looks after what goes out at this very moment."""
@@ -373,7 +361,7 @@ class StreamCore:
     def _stand_still(self, now_s: float, snapshot: Snapshot) -> None:
         """What is sent until the mode has changed."""
         self._aimer.stand_still(now_s, snapshot)
-        self._cadence.at_once(now_s)
+        self.cadence.at_once(now_s)
 
     def _ask(self, mode: str, now_s: float) -> None:
         self._asked_mode, self._mode_asks, self._next_ask_s = mode, 0, now_s

@@ -25,6 +25,9 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 PRE_STREAM_S = 1.2
 """PX4 wants more than a second of setpoints before it takes Offboard."""
+PRE_STREAM_WITHIN_S = 6.0
+"""A machine too busy to send setpoints without a pause for so long cannot fly a vehicle."""
+STEADY_LOOK_S = 0.02
 PARAMETERS_WITHIN_S = 3.0
 """What the vehicle has not told by then stays unknown."""
 ASK_AGAIN_S = 10.0
@@ -92,10 +95,8 @@ class OffboardControl:
                 remedy="Send a setpoint to change the target, or stop the stream first.",
             )
         try:
-            began_s = self._clock.monotonic_s()
             self._check_rate(await self.read_failsafe(), rate_hz)
-            await self._clock.sleep(max(0.0, PRE_STREAM_S - (self._clock.monotonic_s() - began_s)))
-            self._still_starting(number)
+            await self._streamed_steadily(number)
             self.check(order)  # seconds may have passed, and the vehicle's limits are known now
             self._asked = number
             await vehicle.command.set_mode("offboard")
@@ -109,6 +110,25 @@ class OffboardControl:
                 self._streams.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
             raise
         return self.status()
+
+    async def _streamed_steadily(self, number: int) -> None:
+        """Returns once setpoints have gone out without a pause for as long as the vehicle wants.
+
+        Raises:
+            Refused: they did not, or the stream has ended.
+        """
+        until_s = self._clock.monotonic_s() + PRE_STREAM_WITHIN_S
+        while True:
+            self._still_starting(number)
+            short_s = PRE_STREAM_S - self._streams.state(self._vehicle.id).steady_s
+            if short_s <= 0.0:
+                return
+            if self._clock.monotonic_s() >= until_s:
+                raise Refused(
+                    "Setpoints did not go out without a pause: the station's machine is too busy.",
+                    remedy="Close what else runs on it, then start again.",
+                )
+            await self._clock.sleep(max(short_s, STEADY_LOOK_S))
 
     def _still_starting(self, number: int) -> None:
         if not self._streams.starting(self._vehicle.id, number):

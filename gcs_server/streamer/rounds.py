@@ -93,20 +93,21 @@ class Rounds(Streams):
 
     def state(self, vehicle_id: str) -> StreamState:
         stream = self._streams[vehicle_id]
-        core, now_s = stream.core, self._clock.monotonic_s()
+        core, cadence, now_s = stream.core, stream.core.cadence, self._clock.monotonic_s()
         return StreamState(
             core.phase,
             core.order if core.streaming else None,
             core.sent if core.streaming else None,
             core.limited if core.streaming else (),
-            core.rate_hz,
-            core.rate_achieved_hz(now_s),
+            cadence.rate_hz,
+            cadence.achieved_hz(now_s) if core.streaming else None,
             core.age_s(now_s),
-            core.sent_age_s(now_s),
+            cadence.age_s(now_s) if core.streaming else None,
             core.valid_left_s(now_s),
             stream.sends_failed,
             core.last_end,
             stream.number,
+            cadence.steady_s if core.streaming else 0.0,
         )
 
     def states(self) -> dict[str, StreamState]:

@@ -54,6 +54,8 @@ class StreamState:
     last_end: Report | None = None
     number: int = 0
     """Counts a vehicle's streams."""
+    steady_s: float = 0.0
+    """For how long setpoints have gone out without a pause."""
 
 
 class Streams(Protocol):

@@ -25,7 +25,7 @@ ARGUMENTS = [
     "--disable-background-networking",
 ]
 """WebGL is drawn in software, and only WebGL: to lay the page out through it too costs a core."""
-PATIENCE_MS = 20_000
+PATIENCE_MS = 30_000
 """Chromium draws in software here, and the machine may do other things besides."""
 
 COARSE = 0.5

@@ -75,7 +75,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
 
         # Bob's page is closed: he cannot be asked any more
         with SyncGcs(url, client="look") as gcs:
-            wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving", 10)
+            wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving")
         anna.keyboard.press("c")
         anna.get_by_role("button", name="Take it by force …").click()
         expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is told")

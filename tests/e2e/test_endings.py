@@ -51,7 +51,7 @@ def flying() -> Iterator[Any]:
 
 def ends_in_hold(drone: Any) -> None:
     """Within moments, by the word of the vehicle."""
-    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "the stream's end", 8)
+    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "the stream's end")
     assert drone.status()["mode"] == "hold"
 
 
@@ -130,9 +130,9 @@ def test_a_client_that_goes_away_during_start_leaves_a_stream_that_expires_into_
         head = f"POST /api/v1/vehicles/101/offboard/start HTTP/1.1\r\nHost: {host}\r\nX-Client: gone\r\n"
         head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
         gone.sendall(head.encode() + body)
-        wait_until(lambda: drone.request("GET", "/offboard")["state"] == "starting", "the start", 3)
-    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "holding", "the expiry", 10)
-    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "Hold", 10)
+        wait_until(lambda: drone.request("GET", "/offboard")["state"] == "starting", "the start")
+    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "holding", "the expiry")
+    wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "Hold")
     assert drone.status()["mode"] == "hold"
 
 

@@ -32,7 +32,7 @@ def test_a_group_flies_changes_and_ends_in_hold_however_its_block_ends() -> None
         with gcs.group(north, minimum_separation_m=1, valid_for_s=20) as group:
             assert group.started["state"] == "waiting"
             assert group.started["start_unix_s"] > time.time_ns() / 1e9 - 1
-            wait_until(lambda: group.status()["state"] == "flying", "the start", 10)
+            wait_until(lambda: group.status()["state"] == "flying", "the start")
             with pytest.raises(Invalid, match="vehicle 9 is not in group") as wrong:
                 group.send({"9": setpoints.velocity_ned(1, 0, 0)})
             assert wrong.value.field == "setpoints.0.vehicle"

@@ -98,7 +98,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         wait_until(lambda: flown(5.5), "both six metres north", 30)
         expect(card).to_contain_text("Renewed while this page is in sight")
         assert number(card.locator(".figures b").first.inner_text()) > 1
-        wait_until(lambda: time.monotonic() - began_s > 10, "longer than it is good for", 15)
+        wait_until(lambda: time.monotonic() - began_s > 10, "longer than it is good for")
         group = gcs.request("GET", "/groups")["groups"][-1]
         assert (group["state"], group["findings"]) == ("flying", [])
 
@@ -113,7 +113,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         assert in_both_themes(page) == []
         tab_to(page, "Hold group")
         page.keyboard.press("Enter")
-        wait_until(lambda: modes(drones) == {"hold"}, "Hold", 10)
+        wait_until(lambda: modes(drones) == {"hold"}, "Hold")
         expect(card).to_contain_text("commanded Hold.")
         expect(room.get_by_role("button", name="Hold group")).to_have_count(0)
 
@@ -127,7 +127,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         hold_space(page)
         expect(card).to_contain_text("Flying")
         page.evaluate(HIDE, "hidden")
-        wait_until(lambda: modes(drones) == {"hold"}, "the expiry", 25)
+        wait_until(lambda: modes(drones) == {"hold"}, "the expiry")
         page.evaluate(HIDE, "visible")
         expect(card).to_contain_text("Its setpoints expired.")
 
@@ -144,4 +144,4 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
                 expect(alone).to_contain_text("Flies in group 3 of pair.")
                 alone.get_by_role("button", name="Show the group").click()
                 room.get_by_role("button", name="Hold group").click()
-                wait_until(lambda: modes(drones) == {"hold"}, "Hold by who only watches", 10)
+                wait_until(lambda: modes(drones) == {"hold"}, "Hold by who only watches")

@@ -112,7 +112,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         slide(page)
         expect(menu).to_be_hidden()
         wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle where the map was clicked", 30)
-        wait_until(lambda: abs(told(drone, "global_position")["alt_home_m"] - 10) < 1, "the height asked", 20)
+        wait_until(lambda: abs(told(drone, "global_position")["alt_home_m"] - 10) < 1, "the height asked")
 
         menu = menu_at(page, -80, -64)
         expect(menu).to_contain_text("Look here: Take control of the gimbal first")
@@ -123,7 +123,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(aim, abs=1e-6)
         home = told(drone, "home")["alt_amsl_m"]
         assert roi["alt_amsl_m"] == pytest.approx(home, abs=0.1)
-        wait_until(lambda: told(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the place", 10)
+        wait_until(lambda: told(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the place")
         expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Keeps looking at")
 
         by_keys_alone(page)
@@ -212,4 +212,4 @@ def test_a_map_file_of_the_operators_own(browser: Browser, station: Station, kin
             r, g, b = page.evaluate(MEAN_COLOUR, base64.b64encode(shot).decode())
             return r - max(g, b) > 60
 
-        wait_until(red, "the operator's own tiles", 15)
+        wait_until(red, "the operator's own tiles")

@@ -164,9 +164,9 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         expect(pill(page)).to_have_text("Offboard")
         assert streamed(drone)["setpoint"]["position_ned_m"][0] == 5
         health = page.get_by_label("Stream health")
-        wait_until(lambda: number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the room", 15)
+        wait_until(lambda: number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the room")
         expect(health).to_contain_text("Position error")
-        wait_until(lambda: drone.topic("local_position")["position_ned_m"][0] > 4, "the place flown to", 20)
+        wait_until(lambda: drone.topic("local_position")["position_ned_m"][0] > 4, "the place flown to")
         expect(page.get_by_label(re.compile("^North: target 5.0 m, actual"))).to_be_visible()
 
         room.get_by_text("Limits", exact=True).click()
@@ -181,7 +181,7 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         room.get_by_role("button", name="Send").click()
         sent = page.get_by_label("Sent setpoints").get_by_role("listitem").first
         expect(sent).to_contain_text(re.compile("Velocity.*4.0.*taken:"))
-        wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the speed that the limit leaves", 20)
+        wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the speed that the limit leaves")
         tab_to(page, "Stop")
         page.keyboard.press("Enter")
         expect(pill(page)).to_have_text("Holding")
@@ -208,14 +208,14 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         assert streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
         page.evaluate("testPad.held = true")
         expect(room).to_contain_text("Sticks fly")
-        wait_until(lambda: speed_m_s(drone) > 0.7, "the stick flown", 10)
+        wait_until(lambda: speed_m_s(drone) > 0.7, "the stick flown")
         assert in_both_themes(page) == []
         page.evaluate("testPad.held = false")
         expect(room).to_contain_text("Stands still")
         wait_until(
             lambda: streamed(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0], "zero asked for", 5
         )
-        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands", 10)
+        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
         expect(page.get_by_label("Sent setpoints")).to_contain_text("Gamepad · taken")
 
         page.evaluate("testPad.held = true")
@@ -223,7 +223,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         page.evaluate("testPad.there = false")
         expect(room.get_by_role("alert")).to_contain_text("The gamepad is gone.")
         expect(pill(page)).to_have_text("Holding")  # nothing renewed it: held, then Hold
-        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands", 10)
+        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
 
 
 @pytest.mark.realtime  # drags in 3D, drawn in software
@@ -235,11 +235,11 @@ def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
         room.get_by_role("button", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
-        wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 4.4, "the camera's stepping back", 20)
+        wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 4.4, "the camera's stepping back")
         ahead, _ = frame.evaluate(EYE)
         room.get_by_role("button", name="North 1 m more").click()
-        wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles a step ahead", 20)
-        wait_until(lambda: under_no_panel(page, frame), "the handles beside all panels", 20)
+        wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles a step ahead")
+        wait_until(lambda: under_no_panel(page, frame), "the handles beside all panels")
         before = drone.topic("local_position")["position_ned_m"]
         box = page.get_by_title("3D view", exact=True).bounding_box()
         assert box is not None
@@ -254,7 +254,7 @@ def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
         page.mouse.down()
         page.mouse.move(at[0] + 40 * dx, at[1] + 40 * dy, steps=6)
         page.mouse.up()
-        wait_until(lambda: math.dist(shown()[:2], stepped[:2]) > 0.3, "the place dragged", 15)
+        wait_until(lambda: math.dist(shown()[:2], stepped[:2]) > 0.3, "the place dragged")
         assert shown()[2] == stepped[2]
         assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
         wanted = shown()

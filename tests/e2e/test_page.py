@@ -90,9 +90,9 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         expect(page.get_by_role("alertdialog")).to_contain_text("Arms, climbs to 6.0 m above home")
         slide(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
-        wait_until(lambda: shown(instrument, "Above home") > 3, "the climb on the page", 20)
+        wait_until(lambda: shown(instrument, "Above home") > 3, "the climb on the page")
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
-        wait_until(lambda: abs(shown(instrument, "Above home") - 6) < 1, "the height that was asked for", 20)
+        wait_until(lambda: abs(shown(instrument, "Above home") - 6) < 1, "the height that was asked for")
 
         card.get_by_role("button", name="Start").click()
         slide(page)
@@ -101,13 +101,13 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         before = number(target.inner_text())
         card.get_by_role("button", name="Up 1 m more").click()
         expect(target).to_contain_text(f"{before + 1:.1f}")
-        wait_until(lambda: number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page", 15)
+        wait_until(lambda: number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page")
         expect(card).to_contain_text(re.compile(r"Valid [0-9.]+\s?s left"))
         stream = drone.request("GET", "/offboard")
         assert stream["streaming"]
         assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
         assert in_both_themes(page) == []
-        wait_until(lambda: shown(instrument, "Above home") > 6.6, "the nudge flown", 15)
+        wait_until(lambda: shown(instrument, "Above home") > 6.6, "the nudge flown")
 
         card.get_by_role("button", name="Hold", exact=True).click()
         expect(pill(page)).to_have_text("Holding")
@@ -144,22 +144,22 @@ def steer_the_gimbal(page: Page, drone: Any) -> None:
     def pitch_rad() -> float:
         return float(drone.topic("gimbal")["pitch_rad"])
 
-    wait_until(lambda: -1.2 < pitch_rad() < -0.3, "the gimbal where the pad was let go", 5)
+    wait_until(lambda: -1.2 < pitch_rad() < -0.3, "the gimbal where the pad was let go")
     card.get_by_role("button", name="Down", exact=True).click()
     # PX4's servo outputs reach half of MNT_RANGE_PITCH to either side
-    wait_until(lambda: pitch_rad() < -0.78, "the gimbal down as far as it goes", 5)
+    wait_until(lambda: pitch_rad() < -0.78, "the gimbal down as far as it goes")
     expect(card).to_contain_text("−45.0°")
     turn = card.get_by_role("button", name="Tilt up").bounding_box()
     assert turn is not None
     page.mouse.move(turn["x"] + 8, turn["y"] + 8)
     page.mouse.down()
-    wait_until(lambda: pitch_rad() > -0.7, "the gimbal turning while the arrow is held", 10)
+    wait_until(lambda: pitch_rad() > -0.7, "the gimbal turning while the arrow is held")
 
     def stops(request: Request) -> bool:
         body = request.post_data_json if request.url.endswith("/gimbal/rates") else None
         return body is not None and (body["pitch_rate_deg_s"], body["yaw_rate_deg_s"]) == (0, 0)
 
-    with page.expect_request(stops, timeout=5000):
+    with page.expect_request(stops):
         page.mouse.up()
     card.get_by_role("button", name="Release").click()
     expect(card.get_by_role("button", name="Take")).to_be_visible()
@@ -172,7 +172,7 @@ def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, lan
         page.keyboard.press("t")
         hold_space(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
-        wait_until(lambda: drone.topic("global_position")["alt_home_m"] > 2, "the climb", 20)
+        wait_until(lambda: drone.topic("global_position")["alt_home_m"] > 2, "the climb")
         page.keyboard.press("h")
         expect(pill(page)).to_have_text("Holding")
         assert drone.status()["mode"] == "hold"
@@ -195,7 +195,7 @@ def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, lan
         expect(page.get_by_label("Gimbal", exact=True).get_by_role("button", name="Release")).to_be_visible()
         tab_to(page, "Tilt down")
         page.keyboard.down("Enter")
-        wait_until(lambda: drone.topic("gimbal")["pitch_rad"] < -0.1, "the camera turned by a key", 5)
+        wait_until(lambda: drone.topic("gimbal")["pitch_rad"] < -0.1, "the camera turned by a key")
         page.keyboard.up("Enter")
         tab_to(page, "Release")
         page.keyboard.press("Enter")
@@ -230,11 +230,11 @@ def test_the_3d_view_shows_the_vehicle_and_asks_nobody_else(browser: Browser, la
             # A cleared canvas is one colour and transparent; the vehicle with its shades alone is hundreds.
             return found["colours"] > 200 and found["drawn"] > 0.01
 
-        wait_until(drawn, "a picture in the 3D view", 20)
+        wait_until(drawn, "a picture in the 3D view")
         expect(frame.locator(".gcs-tags")).to_contain_text("simulated")
         page.get_by_role("button", name="Top", exact=True).click()
         page.keyboard.press("m")
-        wait_until(drawn, "a picture in the small 3D view", 20)
+        wait_until(drawn, "a picture in the small 3D view")
 
 
 def test_nothing_serious_stands_in_anyones_way(browser: Browser, landed: Station) -> None:
@@ -281,7 +281,7 @@ def test_the_values_are_chosen_by_hand_and_by_keys_and_stay_chosen(browser: Brow
         chosen = ["Motor 1", "From home", "Climb", "Flight time", "Position north", "Position east"]
         expect(labels).to_have_text(chosen)
         # A topic the page did not ask for before: now it does.
-        wait_until(lambda: shown(values, "Motor 1") >= 900, "the first motor's value", 10)
+        wait_until(lambda: shown(values, "Motor 1") >= 900, "the first motor's value")
 
         page.reload()
         expect(labels).to_have_text(chosen)
@@ -309,7 +309,7 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             notice = page.get_by_role("alert").filter(has_text="No connection to the station")
             notice.wait_for()
             expect(notice).to_contain_text("What you see is old")
-            expect(chip).to_contain_text("lost", timeout=10_000)
+            expect(chip).to_contain_text("lost")
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
@@ -317,8 +317,8 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             running(command),
         ):
             wait_until(lambda: answers(url), "the second server")
-            notice.wait_for(state="hidden", timeout=10_000)
+            notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
-            expect(chip).not_to_contain_text("lost", timeout=10_000)
+            expect(chip).not_to_contain_text("lost")
             assert told.value.post_data_json["mode"] == "top"
     context.close()

@@ -63,7 +63,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         # The one that is chosen flies, the other stays.
         page.keyboard.press("t")
         hold_space(page)
-        wait_until(lambda: two.status()["armed"], "the second vehicle's take-off", 20)
+        wait_until(lambda: two.status()["armed"], "the second vehicle's take-off")
         assert not one.status()["armed"]
         chips.nth(0).click()
         expect(pill).to_have_text("Ready")
@@ -72,7 +72,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         # Silence: said at once in words and shape, and what was known is not shown as live.
         os.killpg(second.pid, signal.SIGSTOP)
         try:
-            expect(pill).to_have_text("Lost", timeout=15_000)
+            expect(pill).to_have_text("Lost")
             expect(chips.nth(1)).to_contain_text("lost")
             expect(chips.nth(0)).not_to_contain_text("lost")
             expect(page.get_by_label("Values", exact=True)).to_contain_text(" old")
@@ -82,7 +82,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
             expect(refusal).to_contain_text("Check its link")
         finally:
             os.killpg(second.pid, signal.SIGCONT)
-        expect(chips.nth(1)).not_to_contain_text("lost", timeout=15_000)
+        expect(chips.nth(1)).not_to_contain_text("lost")
         expect(page.get_by_label("Messages", exact=True)).to_contain_text("Link is back")
         page.keyboard.press("h")
         expect(pill).to_have_text("Holding")

@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -84,7 +83,7 @@ def test_a_taken_mavlink_port_is_named_and_used_once_it_is_free(tmp_path: Path) 
         assert str(port) in server.link()["detail"]
         assert any(str(port) in text for text in server.texts())
         taken.close()
-        wait_until(lambda: server.link()["state"] == "open", "the link's recovery", 10)
+        wait_until(lambda: server.link()["state"] == "open", "the link's recovery")
         assert server.texts() == []
         with vehicle(port):
             wait_until(lambda: "101" in server.vehicles(), "the vehicle")
@@ -115,7 +114,7 @@ def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path,
 
         wait_until(lambda: "attitude" in server.get(f"/vehicles/{shown['id']}")["topics"], "an attitude")
         before_s = boot_s()
-        wait_until(lambda: boot_s() > before_s + 4, "the recording's time", 10)
+        wait_until(lambda: boot_s() > before_s + 4, "the recording's time")
 
 
 @pytest.mark.realtime
@@ -144,7 +143,7 @@ def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_pa
             assert second.get("/version")["simulator"]
             wait_until(lambda: second.vehicles()["1"]["identity"]["simulated"] is True, "its identity")
             end(second.process, signal.SIGTERM)
-        wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server", 5)
+        wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server")
         assert not note.exists()
     finally:
         if note.exists():
@@ -163,12 +162,13 @@ def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_pat
             noise.sendto(
                 b"\xfd\x09\x00\x00\x00\x01\x01\x00\x00\x00" + bytes(9) + b"\x12\x34", ("127.0.0.1", port)
             )
-        wait_until(lambda: server.link()["bytes_skipped"] > 10_000, "the count of garbage", 5)
+        wait_until(lambda: server.link()["bytes_skipped"] > 10_000, "the count of garbage")
         counted = server.link()
         assert counted["crc_errors"] >= 1
-        time.sleep(1)
+        wait_until(
+            lambda: server.link()["frames_received"] > counted["frames_received"] + 20, "the vehicle's frames"
+        )
         after = server.link()
-        assert after["frames_received"] > counted["frames_received"] + 20
         assert list(server.vehicles()) == ["101"]
         assert not server.vehicles()["101"]["status"]["link_lost"]
         recording = after["recording"]
@@ -185,7 +185,7 @@ def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: 
         vehicle(port, more=["--home", "47.5,8.6,500"]),
     ):
         wait_until(lambda: {"101", "101~2"} <= set(server.vehicles()), "the second vehicle")
-        wait_until(lambda: len(server.texts()) == 2, "the warnings", 5)
+        wait_until(lambda: len(server.texts()) == 2, "the warnings")
         assert all("system id 101" in text for text in server.texts())
         for key in ("101", "101~2"):
             wait_until(lambda key=key: "global_position" in server.vehicles()[key]["topics"], "positions", 40)
@@ -214,12 +214,11 @@ def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_h
                 told = [m for m in messages if m["data"].get("source") == "offboard"]
                 return [(m["kind"], m["severity"], m["data"]["code"]) for m in told]
 
-            wait_until(said, "a line that says so", 2)
+            wait_until(said, "a line that says so")
             assert said() == [("command", 6, "commanded")]
             drone.request("POST", "/offboard/start", start)
-        began_s = time.monotonic()
         end(server.process, signal.SIGTERM)
-        assert time.monotonic() - began_s < 5
+        assert server.process.returncode != -signal.SIGKILL, "it took too long to end by itself"
         line = json.loads((tmp_path / "journal.jsonl").read_text().splitlines()[-1])
         assert (line["client"], line["command"], line["vehicle"], line["result"]) == (
             "server",

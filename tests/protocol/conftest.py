@@ -7,23 +7,16 @@ from typing import Any
 
 import pytest
 
+from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import HOLD, LAND, MANUAL, OFFBOARD, RTL, TAKEOFF, FakeAutopilot
-from tests.protocol.memory_world import JumpLoop, World
+from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
 @pytest.fixture
 def jump() -> Callable[[Callable[[], Coroutine[Any, Any, Any]]], Any]:
     """Runs a coroutine function on simulated time."""
-
-    def run(story: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
-        loop = JumpLoop()
-        try:
-            return loop.run_until_complete(story())
-        finally:
-            loop.close()
-
-    return run
+    return in_jumps
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """A whole wire path without a network or waiting: simulated time and links in memory."""
 
 import asyncio
-import selectors
 from typing import Any
 
 from gcs_server.clock import LoopClock
@@ -10,28 +9,6 @@ from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.fleet import Fleet
 from tests.protocol.fake_autopilot import FakeAutopilot
-
-
-class JumpLoop(asyncio.SelectorEventLoop):
-    """An event loop whose time jumps to the next thing to do."""
-
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-        inner = selectors.DefaultSelector()
-        real_select = inner.select
-
-        def select(timeout: float | None = None) -> Any:
-            ready = real_select(0)
-            if ready or timeout is None:
-                return ready or real_select(1)
-            self.now_s += timeout
-            return ready
-
-        inner.select = select  # type: ignore[method-assign]
-        super().__init__(inner)
-
-    def time(self) -> float:
-        return self.now_s
 
 
 class World:

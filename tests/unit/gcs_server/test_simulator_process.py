@@ -28,7 +28,7 @@ def simulator(folder, port, code=STAND_IN):
 
 
 async def until(condition):
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(30):
         while not condition():  # noqa: ASYNC110 another process's doing, there is no event
             await asyncio.sleep(0.02)
 
@@ -68,7 +68,7 @@ def test_one_that_dies_is_a_warning(tmp_path):
         folder.prepare()
         process = simulator(folder, free_port(), "import sys; sys.exit(3)")
         process.start()
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(30):
             await process.watch()
         (notice,) = process.warnings()
         assert "exit code 3" in notice.text

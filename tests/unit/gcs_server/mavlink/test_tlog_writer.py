@@ -132,7 +132,10 @@ def test_a_killed_server_leaves_what_was_flushed(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)
     try:
         assert process.stdout.readline() == b"ready\n"
-        time.sleep(0.5)
+        until_s = time.monotonic() + 30
+        while [len(list(read_tlog(path))) for path in files(tmp_path)] != [500]:
+            assert time.monotonic() < until_s, "it was never flushed"
+            time.sleep(0.05)
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()

@@ -73,7 +73,7 @@ async def serving(running: Running):
         await running.scene.stop()
 
 
-async def eventually(condition, seconds: float = 5.0):
+async def eventually(condition, seconds: float = 20.0):
     async with asyncio.timeout(seconds):
         while not condition():  # noqa: ASYNC110 what is waited for has no event
             await asyncio.sleep(0.02)

@@ -26,7 +26,7 @@ def ground_distance_m(click) -> float:
 
 def wait_for(page, condition) -> None:
     """Plain waiting would stop Playwright's own loop."""
-    end_s = time.monotonic() + 10
+    end_s = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < end_s
         page.wait_for_timeout(50)

@@ -95,7 +95,7 @@ def test_streams_fifty_a_second_to_the_target_in_local_ned():
     assert sent["frame"] == 1
     assert sent["position"] == (0.0, 0.0, -5.0)
     assert sent["yaw"] == pytest.approx(0.5)
-    assert flight.core.rate_achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
+    assert flight.core.cadence.achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
 
 
 def test_a_changed_setpoint_goes_out_at_once():

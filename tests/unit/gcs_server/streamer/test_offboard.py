@@ -1,15 +1,13 @@
-"""Starting and stopping the stream against a vehicle made of plain objects, with the real thread."""
+"""Starting and stopping the stream against a vehicle made of plain objects, on simulated time."""
 
 import asyncio
-import time
 from types import SimpleNamespace
 
 import pytest
 
-from gcs_server.clock import SystemClock
+from gcs_server.clock import LoopClock
 from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.streamer import offboard
-from gcs_server.streamer import offboard_control as module
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import Order, Position
@@ -17,19 +15,20 @@ from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import Asked
+from tests.jump_time import in_jumps
 
 UP = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
 
 
 class Vehicle:
-    def __init__(self):
+    def __init__(self, clock):
         self.id = "1"
         self.identity = SimpleNamespace(system_id=1, component_id=1)
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
         self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink")),)
-        self.clock = SystemClock()
+        self.clock = clock
         self.command = self.params = self
         self.offboard = None
         self.located = True
@@ -62,7 +61,7 @@ class Vehicle:
         return SimpleNamespace(value=PARAMS[name])
 
     def topic(self, name):
-        now_s = time.monotonic()
+        now_s = self.clock.monotonic_s()
         values = {"attitude": Attitude(0, 0, 0.5, (1, 0, 0, 0), (0, 0, 0))}
         if self.located:
             values["local_position"] = LocalPosition((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -73,28 +72,27 @@ class Vehicle:
         return True
 
 
-@pytest.fixture(autouse=True)
-def _short(monkeypatch):
-    monkeypatch.setattr(module, "PRE_STREAM_S", 0.2)
-
-
-def streaming(clock):
-    """A streamer whose rounds the loop runs."""
+def streaming(clock, stalls=()):
+    """A streamer whose rounds the loop runs; but from `stalls[n][0]` to `[1]` [s] they stand still."""
     supervisor, rounds = Supervisor(clock), Rounds(clock)
+    began_s = clock.monotonic_s()
 
     async def run():
         while True:
-            rounds.step()
+            since_s = clock.monotonic_s() - began_s
+            if not any(from_s <= since_s < to_s for from_s, to_s in stalls):
+                rounds.step()
             await clock.sleep(0.004)
 
     supervisor.start("rounds", run)
     return supervisor, Streamer(clock, rounds)
 
 
-def told(story):
+def told(story, stalls=()):
     async def run():
-        clock, vehicle = SystemClock(), Vehicle()
-        supervisor, streamer = streaming(clock)
+        clock = LoopClock(asyncio.get_running_loop())
+        vehicle = Vehicle(clock)
+        supervisor, streamer = streaming(clock, stalls)
         streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
@@ -103,14 +101,14 @@ def told(story):
             streamer.close()
             await supervisor.close()
 
-    asyncio.run(run())
+    in_jumps(run)
 
 
 def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means():
     async def story(vehicle):
         status = await vehicle.offboard.start(Order(UP, 60.0, client="me"))
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
-        assert vehicle.asked[0][1] >= 8
+        assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 a second"
         assert (status.state, status.client) == ("streaming", "me")
         assert "lands where it is" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
@@ -122,6 +120,26 @@ def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means()
         assert vehicle.status.mode == "hold"
 
     told(story)
+
+
+def test_setpoints_that_did_not_go_out_are_no_setpoints_streamed():
+    """A machine that stands still during the start must not ask for Offboard after a single setpoint."""
+
+    async def story(vehicle):
+        await vehicle.offboard.start(Order(UP, 60.0))
+        assert vehicle.asked[0][1] >= 60
+
+    told(story, stalls=[(0.01, 1.3)])
+
+
+def test_a_machine_that_cannot_stream_steadily_does_not_ask_for_offboard():
+    async def story(vehicle):
+        with pytest.raises(Refused, match="too busy"):
+            await vehicle.offboard.start(Order(UP, 60.0))
+        assert vehicle.asked == []
+        assert not vehicle.offboard.status().streaming
+
+    told(story, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
 
 
 def test_a_refusal_stops_the_stream_and_is_passed_on():
@@ -183,9 +201,9 @@ def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_
     monkeypatch.setattr(offboard, "STOP_ALL_S", 0.4)
 
     async def run():
-        clock = SystemClock()
+        clock = LoopClock(asyncio.get_running_loop())
         supervisor, streamer = streaming(clock)
-        fleet = [Vehicle() for _ in range(3)]
+        fleet = [Vehicle(clock) for _ in range(3)]
         for number, vehicle in enumerate(fleet, 1):
             vehicle.id = str(number)
             streamer.attach(vehicle)
@@ -193,9 +211,9 @@ def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_
         try:
             await asyncio.gather(*(v.offboard.start(Order(UP, 60.0)) for v in fleet))
             fleet[1].hangs = fleet[2].hangs = True
-            began_s = time.monotonic()
+            began_s = clock.monotonic_s()
             done = {s.vehicle: s for s in await streamer.stop_all()}
-            assert time.monotonic() - began_s < 0.7
+            assert clock.monotonic_s() - began_s < 0.5
             assert done["1"].error is None
             assert [type(done[v].error) for v in "23"] == [NoReply, NoReply]
             assert [v.status.mode for v in fleet] == ["hold", "offboard", "offboard"]
@@ -204,4 +222,4 @@ def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_
             streamer.close()
             await supervisor.close()
 
-    asyncio.run(run())
+    in_jumps(run)

@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import socket
+import struct
 import threading
 import time
 from types import SimpleNamespace
@@ -22,6 +23,8 @@ from gcs_server.streamer.worker import Worker
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 OWN_IDS = (255, 191)
 MSG_SET_POSITION_TARGET_LOCAL_NED = 84
+VELOCITY_ONLY = 2503
+"""The type_mask of a velocity without a yaw rate, its yaw kept."""
 
 
 class Vehicle:
@@ -94,6 +97,11 @@ def ended(pid):
     return True
 
 
+def type_mask(raw):
+    """Of a framed SET_POSITION_TARGET_LOCAL_NED."""
+    return struct.unpack_from("<H", raw, 10 + 48)[0]
+
+
 def soon(condition, within_s=3.0):
     until_s = time.monotonic() + within_s
     while not condition():
@@ -104,13 +112,12 @@ def soon(condition, within_s=3.0):
 def test_streams_while_the_loop_is_stalled_and_stops_when_it_stays_silent(streams, vehicle):
     begin(streams, "1", vehicle)
     streams.beat({"1": snapshot()})
-    time.sleep(0.4)
-    assert len(vehicle.frames) >= 15
-    time.sleep(0.3)
+    soon(lambda: len(vehicle.frames) >= 15)  # nobody beats meanwhile
+    soon(lambda: streams.active() == [])
+    assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 a second, and the moment of the start"
     count = len(vehicle.frames)
     time.sleep(0.2)
     assert len(vehicle.frames) == count
-    assert streams.active() == []
     assert [report.code for _, report in streams.take_reports()] == ["server_silent"]
     assert streams.take_reports() == []
 
@@ -131,19 +138,20 @@ def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams, vehic
 
 def test_a_change_is_sent_at_once(streams, vehicle):
     begin(streams, "1", vehicle, rate_hz=2.0)
-    time.sleep(0.1)
-    before_s = time.monotonic()
+    soon(lambda: vehicle.recorded)
+    count = len(vehicle.recorded)
     assert streams.change("1", Order(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
+    changed_us = time.clock_gettime(time.CLOCK_REALTIME) * 1e6
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
-    time.sleep(0.05)
-    assert vehicle.frames[-1][0] - before_s < 0.04
+    soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
+    sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
+    assert sent_us <= changed_us, "before the call returned, not when the next was due"
 
 
 def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_stalls(streams):
     vehicle = Vehicle(datagrams=False)
     begin(streams, "1", vehicle)
-    time.sleep(0.3)  # the loop, which this test is
-    assert len(vehicle.relayed) >= 10
+    soon(lambda: len(vehicle.relayed) >= 10)  # the loop, which this test is, does nothing
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
 

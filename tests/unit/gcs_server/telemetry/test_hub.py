@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from gcs_server.clock import SystemClock
+from gcs_server.clock import LoopClock
 from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_LENGTH, Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.samples import Hud, Sample
+from tests.jump_time import in_jumps
 
 
 class Fleet:
@@ -64,14 +65,14 @@ def event(index):
 def told(story):
     async def run():
         fleet, socket = Fleet(), Socket()
-        hub = Hub(SystemClock(), fleet)
+        hub = Hub(LoopClock(asyncio.get_running_loop()), fleet)
         async with asyncio.timeout(5), asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
             await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 100}))
             await story(fleet, socket, hub)
             serving.cancel()
 
-    asyncio.run(run())
+    in_jumps(run)
 
 
 def test_a_stuck_client_gets_the_newest_value_and_no_backlog():
