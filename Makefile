@@ -5,6 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 # CI and Docker may bring an environment of their own; here one is made in .venv.
 
+# Compiled modules are kept whatever the surroundings say: a suite of a hundred processes compiles them once.
+export PYTHONDONTWRITEBYTECODE :=
+
 .DEFAULT_GOAL := help
 .PHONY: help run test test-clients bench screenshots lint web types wheel clean setup
 

@@ -31,7 +31,7 @@ async def flying_school(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
         drone = System(port=free_port())
         try:
             await asyncio.wait(
-                {asyncio.ensure_future(drone.connect(f"tcpout://127.0.0.1:{port}"))}, timeout=30
+                {asyncio.ensure_future(drone.connect(f"tcpout://127.0.0.1:{port}"))}, timeout=90
             )
             await until(
                 drone.telemetry.health(), lambda h: h.is_armable and h.is_home_position_ok, "ready to arm"

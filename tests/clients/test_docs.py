@@ -50,7 +50,7 @@ def address() -> Iterator[str]:
     command += ["--gcs-remote-port", str(port), "--speed", str(SPEED)]
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), running(command):
         with SyncGcs(url, client="docs") as gcs:
-            gcs.wait_for_vehicle("1", ready=True, timeout_s=40)
+            gcs.wait_for_vehicle("1", ready=True, timeout_s=120)
         yield url.removeprefix("http://")
 
 
@@ -62,11 +62,11 @@ def test_every_call_of_the_document_works_in_its_order(document: str, address: s
     script = PRELUDE.format(failed=failed, speed=SPEED) + "\n".join(snippets).replace(
         "localhost:8080", address
     )
-    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=110)
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=240)
     assert not failed.exists(), f"{failed.read_text()}\n{done.stdout[-3000:]}"
     assert done.returncode == 0, done.stderr
     with SyncGcs(f"http://{address}", client="docs") as gcs:
-        gcs.vehicle("1").until_disarmed(timeout_s=60)
+        gcs.vehicle("1").until_disarmed(timeout_s=120)
 
 
 @pytest.mark.parametrize("document", ["docs/api.md", "docs/offboard.md", "README.md"])
@@ -77,7 +77,7 @@ def test_every_program_of_the_document_runs(document: str, address: str, tmp_pat
     for number, program in enumerate(blocks(document, "python", "localhost:8080")):
         file = tmp_path / f"program{number}.py"
         file.write_text(program.replace("localhost:8080", address), encoding="utf-8")
-        done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=100)
+        done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=240)
         assert done.returncode == 0, done.stderr
         if document == "docs/api.md":
             assert "1 attitude" in done.stdout

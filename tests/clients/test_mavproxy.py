@@ -55,14 +55,14 @@ def test_mavproxy_loads_parameters_arms_and_takes_off(watched: Watched, tmp_path
     with mavproxy(watched, tmp_path, "param,cmdlong,arm,mode") as (say, shows):
         shows(b"Received 929 parameters", "the parameters")
         say("arm throttle")
-        watched.drone.until(lambda v: v["status"]["armed"], timeout_s=15, what="MAVProxy to arm it")
+        watched.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
         say("long NAV_TAKEOFF -1 0 0 nan nan nan nan")
         watched.drone.until(
-            lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=15, what="lift-off"
+            lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=60, what="lift-off"
         )
         watched.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="the top")
         say("long NAV_LAND 0 0 0 nan nan nan nan")
-        watched.drone.until_disarmed(timeout_s=60)
+        watched.drone.until_disarmed(timeout_s=120)
 
 
 def test_mavproxy_loads_waypoints_that_are_flown_and_reads_them_back(
@@ -81,10 +81,10 @@ def test_mavproxy_loads_waypoints_that_are_flown_and_reads_them_back(
         assert abs(float(rows[1][8]) - (LAT + NORTH_M / METRES_A_DEGREE)) < 1e-6
         # Its own `mode` command stumbles over PX4's modes.
         say("long DO_SET_MODE 1 4 4 0 0 0 0")
-        watched.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=15, what="Mission")
+        watched.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
         say("arm throttle")
-        watched.drone.until(lambda v: v["status"]["armed"], timeout_s=15, what="MAVProxy to arm it")
-        watched.drone.until_disarmed(timeout_s=90)
+        watched.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
+        watched.drone.until_disarmed(timeout_s=180)
         north_m = [value["position_ned_m"][0] for value in watched.history("local_position")]
         assert math.isclose(max(north_m), NORTH_M, abs_tol=1.5), "over the second waypoint, and landed there"
         assert max(-value["position_ned_m"][2] for value in watched.history("local_position")) > 7.0

@@ -43,9 +43,8 @@ def test_dialogues_of(session: str) -> None:
         assert lasting <= used, f"no difference any more, take these rows out: {sorted(lasting - used)}"
 
 
-def test_all_recorded_dialogues_are_replayed(shared: Path) -> None:
-    if not WHOLE:
-        pytest.skip("all dialogues are replayed by make test-clients (ALL_DIALOGUES=1)")
+def test_all_recorded_dialogues_are_replayed(recorded: Path) -> None:
+    assert recorded == RECORDED.parent
     assert sum(len(dialogues) for dialogues in SESSIONS.values()) == DIALOGUES
 
 

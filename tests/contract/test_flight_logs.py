@@ -6,7 +6,6 @@ are how often each message came, and what changed when: modes, texts, events, wh
 
 import gzip
 import itertools
-import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -25,7 +24,6 @@ FLIGHTS = {
     "offboard-api": ("api", {}),
 }
 """Logs that hold all that was sent to the vehicle: the link logged, and the parameters set before."""
-QUICKEST = "failsafe-datalink-rtl"
 AUTOPILOT, API_CLIENT = 1, 245
 READY_S = 5.0
 """The simulated estimator is ready sooner; from here on both are."""
@@ -111,10 +109,8 @@ def disarmed_s(heard: Heard) -> float:
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_logged_flight_is_told_alike(shared: Path, name: str) -> None:
-    if name != QUICKEST and os.environ.get("ALL_DIALOGUES") != "1":
-        pytest.skip("all logged flights are compared by make test-clients (ALL_DIALOGUES=1)")
-    (path,) = (shared / "px4" / "tlogs").glob(f"{name}.tlog*")
+def test_a_logged_flight_is_told_alike(recorded: Path, name: str) -> None:
+    (path,) = (recorded / "tlogs").glob(f"{name}.tlog*")
     real, sent, boot_s = read(path)
     end_s = real[-1][0]
     ours = fly(sent, boot_s, end_s, *FLIGHTS[name])

@@ -49,11 +49,11 @@ def differences(real: dict[str, Any], ours: dict[str, float]) -> list[str]:
     return wrong
 
 
-def test_the_gimbal_points_where_the_real_one_does(shared: Path) -> None:
+def test_the_gimbal_points_where_the_real_one_does(recorded: Path) -> None:
     player = Player(listen=("MOUNT_ORIENTATION",))
     wrong: dict[str, list[str]] = {}
     compared = 0
-    for dialogue in load(shared / "px4" / "dialogues" / "gimbal.jsonl"):
+    for dialogue in load(recorded / "dialogues" / "gimbal.jsonl"):
         player.play({**dialogue, "window_s": dialogue["window_s"] - READ_BEFORE_END_S, "received": []})
         if "gimbal_after" not in dialogue:
             continue

@@ -38,4 +38,4 @@ def station() -> Iterator[Station]:
         vehicle(port, more=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
-        yield Station(url, gcs, gcs.wait_for_vehicle("101", ready=True, timeout_s=40))
+        yield Station(url, gcs, gcs.wait_for_vehicle("101", ready=True, timeout_s=120))

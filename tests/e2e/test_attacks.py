@@ -94,7 +94,7 @@ class Site:
     def statuses(self, headers: dict[str, str], *, reads: bool = True, query: str = "") -> set[int]:
         """Everything tried once with these headers: what was answered."""
         found: set[int] = set()
-        with httpx.Client(verify=False, base_url=self.url, headers=headers, timeout=10) as client:
+        with httpx.Client(verify=False, base_url=self.url, headers=headers, timeout=30) as client:
             for method, path, body in COMMANDS:
                 found.add(client.request(method, path + query, json=body).status_code)
             for path in READS if reads else []:
@@ -180,7 +180,7 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
         token = (folder / "token").read_text().strip() if exposed else None
         site = Site(port, token, process, folder)
         with SyncGcs(site.url, token=token or "") as gcs:
-            gcs.wait_for_vehicle(VEHICLE, ready=True, timeout_s=40)
+            gcs.wait_for_vehicle(VEHICLE, ready=True, timeout_s=120)
         wait_until(
             lambda: httpx.get(f"{site.url}/scene/", headers=site.bearer, verify=False).status_code == 200,
             "the 3D view",
@@ -331,6 +331,18 @@ def test_a_share_request_opens_no_tunnel(site: Site) -> None:
     assert outside(site.process.pid) == set()
 
 
+def obeyed(client: httpx.Client, command: str) -> None:
+    """Commands until the vehicle answers: on a busy machine it may have missed its heartbeats."""
+    answers: list[int] = []
+
+    def done() -> bool:
+        answers.append(client.post(f"/{VEHICLE}/{command}", timeout=30).status_code)
+        return answers[-1] != httpx.codes.SERVICE_UNAVAILABLE
+
+    wait_until(done, f"an answer to {command}")
+    assert answers[-1] == httpx.codes.OK
+
+
 def test_after_all_that_who_may_command_does(sites: dict[str, Site]) -> None:
     """Last: the vehicles could have moved all the time."""
     for site in sites.values():
@@ -338,9 +350,9 @@ def test_after_all_that_who_may_command_does(sites: dict[str, Site]) -> None:
             with httpx.Client(
                 verify=False, base_url=f"{site.url}/api/v1/vehicles", headers=headers
             ) as client:
-                assert client.post(f"/{VEHICLE}/arm", timeout=20).status_code == 200
+                obeyed(client, "arm")
                 assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
-                assert client.post(f"/{VEHICLE}/disarm", timeout=20).status_code == 200
+                obeyed(client, "disarm")
         assert {asyncio.run(site.handshake(path, site.own)) for path in STREAMS} == {101}
 
 

@@ -17,7 +17,7 @@ def url() -> Iterator[str]:
     port = free_port()
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), vehicle(port):
         with SyncGcs(url) as gcs:
-            gcs.wait_for_vehicle("101", timeout_s=20)
+            gcs.wait_for_vehicle("101", timeout_s=60)
         yield url
 
 

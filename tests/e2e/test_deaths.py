@@ -70,7 +70,7 @@ def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
         assert expired_s is not None
         assert expired_s - killed_unix_s < 0.5 + 0.5, "later than valid_for_s, and a beat of the server's"
     wait_until(lambda: speed_m_s(station.drone) < 0.5, "coming to rest")
-    station.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=10, what="PX4's Hold mode")
+    station.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="PX4's Hold mode")
 
 
 def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_seize_it(
@@ -83,7 +83,7 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
         with running(command) as first:
             wait_until(lambda: answers(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
-                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 airborne(drone, 25)  # so that it still sinks when a busy machine has the next server up
                 with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -25)) as stream:
                     assert "lands where it is" in stream.started["if_stream_stops"]
@@ -91,11 +91,11 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
         with running(command):
             wait_until(lambda: answers(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
-                drone = gcs.wait_for_vehicle("101", timeout_s=20)
+                drone = gcs.wait_for_vehicle("101", timeout_s=60)
                 shown = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
                 assert shown["status"]["armed"], "found in flight"
                 assert drone.request("GET", "/offboard")["state"] == "idle"
-                drone.until_disarmed(timeout_s=60)
+                drone.until_disarmed(timeout_s=120)
                 assert drone.status()["landed_state"] == "on_ground"
                 journal = gcs.request("GET", "/journal")["entries"]
                 since_restart = [entry for entry in journal if entry["client"] != "e2e"]
@@ -109,7 +109,7 @@ def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_o
     with vehicle(port, more=FAST), running(command) as server:
         wait_until(lambda: answers(url), "the server")
         with SyncGcs(url, client="e2e") as gcs:
-            drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+            drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             airborne(drone, 25)
             drone.request("POST", "/offboard/start", ORDER)
             os.kill(stream_process(server.pid), signal.SIGKILL)
@@ -122,7 +122,7 @@ def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_o
             started = drone.request("POST", "/offboard/start", ORDER)
             assert started["state"] == "streaming"
             drone.request("POST", "/offboard/stop")
-            drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=10, what="Hold")
+            drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="Hold")
 
 
 def stream_process(server_pid: int) -> int:

@@ -44,7 +44,7 @@ def flying() -> Iterator[Any]:
         vehicle(port, more=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
-        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         airborne(drone)
         yield url, drone, process, port
 
@@ -68,7 +68,7 @@ def test_ctrl_c_in_a_sync_program_ends_in_hold_and_the_program_ends(flying: Any,
         assert program.stdout.readline() == b"flying\n"
         time.sleep(0.3)
         program.send_signal(signal.SIGINT)
-        _, complaint = program.communicate(timeout=10)
+        _, complaint = program.communicate(timeout=60)
     assert b"KeyboardInterrupt" in complaint
     ends_in_hold(drone)
 
@@ -81,7 +81,7 @@ def test_ctrl_c_while_a_sync_program_starts_does_not_hang_and_the_vehicle_ends_i
         assert program.stdout.readline() == b"starting\n"
         time.sleep(0.6)
         program.send_signal(signal.SIGINT)
-        program.communicate(timeout=10)
+        program.communicate(timeout=60)
     ends_in_hold(drone)
 
 
@@ -144,7 +144,7 @@ def test_a_stop_that_fails_says_so_beside_the_blocks_own_error() -> None:
         vehicle(port, more=FAST),
         SyncGcs(url) as gcs,
     ):
-        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         with (
             pytest.raises(RuntimeError, match="mine") as caught,
             drone.offboard(position_ned_m=(0, 0, 0), valid_for_s=60),
@@ -162,7 +162,7 @@ def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Pat
     with vehicle(port, more=FAST):
         with server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
             with SyncGcs(url) as gcs:
-                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 airborne(drone, 6)
                 started = drone.request(
                     "POST",
@@ -173,7 +173,7 @@ def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Pat
             process.send_signal(signal.SIGTERM)
             process.wait(10)
         with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url) as gcs:
-            drone = gcs.wait_for_vehicle("101", timeout_s=20)
+            drone = gcs.wait_for_vehicle("101", timeout_s=60)
             status = drone.status()
             assert (status["mode"], status["armed"]) == ("hold", True)
     assert b"put into Hold" in log.read_bytes()

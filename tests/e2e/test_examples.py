@@ -22,7 +22,7 @@ def test_example_flies_and_ends_disarmed_on_the_ground(station: Any, example: st
         "--vehicle",
         "101",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
     assert "Landed and disarmed." in done.stdout
 

@@ -23,7 +23,7 @@ def test_a_group_flies_changes_and_ends_in_hold_however_its_block_ends() -> None
         vehicle(port, instances=2, more=FAST),
         SyncGcs(url, client="pair") as gcs,
     ):
-        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=60) for v in IDS]
+        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in IDS]
         for drone in drones:
             drone.takeoff(8)
         for drone in drones:

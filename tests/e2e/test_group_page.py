@@ -53,7 +53,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         SyncGcs(url, client="e2e") as gcs,
         opened(browser, url, scene=False, size=(1280, 720)) as page,
     ):
-        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=60) for v in IDS]
+        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in IDS]
         for drone in drones:
             drone.takeoff(8)
         for drone in drones:

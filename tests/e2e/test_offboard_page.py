@@ -95,7 +95,7 @@ def hovering() -> Iterator[Station]:
         vehicle(port, more=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
-        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         drone.takeoff(10)
         yield Station(url, gcs, drone)
 

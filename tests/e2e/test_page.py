@@ -58,7 +58,7 @@ def field() -> Iterator[Station]:
 @pytest.fixture
 def landed(field: Station) -> Iterator[Station]:
     """The station with its vehicle ready on the ground, before and after."""
-    drone = field.gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+    drone = field.gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
     yield field
     if drone.status()["armed"]:
         drone.land()

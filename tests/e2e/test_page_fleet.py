@@ -38,8 +38,8 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         SyncGcs(url, client="e2e") as gcs,
         opened(browser, url, scene=False) as page,
     ):
-        one = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
-        two = gcs.wait_for_vehicle("102", ready=True, timeout_s=40)
+        one = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        two = gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
         pill, chips = page.locator(".pill b"), page.get_by_label("Vehicles").get_by_role("button")
         expect(chips).to_have_count(2)
         expect(chips.nth(1)).to_contain_text("simulated")
@@ -58,7 +58,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         assert in_both_themes(page) == []
         assert not two.status()["armed"]
         two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
-        gcs.wait_for_vehicle("102", ready=True, timeout_s=20)
+        gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
 
         # The one that is chosen flies, the other stays.
         page.keyboard.press("t")

@@ -9,7 +9,7 @@ from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, 
 from tests.e2e.conftest import Station
 from tools import build_page
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.browser
 
 
 def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:

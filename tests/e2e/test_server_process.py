@@ -35,7 +35,7 @@ class Server:
         self.url, self.process = url, process
 
     def get(self, path: str) -> Any:
-        answer = httpx.get(f"{self.url}/api/v1{path}", timeout=5)
+        answer = httpx.get(f"{self.url}/api/v1{path}", timeout=30)
         answer.raise_for_status()
         return answer.json()
 
@@ -67,7 +67,7 @@ def test_a_taken_http_port_ends_it_with_words_that_name_port_and_remedy(tmp_path
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        done = subprocess.run(server_command(port, [], tmp_path), capture_output=True, text=True, timeout=30)
+        done = subprocess.run(server_command(port, [], tmp_path), capture_output=True, text=True)
     assert done.returncode == 2
     assert str(port) in done.stderr
     assert "--port" in done.stderr
@@ -102,7 +102,7 @@ def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path,
         assert server.link()["recording"] is None
         url = f"{server.url}/api/v1/vehicles/{shown['id']}"
         for command_name in ("arm", "land", "gimbal/take", "offboard/stop"):
-            answer = httpx.post(f"{url}/{command_name}", timeout=5)
+            answer = httpx.post(f"{url}/{command_name}", timeout=30)
             if command_name == "offboard/stop":
                 assert answer.status_code == 200, "nothing streams: nothing to refuse"
             else:
@@ -200,7 +200,7 @@ def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_h
     command = bare([f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST), serving(command) as server:
         with SyncGcs(server.url, client="e2e") as gcs:
-            drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=40)
+            drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             drone.takeoff(5)
             drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
             start = {"setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}, "valid_for_s": 60}

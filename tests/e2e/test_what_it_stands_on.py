@@ -55,7 +55,7 @@ def test_why_it_cannot_go_offboard_and_what_its_parameters_mean(station: Station
 def _newest(socket: Any) -> dict[str, Any]:
     end_s = time.monotonic() + 30
     while time.monotonic() < end_s:
-        frame = json.loads(socket.recv(timeout=10))
+        frame = json.loads(socket.recv(timeout=30))
         for sample in frame.get("samples", []):
             if sample["topic"] == "readiness":
                 return sample["value"]
