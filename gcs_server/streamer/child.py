@@ -78,9 +78,7 @@ class Child:
         try:
             if not self._greeted:
                 self._expect(STARTS_WITHIN_S)
-                if not pickle.loads(self._calls.recv_bytes()):
-                    log.info("setpoint streams have no real-time priority: see docs/performance.md")
-                self._greeted = True
+                self._hear_greeting()
             self._calls.send_bytes(pickle.dumps((name, arguments)))
             self._expect(ANSWERS_WITHIN_S)
             error, result = pickle.loads(self._calls.recv_bytes())
@@ -89,6 +87,24 @@ class Child:
         if error:
             raise (ValueError if error == "ValueError" else RuntimeError)(result)
         return result
+
+    def is_up(self) -> bool:
+        """Whether it has started; until then a call would have to wait for that.
+
+        Raises:
+            Gone: it ended instead.
+        """
+        try:
+            if not self._greeted and self._calls.poll(0):
+                self._hear_greeting()
+        except (EOFError, OSError) as problem:
+            raise Gone from problem
+        return self._greeted
+
+    def _hear_greeting(self) -> None:
+        if not pickle.loads(self._calls.recv_bytes()):
+            log.info("setpoint streams have no real-time priority: see docs/performance.md")
+        self._greeted = True
 
     def _expect(self, within_s: float) -> None:
         if not self._calls.poll(within_s):

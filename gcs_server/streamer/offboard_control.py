@@ -88,6 +88,7 @@ class OffboardControl:
                 remedy="Stop the other program, or command Hold first.",
             )
         self.check(order)
+        await self._streams.ready()
         number = self._streams.begin(vehicle.id, order, rate_hz, self.snapshot(order))
         if not number:
             raise Refused(

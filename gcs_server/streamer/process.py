@@ -16,7 +16,7 @@ from typing import Any
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
-from gcs_server.streamer.child import Child, Gone
+from gcs_server.streamer.child import STARTS_WITHIN_S, Child, Gone
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order
@@ -29,6 +29,9 @@ STATES_FRESH_S = 0.05
 SWITCH_INTERVAL_S = 0.0005
 """What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
 the loop: Python's own 5 ms are a quarter of a stream's period."""
+LOOK_EVERY_S = 0.02
+"""Whether the process has started is looked at so often."""
+NOT_UP = "The process that flies setpoint streams is being started again."
 ENDED = "The process that flies setpoint streams ended; nothing is sent any more, and the vehicle fails safe."
 
 
@@ -122,6 +125,20 @@ class StreamProcess(Streams):
             return state
         return _older(state, now_s - self._states_s)
 
+    async def ready(self) -> None:
+        until_s = self._clock.monotonic_s() + STARTS_WITHIN_S
+        while not self._is_up():
+            if self._clock.monotonic_s() >= until_s:
+                raise Refused(NOT_UP, remedy="Try again in a second.")
+            await self._clock.sleep(LOOK_EVERY_S)
+
+    def _is_up(self) -> bool:
+        try:
+            return self._child is not None and self._child.is_up()
+        except Gone:
+            self._gone()
+            return False
+
     def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         """See `Streams`. Raises Refused where the process is just being started again."""
         child, known = self._child, self._vehicles[vehicle_id]
@@ -135,10 +152,7 @@ class StreamProcess(Streams):
             number: int = child.call("begin", vehicle_id, order, rate_hz, snapshot)
         except Gone:
             self._gone()
-            raise Refused(
-                "The process that flies setpoint streams is being started again.",
-                remedy="Try again in a second.",
-            ) from None
+            raise Refused(NOT_UP, remedy="Try again in a second.") from None
         self._begun.add(vehicle_id)
         known.number = max(known.number, number)
         self._changed()

@@ -114,6 +114,9 @@ class Rounds(Streams):
         """Of all vehicles that are known here."""
         return {vehicle_id: self.state(vehicle_id) for vehicle_id in self._streams}
 
+    async def ready(self) -> None:
+        pass
+
     def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
         if stream.core.streaming:

@@ -89,6 +89,14 @@ class Streams(Protocol):
         """How a vehicle's stream stands."""
         ...
 
+    async def ready(self) -> None:
+        """Returns once a stream can begin without making the event loop wait.
+
+        Raises:
+            Refused: that is not to be had.
+        """
+        ...
+
     def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         """Starts a stream and numbers it; 0 where there is one already."""
         ...

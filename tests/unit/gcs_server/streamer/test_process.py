@@ -1,5 +1,6 @@
 """The real process and real sockets: punctual, not to be delayed by the server, never flying on unseen."""
 
+import asyncio
 import contextlib
 import os
 import signal
@@ -217,6 +218,43 @@ def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
         streams.begin("2", Order(HOVER), 50.0, snapshot())
     assert ended(pid)
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+
+
+def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams, vehicle, monkeypatch):
+    """The moment after its end: a server that waited with its loop would hear no vehicle meanwhile."""
+    turns = []
+
+    async def story():
+        async def turn():
+            while True:
+                turns.append(streams.pid)
+                await asyncio.sleep(0.005)
+
+        turning = asyncio.ensure_future(turn())
+        streams.attach("1", vehicle, (7, 1))
+        os.kill(streams.pid, signal.SIGSTOP)
+        pid, began_s = streams.pid, time.monotonic()
+        waiting = asyncio.ensure_future(streams.ready())
+        await asyncio.sleep(0.2)
+        assert not waiting.done()
+        assert len(turns) > 5
+        os.kill(pid, signal.SIGCONT)
+        await waiting
+        assert time.monotonic() - began_s >= 0.2
+        os.kill(pid, signal.SIGKILL)
+        await asyncio.sleep(0.1)
+        streams.beat({})
+        os.kill(streams.pid, signal.SIGSTOP)
+        monkeypatch.setattr("gcs_server.streamer.process.STARTS_WITHIN_S", 0.1)
+        with pytest.raises(Refused, match="started again"):
+            await streams.ready()
+        os.kill(streams.pid, signal.SIGCONT)
+        monkeypatch.setattr("gcs_server.streamer.process.STARTS_WITHIN_S", 10.0)
+        await streams.ready()
+        assert begin(streams, "1", vehicle, attach=False)
+        turning.cancel()
+
+    asyncio.run(story())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
