@@ -128,7 +128,7 @@ class StreamProcess(Streams):
     async def ready(self) -> None:
         until_s = self._clock.monotonic_s() + STARTS_WITHIN_S
         while not self._is_up():
-            if self._clock.monotonic_s() >= until_s:
+            if not self._wanted or self._clock.monotonic_s() >= until_s:
                 raise Refused(NOT_UP, remedy="Try again in a second.")
             await self._clock.sleep(LOOK_EVERY_S)
 

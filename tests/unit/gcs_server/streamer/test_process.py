@@ -322,6 +322,8 @@ def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
     time.sleep(0.1)
     assert len(vehicle.frames) == count
     assert ended(pid)
+    with pytest.raises(Refused):
+        asyncio.run(streams.ready())
 
 
 @pytest.mark.parametrize(
