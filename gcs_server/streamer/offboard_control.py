@@ -27,7 +27,8 @@ PRE_STREAM_S = 1.2
 """PX4 wants more than a second of setpoints before it takes Offboard."""
 PRE_STREAM_WITHIN_S = 6.0
 """A machine too busy to send setpoints without a pause for so long cannot fly a vehicle."""
-STEADY_LOOK_S = 0.02
+LOOK_EVERY_S = 0.02
+"""Whether they have gone out so long is looked at so often, once they could have."""
 PARAMETERS_WITHIN_S = 3.0
 """What the vehicle has not told by then stays unknown."""
 ASK_AGAIN_S = 10.0
@@ -129,7 +130,7 @@ class OffboardControl:
                     "Setpoints did not go out without a pause: the station's machine is too busy.",
                     remedy="Close what else runs on it, then start again.",
                 )
-            await self._clock.sleep(max(short_s, STEADY_LOOK_S))
+            await self._clock.sleep(max(short_s, LOOK_EVERY_S))
 
     def _still_starting(self, number: int) -> None:
         if not self._streams.starting(self._vehicle.id, number):
