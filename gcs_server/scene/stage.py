@@ -34,6 +34,9 @@ COMPASS_AT_M = 8_000.0
 """So far that they stand on the horizon, wherever one is."""
 CAMERA_STRAYED_M = 0.02
 FAR_M = 20_000.0
+NEW_VEHICLES_AT_ONCE = 1
+"""Making one vehicle's nodes takes some 15 ms. A fleet's all at once held up the event loop for seconds, and
+a loop so silent loses every setpoint stream; so they appear one after the other, who is looked at first."""
 
 
 class Stage:
@@ -103,13 +106,11 @@ class Stage:
         with self._client.atomic():
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
-            for index, (vehicle_id, track) in enumerate(fleet.items()):
+            self._make_some(fleet, seen)
+            for vehicle_id, node in self._vehicles.items():
+                track = fleet[vehicle_id]
                 if track.smoother.pose is None:
                     continue
-                node = self._vehicles.get(vehicle_id)
-                if node is None:
-                    node = VehicleNode(self._client, index, self._palette, self._shapes)
-                    self._vehicles[vehicle_id] = node
                 through_its_camera = view.mode == "gimbal" and vehicle_id == seen
                 node.update(track.smoother, track.trail, now_s, hidden=through_its_camera)
             self._look(view, fleet[seen].smoother if seen is not None else None)
@@ -122,6 +123,15 @@ class Stage:
                 self._fit_grid()
                 self._show_marks(view.mode)
             self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
+
+    def _make_some(self, fleet: Mapping[str, Track], seen: str | None) -> None:
+        """Nodes of vehicles that have none yet, a few at a time."""
+        index = {v: n for n, (v, track) in enumerate(fleet.items()) if track.smoother.pose is not None}
+        waiting = sorted(index.keys() - self._vehicles.keys(), key=lambda v: (v != seen, index[v]))
+        for vehicle_id in waiting[:NEW_VEHICLES_AT_ONCE]:
+            self._vehicles[vehicle_id] = VehicleNode(
+                self._client, index[vehicle_id], self._palette, self._shapes
+            )
 
     def hold(self, *, turns: bool) -> None:
         """This browser's hand is on one of the preview's handles."""

@@ -10,13 +10,14 @@ import httpx
 import msgspec
 import pytest
 from fastapi import FastAPI, HTTPException
-from scene_fakes import FakeFleet, StillClock
+from scene_fakes import FakeFleet, StillClock, flying
 from scene_running import CAMERA, eventually, open_stream
 
 from gcs_server.clock import SystemClock
 from gcs_server.scene.host import SceneError, ViserHost
 from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
+from gcs_server.scene.vehicle_node import VehicleNode
 
 
 def test_viser_says_nothing_and_leaves_nothing(capfd):
@@ -102,6 +103,37 @@ def test_a_failure_is_raised_and_the_next_run_draws_again(running):
             )
 
     asyncio.run(look())
+
+
+def test_a_fleet_appears_one_by_one_who_is_looked_at_first(running, monkeypatch):
+    """A browser that opens must not hold up the loop by which all vehicles are heard."""
+    more = [flying(name) for name in ("31", "32", "33", "34")]
+    step, steps, made = Scene._step, [], []
+
+    def counted(self, now_s, dt_s):
+        steps.append(now_s)
+        step(self, now_s, dt_s)
+
+    class Counted(VehicleNode):
+        def __init__(self, client, index, *rest):
+            made.append((len(steps), index))
+            super().__init__(client, index, *rest)
+
+    async def look():
+        for query in ("", "?vehicle=33"):  # at the second all poses are known
+            made.clear()
+            async with open_stream(running, query) as stream:
+                await stream.send(msgspec.msgpack.encode(CAMERA))
+                await eventually(lambda: len(made) == len(running.fleet.vehicles))
+
+    monkeypatch.setattr(Scene, "_step", counted)
+    monkeypatch.setattr("gcs_server.scene.stage.VehicleNode", Counted)
+    monkeypatch.setattr(running.fleet, "vehicles", [*running.fleet.vehicles, *more])
+    asyncio.run(look())
+    places = [index for _, index in made]
+    assert places[0] == [v.id for v in running.fleet.vehicles].index("33")
+    assert sorted(places) == list(range(len(running.fleet.vehicles)))
+    assert len({step for step, _ in made}) == len(made), "no two in one step"
 
 
 def test_for_a_browser_that_does_not_read_nothing_is_drawn_until_it_reads_again(running, monkeypatch):
