@@ -85,8 +85,7 @@ class ViserHost:
         try:
             self._folder = await asyncio.to_thread(_own_folder)
             # Bound here, where a failure is an exception: viser would try for ever and hang.
-            listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            listener.bind(str(self.socket_path))
+            listener = _bound(self.socket_path)
             async with asyncio.timeout(START_DEADLINE_S):
                 self._server = await asyncio.to_thread(self._build, listener)
         except (OSError, TimeoutError) as error:
@@ -161,6 +160,16 @@ class ViserHost:
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
+
+
+def _bound(path: Path) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        listener.bind(str(path))
+    except OSError:
+        listener.close()
+        raise
+    return listener
 
 
 def _own_folder() -> Path:

@@ -121,7 +121,7 @@ def test_a_fleet_appears_one_by_one_who_is_looked_at_first(running, monkeypatch)
 
     async def look():
         for query in ("", "?vehicle=33"):  # at the second all poses are known
-            await eventually(lambda: running.scene.viewers == 0)  # whose browser has gone draws on for a moment
+            await eventually(lambda: running.scene.viewers == 0)  # one that has gone draws on for a moment
             made.clear()
             async with open_stream(running, query) as stream:
                 await stream.send(msgspec.msgpack.encode(CAMERA))

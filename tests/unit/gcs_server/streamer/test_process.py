@@ -309,7 +309,8 @@ def test_streams_that_want_more_than_a_processor_still_let_others_run(monkeypatc
 
     hurrying = Hurrying()
     monkeypatch.setattr("gcs_server.streamer.worker.select.select", select)
-    Worker(Calls(), socket.socket(), OWN_IDS, hurrying, hurrying).run()
+    with socket.socket() as sender:
+        Worker(Calls(), sender, OWN_IDS, hurrying, hurrying).run()
     assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20
 
 

@@ -50,7 +50,7 @@ def payload(event_id, level, arguments=b""):
 
 def recorded(shared, group):
     """(dialogue's id, its EVENT payloads)."""
-    for line in (shared / "px4/dialogues" / f"{group}.jsonl").open():
+    for line in (shared / "px4/dialogues" / f"{group}.jsonl").read_text().splitlines():
         dialogue = json.loads(line)
         events = [r["fields"] for r in dialogue["received"] if r["msg"] == "EVENT" and "link" not in r]
         if events:

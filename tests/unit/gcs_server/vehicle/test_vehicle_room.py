@@ -157,7 +157,7 @@ def test_modes_have_one_number_each():
 
 def test_the_modes_are_those_that_px4_lists(shared):
     listed = set()
-    for line in (shared / "px4" / "dialogues" / "request_message.jsonl").open():
+    for line in (shared / "px4" / "dialogues" / "request_message.jsonl").read_text().splitlines():
         for received in json.loads(line)["received"]:
             if received["msg"] == "AVAILABLE_MODES":
                 listed.add(received["fields"]["custom_mode"])
