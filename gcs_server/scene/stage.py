@@ -34,10 +34,6 @@ COMPASS_AT_M = 8_000.0
 """So far that they stand on the horizon, wherever one is."""
 CAMERA_STRAYED_M = 0.02
 FAR_M = 20_000.0
-NEW_VEHICLES_AT_ONCE = 1
-"""Making one vehicle's nodes took 24 ms on a slow machine. A fleet's all at once held up the event loop for
-seconds, and a loop so silent loses every setpoint stream; so they appear one after the other, who is looked
-at first."""
 
 
 class Stage:
@@ -107,7 +103,7 @@ class Stage:
         with self._client.atomic():
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
-            self._make_some(fleet, seen)
+            self._make_one(fleet, seen)
             for vehicle_id, node in self._vehicles.items():
                 track = fleet[vehicle_id]
                 if track.smoother.pose is None:
@@ -125,14 +121,17 @@ class Stage:
                 self._show_marks(view.mode)
             self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
 
-    def _make_some(self, fleet: Mapping[str, Track], seen: str | None) -> None:
-        """Nodes of vehicles that have none yet, a few at a time."""
+    def _make_one(self, fleet: Mapping[str, Track], seen: str | None) -> None:
+        """Nodes of a vehicle that has none yet, first of the one that is looked at.
+
+        One vehicle's took 24 ms on a slow machine. A fleet's all at once held up the event loop for seconds,
+        and a loop so silent loses every setpoint stream.
+        """
         index = {v: n for n, (v, track) in enumerate(fleet.items()) if track.smoother.pose is not None}
-        waiting = sorted(index.keys() - self._vehicles.keys(), key=lambda v: (v != seen, index[v]))
-        for vehicle_id in waiting[:NEW_VEHICLES_AT_ONCE]:
-            self._vehicles[vehicle_id] = VehicleNode(
-                self._client, index[vehicle_id], self._palette, self._shapes
-            )
+        waiting = index.keys() - self._vehicles.keys()
+        if waiting:
+            new = min(waiting, key=lambda v: (v != seen, index[v]))
+            self._vehicles[new] = VehicleNode(self._client, index[new], self._palette, self._shapes)
 
     def hold(self, *, turns: bool) -> None:
         """This browser's hand is on one of the preview's handles."""
