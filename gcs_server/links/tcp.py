@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import socket
+from dataclasses import replace
 
-from gcs_server.links.base import Link, Peer
+from gcs_server.links.base import LONGEST_RETRY_S, Link, LinkInfo, Peer
+from gcs_server.links.first_bytes import ClosedConnections, FirstBytes, ForeignProtocol
 from gcs_server.links.resolve import Address, resolve
 from gcs_server.links.stream import StreamSession
 
@@ -21,6 +23,7 @@ class TcpLink(Link):
         self._connecting = False
         self._session: StreamSession | None = None
         self._peer = Peer(f"{host}:{port}")
+        self._first_bytes = FirstBytes()
 
     def _open(self) -> None:
         resolve(self._loop, self._host, self._port, self._resolved, self._lost)
@@ -48,16 +51,29 @@ class TcpLink(Link):
         if result:
             self._lost(self._explain(OSError(result, "")))
             return
+        self._first_bytes = FirstBytes()
         self._session = StreamSession(
             self._loop,
             sock.fileno(),
             read=sock.recv,
             write=sock.send,
-            received=lambda data: self._received(data, self._peer),
+            received=self._screened,
             ended=lambda why: self._lost(f"{self._peer.name}: {why}"),
         )
         self._peers[self._peer.name] = self._peer
         self._opened()
+
+    def _screened(self, data: bytes) -> None:
+        try:
+            data = self._first_bytes.pass_on(data)
+        except ForeignProtocol as error:
+            self._retry_s = LONGEST_RETRY_S  # it will hardly speak MAVLink a moment later
+            self._lost(
+                f"{self._peer.name} speaks {error.protocol}, not MAVLink. Check the port; this is tried again."
+            )
+            return
+        if data:
+            self._received(data, self._peer)
 
     def _explain(self, error: OSError) -> str:
         if error.errno == errno.ECONNREFUSED:
@@ -91,11 +107,18 @@ class TcpServerLink(Link):
         self._port = port
         self._socket: socket.socket | None = None
         self._clients: dict[str, tuple[socket.socket, StreamSession]] = {}
+        self._closed_connections = ClosedConnections(name)
 
     @property
     def local_port(self) -> int | None:
         """The port in use, where it is open."""
         return self._socket.getsockname()[1] if self._socket else None
+
+    def info(self) -> LinkInfo:
+        info = super().info()
+        if info.state != "open":
+            return info
+        return replace(info, detail=self._closed_connections.text(self._loop.time()))
 
     def _open(self) -> None:
         resolve(self._loop, self._host, self._port, self._resolved, self._lost)
@@ -135,17 +158,29 @@ class TcpServerLink(Link):
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         peer = Peer(f"{address[0]}:{address[1]}", (address[0], address[1]))
+        first_bytes = FirstBytes()
         session = StreamSession(
             self._loop,
             sock.fileno(),
             read=sock.recv,
             write=sock.send,
-            received=lambda data: self._received(data, peer),
+            received=lambda data: self._screened(data, peer, first_bytes),
             ended=lambda _why: self._drop(peer),
         )
         self._clients[peer.name] = (sock, session)
         self._peers[peer.name] = peer
         self._on_state()
+
+    def _screened(self, data: bytes, peer: Peer, first_bytes: FirstBytes) -> None:
+        try:
+            data = first_bytes.pass_on(data)
+        except ForeignProtocol as error:
+            self._closed_connections.add(peer.name.rpartition(":")[0], error.protocol, self._loop.time())
+            self._drop(peer)
+            self._on_state()
+            return
+        if data:
+            self._received(data, peer)
 
     def _drop(self, peer: Peer) -> None:
         client = self._clients.pop(peer.name, None)

@@ -18,6 +18,8 @@ from gcs_server.mavlink.tlog_writer import TlogRecorder
 from gcs_server.supervise import Supervisor
 
 HEARTBEAT_INTERVAL_S = 1.0
+TROUBLED = ("waiting", "open")
+"""States in which a link's detail is a warning; in others it tells of progress."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +151,8 @@ class Router:
         return self._connections[name]
 
     def warnings(self) -> list[tuple[str, str, str]]:
-        """(kind, link, text) of what stands now: links that wait, recordings that stopped."""
-        waiting = [("link", i.name, i.detail) for i in self.links() if i.state == "waiting" and i.detail]
+        """(kind, link, text) of what stands now: links with a problem, recordings that stopped."""
+        waiting = [("link", i.name, i.detail) for i in self.links() if i.state in TROUBLED and i.detail]
         problems = self._recorder.problems() if self._recorder else []
         return waiting + [("recording", link, why) for link, why in problems]
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import socket
+import string
 from collections.abc import Callable
+
+log = logging.getLogger(__name__)
 
 RECEIVE_BYTES = 65536
 DATAGRAMS_PER_TURN = 200
@@ -12,6 +16,11 @@ DATAGRAMS_PER_TURN = 200
 DATAGRAM_LIMIT = 1400
 TCP_BACKLOG_LIMIT = 1_000_000
 """A client that does not read for so many bytes is let go."""
+LONGEST_METHOD = 20
+SHORTEST_METHOD = 3
+"""Letters of an HTTP request's method ("GET" to "VERSION-CONTROL", custom ones included)."""
+TLS_HANDSHAKE = b"\x16\x03"
+_CAPITALS = string.ascii_uppercase.encode()
 
 
 class PortTaken(OSError):
@@ -82,8 +91,25 @@ def _packed(frames: list[bytes]) -> list[bytes]:
     return out
 
 
+def is_web_client(first: bytes) -> bool | None:
+    """Whether a connection's first bytes are a web browser's: an HTTP method and a blank, or a TLS handshake.
+
+    A web page anywhere can have the browser send it bytes; only the first ones are not the page's to choose.
+    None: more bytes are needed to tell.
+    """
+    letters = len(first) - len(first.lstrip(_CAPITALS))
+    if letters == len(first) or first == TLS_HANDSHAKE[:1]:
+        return None if letters <= LONGEST_METHOD else False
+    if first.startswith(TLS_HANDSHAKE):
+        return True
+    return SHORTEST_METHOD <= letters <= LONGEST_METHOD and first[letters] == ord(" ")
+
+
 class TcpServer:
-    """One TCP port for one client at a time; a second has to wait until the first has gone."""
+    """One TCP port for one client at a time; a second has to wait until the first has gone.
+
+    A web browser that connects is let go before anything of it is read.
+    """
 
     def __init__(
         self, bind: str, port: int, on_connect: Callable[[], None], on_disconnect: Callable[[], None]
@@ -102,6 +128,9 @@ class TcpServer:
         self._on_disconnect = on_disconnect
         self._client: socket.socket | None = None
         self._backlog = bytearray()
+        self._first_bytes: bytes | None = b""
+        """What the client said so far, while it may still be a web browser; None: it is none."""
+        self._told_of_web_client = False
 
     @property
     def connected(self) -> bool:
@@ -132,7 +161,29 @@ class TcpServer:
                 self._drop()
                 break
             chunks.append(data)
-        return b"".join(chunks)
+        return self._screened(b"".join(chunks))
+
+    def _screened(self, data: bytes) -> bytes:
+        """`data` unless its sender is a web browser, or may be one."""
+        if self._first_bytes is None:
+            return data
+        first = self._first_bytes + data
+        verdict = is_web_client(first)
+        if verdict is None:
+            self._first_bytes = first
+            return b""
+        if not verdict:
+            self._first_bytes = None
+            return first
+        self._drop()
+        if not self._told_of_web_client:
+            self._told_of_web_client = True
+            log.warning(
+                "TCP port %d: a web browser connected; the vehicle closed the connection and read nothing of "
+                "it. Close the page that does so. (Further ones are closed without a word.)",
+                self.port,
+            )
+        return b""
 
     def send(self, frames: list[bytes]) -> None:
         """Frames to the client, as far as it takes them."""
@@ -165,6 +216,7 @@ class TcpServer:
         client.setblocking(False)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client = client
+        self._first_bytes = b""
         self._on_connect()
 
     def _drop(self) -> None:

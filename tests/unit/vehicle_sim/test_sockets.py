@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from tests.station import free_port
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.mavlink.transports import is_web_client
 from vehicle_sim.server import Ports, SimServer
 
 FLAT_OUT = float("inf")
@@ -95,3 +97,47 @@ def test_faster_than_real_time_a_ground_station_may_be_silent_for_longer(
     assert context.hears_gcs(link)
     server.run(speed, 3.2)
     assert context.hears_gcs(link) is hears
+
+
+WEB_CLIENTS = {
+    "post": [b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 40\r\n\r\n"],
+    "get": [b"GET / HTTP/1.1\r\n\r\n"],
+    "in pieces": [b"PO", b"ST / HTTP/1.1\r\n\r\n"],
+    "letter by letter": [bytes([letter]) for letter in b"OPTIONS / HTTP/1.1\r\n\r\n"],
+    "http 2": [b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"],
+    "tls": [b"\x16", b"\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"],
+}
+
+
+@pytest.mark.parametrize("pieces", WEB_CLIENTS.values(), ids=WEB_CLIENTS.keys())
+def test_a_web_page_cannot_command_the_vehicle_by_its_tcp_port(
+    server: SimServer, tcp_port: int, pieces: list[bytes], caplog: pytest.LogCaptureFixture
+) -> None:
+    server.run(FLAT_OUT, 2.0)
+    beat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
+    for _ in range(2):
+        page = client(tcp_port)
+        page.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for piece in [*pieces, beat]:
+            with contextlib.suppress(ConnectionError):  # closed before all was said
+                page.sendall(piece)
+            server.run(FLAT_OUT, 0.02)
+        assert not server.vehicles[0].transports["tcp"].connected  # type: ignore[union-attr]
+        page.close()
+    assert len([r for r in caplog.records if "web browser" in r.message]) == 1
+    assert all(not link.parser.counts.frames for link in server.fleet.nodes[0].context.links)
+    # The port is free for a ground station at once, also one whose first frame comes in pieces.
+    station = client(tcp_port)
+    server.run(FLAT_OUT, 0.2)
+    for piece in (beat[:1], beat[1:]):
+        station.sendall(piece)
+        server.run(FLAT_OUT, 0.2)
+    assert sum(link.parser.counts.frames for link in server.fleet.nodes[0].context.links) == 1
+    station.close()
+
+
+def test_a_peer_that_begins_in_the_middle_of_a_frame_is_no_web_client() -> None:
+    assert is_web_client(b"AB \xfd") is False
+    assert is_web_client(b"A" * 21) is False
+    assert is_web_client(b"\x16\x04") is False
+    assert is_web_client(b"GE") is None

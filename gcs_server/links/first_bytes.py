@@ -1,0 +1,99 @@
+"""Who connects by TCP and speaks no MAVLink: web pages and browsers are told by their first bytes.
+
+A page of any site can make a browser send a request to a TCP port of this machine, with a body of the page's
+choice. The body would be read as MAVLink. What a page cannot choose are the first bytes: a method and a blank
+(RFC 9112, 3), the preface of HTTP/2 (`PRI * HTTP/2.0`, RFC 9113, 3.4), or a TLS record (RFC 8446, 5.1).
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+
+log = logging.getLogger(__name__)
+
+MAX_UNDECIDED_BYTES = 24
+"""Longer than every method: by then it is decided."""
+LOG_INTERVAL_S = 10.0
+SHOWN_FOR_S = 600.0
+"""How long a link's detail tells of the last one that was closed [s]."""
+
+_HTTP = re.compile(rb"[A-Z]{3,20} |HTTP/")
+_MAYBE_HTTP = re.compile(rb"[A-Z]{1,20}|HTTP/?")
+_TLS = re.compile(rb"[\x14-\x17]\x03")
+
+
+def foreign_protocol(first: bytes) -> str | None:
+    """ "HTTP" or "TLS" where the first bytes of a connection are of it; "" where more are needed to tell."""
+    if _HTTP.match(first):
+        return "HTTP"
+    if _TLS.match(first):
+        return "TLS"
+    undecided = _MAYBE_HTTP.fullmatch(first) is not None or (len(first) == 1 and 0x14 <= first[0] <= 0x17)
+    return "" if undecided and len(first) < MAX_UNDECIDED_BYTES else None
+
+
+class FirstBytes:
+    """Holds back what one connection says until its first bytes show that it is no web client's."""
+
+    __slots__ = ("_decided", "_held")
+
+    def __init__(self) -> None:
+        self._held = b""
+        self._decided = False
+
+    def pass_on(self, data: bytes) -> bytes:
+        """What may be read as MAVLink now; empty while that is not decided.
+
+        Raises:
+            ForeignProtocol: it is HTTP or TLS; nothing of the connection may be read.
+        """
+        if self._decided:
+            return data
+        self._held += data
+        protocol = foreign_protocol(self._held)
+        if protocol:
+            raise ForeignProtocol(protocol)
+        if protocol == "":
+            return b""
+        self._decided = True
+        held, self._held = self._held, b""
+        return held
+
+
+class ForeignProtocol(Exception):
+    """A connection speaks HTTP or TLS."""
+
+    def __init__(self, protocol: str) -> None:
+        super().__init__(protocol)
+        self.protocol = protocol
+
+
+class ClosedConnections:
+    """The connections that a listening link closed for their first bytes: counted, told, sparingly logged."""
+
+    def __init__(self, link_name: str) -> None:
+        self._link_name = link_name
+        self._count = 0
+        self._last = ("", "", float("-inf"))
+        """Host, protocol, monotonic time [s]."""
+        self._logged_s = float("-inf")
+
+    def add(self, host: str, protocol: str, now_s: float) -> None:
+        """One more was closed."""
+        self._count += 1
+        self._last = (host, protocol, now_s)
+        if now_s - self._logged_s >= LOG_INTERVAL_S:
+            self._logged_s = now_s
+            log.warning("link %s: %s", self._link_name, self.text(now_s))
+
+    def text(self, now_s: float) -> str:
+        """For the link's detail; empty while nothing was closed of late."""
+        host, protocol, last_s = self._last
+        if now_s - last_s > SHOWN_FOR_S:
+            return ""
+        connections = "1 connection" if self._count == 1 else f"{self._count} connections"
+        return (
+            f"Closed {connections} that spoke {protocol}, not MAVLink, the last from {host}: a web page or a "
+            "browser tried this port. Nothing of it was read. Close the page that does so."
+        )
