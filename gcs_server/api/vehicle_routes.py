@@ -204,12 +204,15 @@ async def land_now(
 
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
 async def kill(v: str, body: models.KillRequest, station: StationDep, client: ClientDep) -> Response:
-    """Stops the motors at once, in flight too, whoever has control: the vehicle falls."""
+    """Stops the motors at once, in flight too, whoever has control: the vehicle falls.
+
+    Sent until the vehicle reports to be disarmed, 6 s at most; until then all other commands are refused.
+    """
     wanted = f"motors stop, vehicle {v} falls"
 
     async def work(vehicle: Vehicle) -> None:
         _confirmed(body.confirm, wanted)
-        await vehicle.command.kill(progress=progress_to(vehicle, client, "kill"))
+        await vehicle.command.kill(by=client, progress=progress_to(vehicle, client, "kill"))
 
     return await carry_out(station, client, "kill", v, body.model_dump(), work)
 

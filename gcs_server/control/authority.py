@@ -233,6 +233,7 @@ class Authority:
     async def _act(self, vehicle: Vehicle, change: Change) -> None:
         """What was agreed for a holder that is not heard any more; never against somebody who steers."""
         wanted, began_s = change.on_expiry, self._clock.monotonic_s()
+        await vehicle.command.kill_over()  # what nothing overtakes; it may leave nothing to be done
         status = vehicle.status
         ours = status.mode != "offboard" or vehicle.offboard.status().streaming
         goes_on = status.mode in ON_ITS_WAY and ours

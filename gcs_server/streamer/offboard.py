@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
@@ -78,12 +79,20 @@ class Streamer:
     async def stop_all(self) -> list[Stopped]:
         """Puts every vehicle that is streamed to into Hold, all at once (a clean end of the server).
 
-        One that is not there within `STOP_ALL_S` loses its stream and fails safe.
+        One that is not there within `STOP_ALL_S` loses its stream and fails safe. A Stop motors that is not
+        confirmed yet is sent for as long, to whichever vehicle.
         """
         self.groups.stand_down()
         async with asyncio.TaskGroup() as group:
             stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._streams.active()]
+            group.create_task(self._kills_over())
         return [stop.result() for stop in stops]
+
+    async def _kills_over(self) -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STOP_ALL_S):
+                for vehicle in self._vehicles.values():
+                    await vehicle.command.kill_over()
 
     async def _stop_one(self, vehicle_id: str) -> Stopped:
         began_s = self._clock.monotonic_s()

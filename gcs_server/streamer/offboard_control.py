@@ -82,6 +82,7 @@ class OffboardControl:
         """
         vehicle = self._vehicle
         vehicle.require_commandable()
+        vehicle.command.require_no_kill("start Offboard")
         status = vehicle.status
         if status.mode == "offboard" and status.armed and not self._streams.state(vehicle.id).order:
             raise Refused(
@@ -100,6 +101,7 @@ class OffboardControl:
             self._check_rate(await self.read_failsafe(), rate_hz)
             await self._streamed_steadily(number)
             self.check(order)  # seconds may have passed, and the vehicle's limits are known now
+            vehicle.command.require_no_kill("start Offboard")
             self._asked = number
             await vehicle.command.set_mode("offboard")
             if not self._streams.engage(vehicle.id, self.snapshot(), number):
@@ -181,6 +183,7 @@ class OffboardControl:
         if state.phase in ("idle", "landing"):
             return self.status()
         self._streams.wind_down(vehicle.id, self.snapshot())
+        await vehicle.command.kill_over()
         may_come = state.phase in ("starting", "undoing") and self._asked == state.number
         if may_come or vehicle.status.mode == "offboard":
             await vehicle.command.set_mode("hold")

@@ -2,7 +2,8 @@
 
 Deadlines hold at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Everything
 that is sent again asks for a state or names a target, so a second copy changes nothing. A newer command
-ends an older one that is still waiting, and nothing of the older one is sent after it.
+ends an older one that is still waiting, and nothing of the older one is sent after it; only Stop motors
+(`stop_motors.py`) is ended by none.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import Facts
 from gcs_server.vehicle.services.checks import home_of, number, position_of
 from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, Progress, Request, Transaction
 
 GOTO_MAX_DISTANCE_M = 1000.0
@@ -29,8 +31,6 @@ LIFT_DEADLINE_S = 12.0
 HOME_DEADLINE_S = 3.0
 ASKED_FOR_S = STATE_DEADLINE_S + HOME_DEADLINE_S
 """The longest between a command and the mode that it brings."""
-FORCE = 21196.0
-"""MAV_CMD_COMPONENT_ARM_DISARM's magic number for "whatever the state"."""
 NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
@@ -65,6 +65,7 @@ class CommandService:
         self._asked: Asked | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
         """Called before a mode other than Offboard is asked for: the stream asks for none meanwhile."""
+        self._stop_motors = StopMotors(vehicle)
         self._waiting: list[int] = []
         """The MAV_CMD of each request that waits for its end."""
 
@@ -190,17 +191,26 @@ class CommandService:
         )
         await self._run(token, request, goal, progress)
 
-    async def kill(self, *, progress: Progress | None = None) -> None:
-        """Stops the motors at once, in flight too: the vehicle falls."""
+    async def kill(self, *, by: str | None = None, progress: Progress | None = None) -> None:
+        """Stops the motors at once, in flight too: the vehicle falls.
+
+        Ends every command that waits, and until it is over every other is refused. Returns once the vehicle
+        reports to be disarmed; sent until then, or until the deadline, whatever the vehicle or a link does.
+        """
         with suppress(Disconnected):  # a lost link is tried all the same
             self._vehicle.require_commandable()
-        goal = Goal(
-            "stop its motors",
-            lambda f, s: f.heartbeat_s > s and not f.armed,
-            STATE_DEADLINE_S,
-            asks=ASK_STATE,
-        )
-        await self._run(self._begin("kill"), _arm_disarm(0.0, FORCE), goal, progress)
+        arming = d.MAV_CMD_COMPONENT_ARM_DISARM in self._waiting
+        self._supersede("stop motors")
+        self.on_mode_command()
+        await self._stop_motors.run(by=by, arming=arming, progress=progress)
+
+    def require_no_kill(self, what: str) -> None:
+        """Raises Refused while a Stop motors is not confirmed yet: `what` is not sent."""
+        self._stop_motors.require_none(what)
+
+    async def kill_over(self) -> None:
+        """Returns once no Stop motors is waiting for the vehicle's confirmation."""
+        await self._stop_motors.over()
 
     # --- the parts ------------------------------------------------------------------------------
 
@@ -302,13 +312,18 @@ class CommandService:
         return self._vehicle.health.against_arming(mode.nav_state if mode else None)
 
     def _begin(self, what: str, mode: Mode | None = None, by: str | None = None) -> int:
-        self._newest += 1
-        self._newest_what = what
+        self.require_no_kill(what)
+        self._supersede(what)
         if mode is not None:
             self._asked = Asked(what, mode.name, by, self._vehicle.clock.monotonic_s())
             if mode.name != "offboard":
                 self.on_mode_command()
         return self._newest
+
+    def _supersede(self, what: str) -> None:
+        """What waits still is ended by `what`."""
+        self._newest += 1
+        self._newest_what = what
 
     async def _run(self, token: int, request: Request | None, goal: Goal, progress: Progress | None) -> None:
         def superseded() -> str | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Coroutine
+from typing import Any, Protocol
 
 from gcs_server.clock import Clock
 from gcs_server.mavlink.dialect import MAVLink_message
@@ -44,3 +45,4 @@ class VehiclePort(Protocol):
     def require_commandable(self) -> None: ...
     def send(self, message: MAVLink_message) -> bool: ...
     def send_payload(self, msg_id: int, payload: bytes) -> bool: ...
+    def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None: ...

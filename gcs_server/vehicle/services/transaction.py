@@ -11,10 +11,10 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
-from gcs_server.mavlink.mailbox import Reply
+from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.reducers import Facts
 from gcs_server.vehicle.services.port import VehiclePort
 
@@ -84,6 +84,8 @@ class Goal:
         ack_is_enough: the vehicle's state cannot show it: an acknowledgement is the answer.
         listen: further messages after which to look.
         against: gives the vehicle's standing reasons against it.
+        repeat_s: sent again so often until it is reached or the deadline has come; neither an answer nor a
+            lost link ends it earlier. None: sent again where no answer came.
     """
 
     what: str
@@ -93,6 +95,7 @@ class Goal:
     ack_is_enough: bool = False
     listen: tuple[int, ...] = ()
     against: Callable[[], tuple[str, ...]] | None = None
+    repeat_s: float | None = None
 
 
 class Transaction:
@@ -142,27 +145,36 @@ class Transaction:
             Disconnected: vehicle or link went.
         """
         ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
-        with self._vehicle.mailbox.expect(*ids) as waiter:
-            while True:
-                now_s = self._vehicle.clock.monotonic_s()
-                if self._is_done():
-                    return
-                self._check_end(now_s)
-                if now_s >= self._next_send_s:
-                    self._send(now_s)
-                if now_s >= self._next_ask_s:
-                    self._ask(now_s)
-                wake_s = min(
-                    self._deadline_s, self._next_send_s, self._next_ask_s, self._refused_s + self._settle_s()
-                )
-                try:
-                    async with asyncio.timeout(max(0.0, wake_s - now_s)):
-                        message = await waiter.next()
-                except TimeoutError:
-                    continue
-                self._take(message)
-                while (more := waiter.take()) is not None:
-                    self._take(more)
+        while True:
+            try:
+                with self._vehicle.mailbox.expect(*ids) as waiter:
+                    await self._until_done(waiter)
+                return
+            except Disconnected:
+                if self._goal.repeat_s is None:
+                    raise
+
+    async def _until_done(self, waiter: Waiter) -> None:
+        while True:
+            now_s = self._vehicle.clock.monotonic_s()
+            if self._is_done():
+                return
+            self._check_end(now_s)
+            if now_s >= self._next_send_s:
+                self._send(now_s)
+            if now_s >= self._next_ask_s:
+                self._ask(now_s)
+            wake_s = min(self._deadline_s, self._next_send_s, self._next_ask_s)
+            if self._goal.repeat_s is None:
+                wake_s = min(wake_s, self._refused_s + self._settle_s())
+            try:
+                async with asyncio.timeout(max(0.0, wake_s - now_s)):
+                    message = await waiter.next()
+            except TimeoutError:
+                continue
+            self._take(message)
+            while (more := waiter.take()) is not None:
+                self._take(more)
 
     def _is_done(self) -> bool:
         if self._goal.ack_is_enough:
@@ -174,10 +186,12 @@ class Transaction:
         if newer is not None:
             raise Refused(f"Not finished: “{newer}” was asked for meanwhile.")
         goal, vehicle = self._goal, self._vehicle
-        if self._refused is not None and now_s >= self._refused_s + self._settle_s():
+        repeats = goal.repeat_s is not None
+        refused_s = self._deadline_s if repeats else self._refused_s + self._settle_s()
+        if self._refused is not None and now_s >= refused_s:
             word = RESULT_WORDS.get(self._refused, f"result {self._refused}")
             raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {word}.", self._refused)
-        if self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
+        if not repeats and self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
             raise self._rejected(f"Vehicle {vehicle.id} accepted to {goal.what}, but does not do it.", None)
         if now_s >= self._deadline_s:
             if self._accepted and self._says_otherwise():
@@ -222,7 +236,8 @@ class Transaction:
         )
         self._vehicle.send(message)
         self._sent += 1
-        self._next_send_s = now_s + (RESEND_ACCEPTED_S if self._accepted else RESEND_S)
+        resend_s = RESEND_ACCEPTED_S if self._accepted else RESEND_S
+        self._next_send_s = now_s + (self._goal.repeat_s or resend_s)
         if self._progress is not None:
             again = f" ({self._sent}. attempt)" if self._sent > 1 else ""
             self._progress(f"Asking vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
@@ -244,11 +259,14 @@ class Transaction:
         if result == d.MAV_RESULT_ACCEPTED:
             self._accepted += 1
             self._accepted_s = now_s
-            self._next_send_s = now_s + RESEND_ACCEPTED_S
+            self._refused = None if self._goal.repeat_s else self._refused
+            if self._goal.repeat_s is None:
+                self._next_send_s = now_s + RESEND_ACCEPTED_S
             if self._goal.asks:
                 self._next_ask_s = min(self._next_ask_s, now_s + 0.02)
         elif result == d.MAV_RESULT_IN_PROGRESS:
-            self._in_progress(message.progress, now_s)
+            if self._goal.repeat_s is None:
+                self._in_progress(message.progress, now_s)
         elif (
             result in (d.MAV_RESULT_COMMAND_LONG_ONLY, d.MAV_RESULT_COMMAND_INT_ONLY)
             and self._forms_tried < 2
@@ -265,7 +283,8 @@ class Transaction:
                 if self._goal.against is not None:
                     self._ask_for_checks()
             self._refused = result
-            self._next_send_s = float("inf")
+            if self._goal.repeat_s is None:
+                self._next_send_s = float("inf")
 
     def _ask_for_checks(self) -> None:
         """PX4 tells what its checks say only when that changes, or when asked."""

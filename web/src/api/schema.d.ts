@@ -397,6 +397,8 @@ export interface paths {
         /**
          * Kill
          * @description Stops the motors at once, in flight too, whoever has control: the vehicle falls.
+         *
+         *     Sent until the vehicle reports to be disarmed, 6 s at most; until then all other commands are refused.
          */
         post: operations["kill_api_v1_vehicles__v__kill_post"];
         delete?: never;

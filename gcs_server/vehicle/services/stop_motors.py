@@ -1,0 +1,108 @@
+"""Stop motors (kill): sent until the vehicle itself reports to be disarmed, and overtaken by nothing.
+
+It runs in the background: neither its caller's end, a refusal, nor a lost link ends it before its deadline.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from gcs_server.errors import Disconnected, GcsError, Refused
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import Goal, Progress, Request, Transaction
+
+DEADLINE_S = 6.0
+RESEND_S = 0.2
+FORCE = 21196.0
+"""MAV_CMD_COMPONENT_ARM_DISARM's magic number for "whatever the state"."""
+ARMING_SETTLES_S = 1.0
+"""An arm command of ours may be on its way: a report this soon may have left the vehicle before that."""
+
+
+class StopMotors:
+    """Of one vehicle. Several calls at a time each run to their own end; none ends another."""
+
+    def __init__(self, vehicle: VehiclePort) -> None:
+        self._vehicle = vehicle
+        self._running = 0
+        self._over = asyncio.Event()
+        self._over.set()
+        self._by: str | None = None
+
+    @property
+    def pending(self) -> bool:
+        """Whether it was commanded and the vehicle does not report to be disarmed yet."""
+        return self._running > 0
+
+    def require_none(self, what: str) -> None:
+        """Before any other command is sent.
+
+        Raises:
+            Refused: motors are being stopped; `what` was not sent.
+        """
+        if self.pending:
+            by = "" if self._by is None else f" by {self._by}"
+            raise Refused(
+                f"Stop motors was commanded{by} and vehicle {self._vehicle.id} has not confirmed it yet: "
+                f"“{what}” was not sent.",
+                remedy=f"Wait until the vehicle reports to be disarmed, at most {DEADLINE_S:g} s.",
+            )
+
+    async def over(self) -> None:
+        """Returns once none is pending, however it ended."""
+        while self.pending:
+            await self._over.wait()
+
+    async def run(self, *, by: str | None, arming: bool, progress: Progress | None) -> None:
+        """Returns once the vehicle reports to be disarmed.
+
+        Args:
+            by: the client.
+            arming: whether an arm command of ours was waiting for its answer.
+            progress: hears of each attempt.
+
+        Raises:
+            Rejected: it refused, and was still armed at the deadline.
+            NoReply: no report came within the deadline.
+        """
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        done.add_done_callback(lambda ended: ended.cancelled() or ended.exception())  # its caller may be gone
+        self._running += 1
+        self._by = by
+        self._over.clear()
+        self._vehicle.in_background("stop motors", self._until_disarmed(done, arming, progress))
+        await asyncio.shield(done)
+
+    async def _until_disarmed(
+        self, done: asyncio.Future[None], arming: bool, progress: Progress | None
+    ) -> None:
+        settles_s = ARMING_SETTLES_S if arming else 0.0
+
+        def reached(facts: Facts, since_s: float) -> bool:
+            return facts.heartbeat_s > since_s + settles_s and not facts.armed
+
+        goal = Goal(
+            "stop its motors",
+            reached,
+            DEADLINE_S,
+            asks=(d.MAVLINK_MSG_ID_HEARTBEAT,),
+            repeat_s=RESEND_S,
+        )
+        request = Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0, 0, 0, 0, 0))
+        error: GcsError = Disconnected(f"The server ended before vehicle {self._vehicle.id} was disarmed.")
+        ended = False
+        try:
+            await Transaction(self._vehicle, request, goal, progress).run()
+            ended = True
+        except GcsError as problem:
+            error = problem
+        finally:
+            self._running -= 1
+            if not self._running:
+                self._over.set()
+            if ended:
+                done.set_result(None)
+            else:
+                done.set_exception(error)

@@ -1,0 +1,286 @@
+"""Nothing overtakes Stop motors: it is sent until the vehicle reports to be disarmed, whatever else comes."""
+
+import asyncio
+import itertools
+import random
+
+import pytest
+
+from gcs_server.api import control_models, control_routes
+from gcs_server.errors import GcsError, NoReply, Refused, Rejected
+from tests.protocol.fake_autopilot import HOLD
+from tests.protocol.group_world import ANNA, begin, desk, place
+from tests.protocol.offboard_world import flight, order, seconds
+from tests.protocol.one_vehicle import LOSS
+from tests.protocol.test_authority import MISSION
+from tests.protocol.test_authority import desk as station_desk
+
+KILL_PARAM = 21196.0
+GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}
+CALLS = {
+    "hold": lambda v: v.command.hold(by="bob"),
+    "land": lambda v: v.command.land(by="bob"),
+    "rtl": lambda v: v.command.rtl(by="bob"),
+    "mode": lambda v: v.command.set_mode("position", by="bob"),
+    "arm": lambda v: v.command.arm(),
+    "disarm": lambda v: v.command.disarm(),
+    "goto": lambda v: v.command.goto(**GOTO),
+    "offboard": lambda v: v.offboard.start(order()),
+}
+
+
+def is_kill(message):
+    return getattr(message, "command", None) == 400 and message.param2 == KILL_PARAM
+
+
+def others(pilot):
+    """Commands that are none of Stop motors and fly the vehicle: arm, modes, take-off, go to."""
+    return [m for m in pilot.heard if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)]
+
+
+def deaf_to_kill(pilot, for_s):
+    until_s = pilot.loop.time() + for_s
+    times = []
+
+    def swallow(message):
+        if is_kill(message):
+            times.append(pilot.loop.time())
+        return is_kill(message) and pilot.loop.time() < until_s
+
+    pilot.handlers.append(swallow)
+    return times
+
+
+@pytest.mark.parametrize("name", list(CALLS))
+def test_a_later_command_is_refused_in_words_and_does_not_end_stop_motors(jump, name):
+    async def story(world, vehicle, pilot, link):
+        times = deaf_to_kill(pilot, 3.0)
+        kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
+        await seconds(1.0)
+        before = len(others(pilot))
+        with pytest.raises(Refused, match="Stop motors was commanded by anna") as caught:
+            await CALLS[name](vehicle)
+        assert "disarmed" in caught.value.remedy
+        await kill
+        assert not pilot.armed
+        assert len(others(pilot)) == before
+        assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
+        await CALLS["hold"](vehicle)  # it is over: commands are taken again
+
+    flight(jump, story)
+
+
+def test_what_waited_when_stop_motors_came_ends_and_is_not_sent_again(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.silent_commands.add(176)
+        hold = asyncio.ensure_future(vehicle.command.hold())
+        await seconds(0.2)
+        deaf_to_kill(pilot, 2.0)
+        kill = asyncio.ensure_future(vehicle.command.kill())
+        with pytest.raises(Refused, match="stop motors"):
+            await hold
+        sent = len(pilot.commands(176))
+        await kill
+        assert len(pilot.commands(176)) == sent
+
+    flight(jump, story)
+
+
+def test_the_streams_own_end_asks_for_no_mode_while_motors_are_stopped(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order(valid_for_s=2.0, hold_for_s=0.5))
+        deaf_to_kill(pilot, 5.0)
+        asked = len(pilot.commands(176))
+        await vehicle.command.kill()  # 2.5 s later the stream would ask for Hold
+        assert not pilot.armed
+        await seconds(0.3)
+        assert len(pilot.commands(176)) == asked
+        assert not vehicle.offboard.status().streaming
+
+    flight(jump, story)
+
+
+def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
+    async def story(world, vehicle, pilot, link):
+        await vehicle.offboard.start(order())
+        asked = len(pilot.commands(176))
+        deaf_to_kill(pilot, 2.0)
+        kill = asyncio.ensure_future(vehicle.command.kill())
+        await seconds(0.5)
+        stop = asyncio.ensure_future(vehicle.offboard.stop())
+        await seconds(1.0)
+        assert not stop.done()
+        assert len(pilot.commands(176)) == asked
+        await kill
+        await stop
+        assert not vehicle.offboard.status().streaming
+
+    flight(jump, story)
+
+
+def test_a_groups_hold_and_guard_do_not_end_stop_motors_of_a_member(jump):
+    async def story(at):
+        await begin(at, {"1": place(), "2": place()})
+        await seconds(2.0)
+        times = deaf_to_kill(at.pilots["1"], 3.0)
+        asked = len(at.pilots["1"].commands(176))
+        kill = asyncio.ensure_future(at.vehicles["1"].command.kill())
+        await seconds(0.3)
+        at.world.streamer._streams.call_off("1", "the guard's finding")
+        await at.world.streamer.groups.hold("1", ANNA)
+        await kill
+        assert not at.pilots["1"].armed
+        assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
+        assert len(at.pilots["1"].commands(176)) - asked <= 1  # Hold, once it was over
+        assert at.vehicles["2"].status.mode == "hold"
+        assert at.pilots["2"].armed
+
+    desk(jump, story, count=2)
+
+
+def test_neither_a_refusal_nor_a_deedless_yes_ends_it_before_its_deadline(jump):
+    async def story(world, vehicle, pilot, link):
+        answers = itertools.cycle([2, 0, 4, 5])
+        began_s = world.loop.time()
+
+        def answer(message):
+            if not is_kill(message) or world.loop.time() - began_s > 5.0:
+                return False
+            pilot.ack(400, next(answers))
+            return True
+
+        pilot.handlers.append(answer)
+        await vehicle.command.kill()
+        assert not pilot.armed
+        pilot.armed = True
+        pilot.handlers.append(lambda m: is_kill(m) and not pilot.ack(400, 2))
+        await seconds(2.0)
+        with pytest.raises(Rejected, match="refused to stop its motors"):
+            await vehicle.command.kill()
+
+    flight(jump, story)
+
+
+def test_its_callers_end_does_not_end_it(jump):
+    async def story(world, vehicle, pilot, link):
+        deaf_to_kill(pilot, 3.0)
+        kill = asyncio.ensure_future(vehicle.command.kill())
+        await seconds(0.5)
+        kill.cancel()
+        await seconds(1.0)
+        with pytest.raises(Refused):
+            await vehicle.command.hold()
+        await seconds(2.0)
+        assert not pilot.armed
+        await vehicle.command.hold()
+
+    flight(jump, story)
+
+
+def test_a_vehicle_that_falls_silent_meanwhile_is_sent_it_until_the_deadline(jump):
+    async def story(world, vehicle, pilot, link):
+        quiet_raw = pilot.send_raw
+        pilot.send_raw = lambda raw: None
+        times = deaf_to_kill(pilot, 100.0)
+        await seconds(1.0)  # silent for 3.5 s, and so lost, in the middle of it
+        began_s = world.loop.time()
+        with pytest.raises(NoReply):
+            await vehicle.command.kill()
+        assert vehicle.status.link_lost
+        assert world.loop.time() - began_s == pytest.approx(6.0, abs=0.1)
+        assert times[-1] - times[0] > 5.5
+        pilot.send_raw = quiet_raw
+
+    flight(jump, story)
+
+
+def test_an_arm_that_was_on_its_way_is_not_taken_for_done(jump):
+    async def story(world, vehicle, pilot, link):
+        pilot.armed, pilot.landed = False, 1
+        await seconds(2.0)
+        late = []
+
+        def slow_arm(message):  # the arm is obeyed half a second late, after a heartbeat that says disarmed
+            if getattr(message, "command", None) == 400 and message.param1 == 1.0 and not late:
+                late.append(message)
+                world.loop.call_later(0.5, lambda: setattr(pilot, "armed", True))
+                return True
+            return is_kill(message) and not pilot.armed
+
+        pilot.handlers.append(slow_arm)
+        arm = asyncio.ensure_future(vehicle.command.arm())
+        await seconds(0.05)
+        await vehicle.command.kill()
+        assert not pilot.armed
+        with pytest.raises(Refused):
+            await arm
+        await seconds(2.0)
+        assert not pilot.armed
+
+    flight(jump, story)
+
+
+@pytest.mark.parametrize(("deaf_s", "ends"), [(2.0, None), (20.0, HOLD)])
+def test_what_was_agreed_for_the_end_of_control_waits_for_stop_motors(jump, deaf_s, ends):
+    async def story(at):
+        at.pilot.mode = MISSION
+        await seconds(2.5)
+        await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="hold"))
+        await seconds(28.5)
+        deaf_to_kill(at.pilot, deaf_s)
+        kill = asyncio.ensure_future(at.vehicle.command.kill())
+        await seconds(3.0)  # control ends in the middle of it
+        assert not at.pilot.commands(176)
+        await asyncio.gather(kill, return_exceptions=True)
+        await seconds(3.0)
+        assert bool(at.pilot.commands(176)) == (ends is not None)
+        assert at.pilot.mode == (ends or MISSION)
+
+    station_desk(jump, story)
+
+
+def test_the_end_of_the_server_leaves_it_time(jump):
+    async def story(world, vehicle, pilot, link):
+        deaf_to_kill(pilot, 2.0)
+        kill = asyncio.ensure_future(vehicle.command.kill())
+        await seconds(0.1)
+        assert await world.streamer.stop_all() == []
+        assert not pilot.armed
+        await kill
+
+    flight(jump, story)
+
+
+@pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
+def test_in_any_order_of_calls_and_with_packets_lost_the_motors_stop(jump, loss, seed):
+    async def story(world, vehicle, pilot, link):
+        dice = random.Random(seed)
+        if dice.random() < 0.5:
+            await vehicle.offboard.start(order(valid_for_s=dice.uniform(0.5, 4.0), hold_for_s=0.2))
+        running = []
+
+        async def later(call, after_s):
+            await asyncio.sleep(after_s)
+            try:
+                await call(vehicle)
+            except GcsError as error:
+                return error
+
+        calls = [call for name, call in CALLS.items() if name != "arm"]  # on purpose it would arm again
+        for _ in range(8):
+            running.append(asyncio.ensure_future(later(dice.choice(calls), dice.uniform(0.0, 4.0))))
+        running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), dice.uniform(0.0, 4.0))))
+        await seconds(dice.uniform(0.0, 2.0))
+        deaf_to_kill(pilot, dice.uniform(0.0, 3.0))
+        seen = len(pilot.heard)
+        kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(dice.choice([1, 2]))]
+        await asyncio.gather(*kills)
+        assert not pilot.armed
+        heard = pilot.heard[seen:]
+        last = max(i for i, m in enumerate(heard) if is_kill(m))
+        first = next(i for i, m in enumerate(heard) if is_kill(m))
+        between = [m for m in heard[first : last + 1] if m in others(pilot)]
+        assert not between
+        await asyncio.gather(*running)
+
+    flight(jump, story, loss=loss, seed=seed)
