@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from gcs_server.links.base import Link, Peer
-from gcs_server.replay.index import Index, IndexProcess, UnreadableRecording, explain
+from gcs_server.replay.index import Index, UnreadableRecording, explain
+from gcs_server.replay.index_process import IndexProcess
 from gcs_server.replay.playback import Moment, ReplayClock, Timeline, condense, moment
 from gcs_server.replay.records import Batch, Cursor, Record, open_log, read_batch
 
 TICK_S = 0.02
-RECORDS_A_TICK = 2000
-"""Where nothing may be left out (speed 0)."""
+RECORDS_A_TICK = 500
+"""At most: about 10 ms of the event loop, whatever the recording holds. Where more is due, the replay falls
+behind."""
 CONDENSE_FROM = 100
 """More than this at once and only what the vehicles' state is made of is played."""
 READ_AHEAD = 4000
@@ -207,10 +209,14 @@ class TlogLink(Link):
             due.append(pending.popleft())
         if len(pending) < READ_AHEAD and not self._at_end:
             self._read_on()
-        self._feed(due if everything or len(due) <= CONDENSE_FROM else condense(due), clock)
+        if not everything and len(due) > CONDENSE_FROM:
+            due = condense(due)
+        pending.extendleft(reversed(due[RECORDS_A_TICK:]))
+        is_behind = everything or len(due) > RECORDS_A_TICK
+        self._feed(due[:RECORDS_A_TICK], clock)
         if not pending and not self._at_end:
             return  # the file is slower than the pace
-        if everything:
+        if is_behind:
             timeline.jump(self._loop.time(), clock.time_us)
         else:
             clock.time_us = max(clock.time_us, position_us)
@@ -270,18 +276,30 @@ class TlogLink(Link):
 
     def _arrive(self, there: Moment, index: Index, time_us: int) -> None:
         self._take += 1
+        take = self._take
         self._pending = deque(there.following)
         self._cursor, self._at_end = there.after, there.at_end
         self._forget(self._peer)
         self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._take)
         self._peers[self._peer.name] = self._peer
         self.quiet = True
-        self._feed(there.records, clock)
-        self.quiet = False
-        clock.time_us = max(clock.time_us, time_us)
-        self._jumping, self._jump_to_us = False, None
-        self._set_state("open", "")
-        self._resolve_jumps()
+        self._rebuild(deque(there.records), clock, time_us, take)
+
+    def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, take: int) -> None:
+        """Feeds what makes the vehicles what they were, a turn of the event loop at a time."""
+        if self._timeline is None or take != self._take:
+            return
+        self._feed([records.popleft() for _ in range(min(len(records), RECORDS_A_TICK))], clock)
+        if records:
+            self._loop.call_soon(self._rebuild, records, clock, time_us, take)
+        elif self._jump_to_us != time_us:  # jumped on meanwhile
+            self._fetch()
+        else:
+            self.quiet = False
+            clock.time_us = max(clock.time_us, time_us)
+            self._jumping, self._jump_to_us = False, None
+            self._set_state("open", "")
+            self._resolve_jumps()
 
     def _resolve_jumps(self) -> None:
         waiting, self._jumped = self._jumped, []
@@ -295,6 +313,7 @@ class TlogLink(Link):
         return False
 
     def _close(self) -> None:
+        self.quiet = False
         self._settled.set()
         if self._timer is not None:
             self._timer.cancel()

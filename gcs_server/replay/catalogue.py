@@ -22,6 +22,8 @@ from gcs_server.replay.records import (
 )
 
 SUFFIXES = (".tlog", ".tlog.gz")
+LONGEST_NAME = 255
+"""In bytes, as file systems have it."""
 _ours = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
 
 Stamp = tuple[int, int]
@@ -49,6 +51,16 @@ class RecordingInfo:
     """What is wrong with it, for people; null where nothing is."""
 
 
+def _is_plain(name: str) -> bool:
+    """Whether it can be the name of a recording, which every client can be told."""
+    try:
+        length = len(name.encode())
+    except UnicodeEncodeError:  # bytes of another encoding on the disk, or half a character from a client
+        return False
+    is_in_folder = Path(name).name == name and "\0" not in name and not name.startswith(".")
+    return is_in_folder and length <= LONGEST_NAME and name.endswith(SUFFIXES)
+
+
 def stamp_of(path: Path) -> Stamp:
     """What tells whether a file is still the same. Raises OSError."""
     status = path.stat()
@@ -69,9 +81,9 @@ class Catalogue:
             UnknownRecording: there is none in the folder itself.
         """
         path = self._folder / name
-        is_plain = Path(name).name == name and "\0" not in name and name.endswith(SUFFIXES)
-        if not is_plain or name.startswith(".") or path.is_symlink() or not path.is_file():
-            raise UnknownRecording(f"There is no recording {name!r}.")
+        if not _is_plain(name) or path.is_symlink() or not path.is_file():
+            shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…"
+            raise UnknownRecording(f"There is no recording {shown!r}.")
         return path
 
     def all(self, running: Set[str]) -> list[RecordingInfo]:

@@ -1,20 +1,16 @@
 """What is where in a recording: its bounds, places to start reading from, the frames that tell its story.
 
-Made by a process of its own (`python -m gcs_server.replay.index FILE`), because reading a long log takes
-seconds of Python, and those belong to the vehicles in the air.
+A recording may come from anybody. However it is made, its index stays within the bounds stated here; what an
+index leaves out is counted.
 """
 
 from __future__ import annotations
 
 import bisect
-import json
-import os
-import subprocess
-import sys
 from array import array
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from gcs_server.replay.records import (
     STX_V2,
@@ -22,7 +18,6 @@ from gcs_server.replay.records import (
     Cursor,
     Record,
     message_id,
-    open_log,
     read_batch,
     system_id,
 )
@@ -36,7 +31,12 @@ MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
 """Whose acknowledgement tells who changed the mode; without the dialect, which takes a second to load."""
 CHANGES_TOLD, TEXTS_TOLD = 2000, 500
 """Told again after a jump, at most: what a feed of messages shows, and more."""
-NICENESS = 10
+KINDS_AT_MOST = 10_000
+"""Of (system, component, message) told apart: those of a hundred vehicles, and more."""
+STORY_AT_MOST = 50_000
+"""Changes of state, and as many texts: a day of one each second, and more."""
+CHECKPOINT_NUMBERS_AT_MOST = 2_000_000
+"""In all checkpoints together (16 MB); beyond it, every second checkpoint goes."""
 DAMAGED_FROM = 0.5
 """Share of bytes that belong to no record from which a file is no telemetry log at all."""
 
@@ -73,6 +73,8 @@ class Index:
     """(time, offset) of each status text and event."""
     first_heartbeats: tuple[tuple[int, int], ...]
     """(time, offset) of each autopilot's first; without it, the vehicle is not known."""
+    left_out: int
+    """Records beyond KINDS_AT_MOST or STORY_AT_MOST: a jump may miss what they tell."""
 
     def checkpoint(self, time_us: int) -> Checkpoint:
         """The last one at which nothing later than `time_us` had been read."""
@@ -104,6 +106,7 @@ class _Story:
         self.changes: array[int] = array("q")
         self.texts: array[int] = array("q")
         self.first_heartbeats: dict[int, tuple[int, int]] = {}
+        self.left_out = 0
         self._states: dict[int, bytes] = {}
         self._modes: dict[int, bytes] = {}
 
@@ -130,7 +133,32 @@ class _Story:
             if not is_new:
                 return
         told = self.texts if kind in (STATUSTEXT, EVENT) else self.changes
-        told.extend((record.time_us, record.offset))
+        if len(told) < 2 * STORY_AT_MOST:
+            told.extend((record.time_us, record.offset))
+        else:
+            self.left_out += 1
+
+
+class _Checkpoints:
+    """Places to start reading from: one each batch, and farther apart where they would grow too large."""
+
+    def __init__(self) -> None:
+        self.kept: list[Checkpoint] = []
+        self._numbers = 0
+        self._batches = 0
+        self._every = 1
+
+    def add(self, cursor: Cursor, newest: dict[int, tuple[int, int]]) -> None:
+        self._batches += 1
+        if (self._batches - 1) % self._every:
+            return
+        flat = array("q", [number for pair in newest.values() for number in pair])
+        self.kept.append(Checkpoint(cursor, flat))
+        self._numbers += len(flat)
+        if self._numbers > CHECKPOINT_NUMBERS_AT_MOST:
+            self.kept = self.kept[::2]
+            self._numbers = sum(len(checkpoint.newest) for checkpoint in self.kept)
+            self._every *= 2
 
 
 def make_index(file: BinaryIO) -> Index:
@@ -140,14 +168,16 @@ def make_index(file: BinaryIO) -> Index:
         UnreadableRecording: it holds no records, or is no telemetry log.
         OSError: the file cannot be read.
     """
-    story, newest, checkpoints = _Story(), dict[int, tuple[int, int]](), list[Checkpoint]()
+    story, newest, checkpoints = _Story(), dict[int, tuple[int, int]](), _Checkpoints()
     batch = Batch([], Cursor(), at_end=False, bytes_skipped=0)
-    begin_us = end_us = count = skipped = 0
+    begin_us = end_us = count = skipped = left_out = 0
     while not batch.at_end:
-        flat = array("q", [number for pair in newest.values() for number in pair])
-        checkpoints.append(Checkpoint(batch.after, flat))
+        checkpoints.add(batch.after, newest)
         batch = read_batch(file, batch.after)
         for record in batch.records:
+            if record.key not in newest and len(newest) >= KINDS_AT_MOST:
+                left_out += 1
+                continue
             newest[record.key] = (record.time_us, record.offset)
             if record.key & 0xFFFFFF in STORY:
                 story.take(record)
@@ -168,100 +198,14 @@ def make_index(file: BinaryIO) -> Index:
         skipped,
         size,
         tuple(sorted(story.first_heartbeats)),
-        tuple(checkpoints),
+        tuple(checkpoints.kept),
         story.changes,
         story.texts,
         tuple(story.first_heartbeats.values()),
-    )
-
-
-class IndexProcess:
-    """Makes an index in a process of its own; `run` is for a worker thread, `stop` for any."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._process: subprocess.Popen[bytes] | None = None
-        self._stopped = False
-
-    def run(self) -> Index:
-        """Waits for the process.
-
-        Raises:
-            UnreadableRecording: what is wrong with the file, in words.
-        """
-        command = [sys.executable, "-m", "gcs_server.replay.index", str(self._path)]
-        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as process:
-            self._process = process
-            if self._stopped:
-                process.kill()
-            output, _ = process.communicate()
-        if process.returncode or not output:
-            raise UnreadableRecording("Reading it was broken off.")
-        answer = json.loads(output)
-        if "problem" in answer:
-            raise UnreadableRecording(answer["problem"])
-        return _from_json(answer)
-
-    def stop(self) -> None:
-        """Its result is not wanted any more."""
-        self._stopped = True
-        if self._process is not None:
-            self._process.kill()
-
-
-def _to_json(index: Index) -> dict[str, Any]:
-    return {
-        "begin_us": index.begin_us,
-        "end_us": index.end_us,
-        "records": index.records,
-        "bytes_skipped": index.bytes_skipped,
-        "size_bytes": index.size_bytes,
-        "systems": index.systems,
-        "checkpoints": [
-            (c.cursor.offset, c.cursor.time_us, c.cursor.shift_us, list(c.newest)) for c in index.checkpoints
-        ],
-        "changes": list(index.changes),
-        "texts": list(index.texts),
-        "first_heartbeats": index.first_heartbeats,
-    }
-
-
-def _from_json(answer: dict[str, Any]) -> Index:
-    return Index(
-        begin_us=answer["begin_us"],
-        end_us=answer["end_us"],
-        records=answer["records"],
-        bytes_skipped=answer["bytes_skipped"],
-        size_bytes=answer["size_bytes"],
-        systems=tuple(answer["systems"]),
-        checkpoints=tuple(
-            Checkpoint(Cursor(offset, time_us, shift_us), array("q", newest))
-            for offset, time_us, shift_us, newest in answer["checkpoints"]
-        ),
-        changes=array("q", answer["changes"]),
-        texts=array("q", answer["texts"]),
-        first_heartbeats=tuple((time_us, offset) for time_us, offset in answer["first_heartbeats"]),
+        left_out + story.left_out,
     )
 
 
 def explain(path: Path, error: OSError) -> str:
     """A file's error in words."""
     return f"{path.name} cannot be read: {error.strerror or error}."
-
-
-def main(arguments: list[str]) -> None:
-    """Prints the index of the file named, or what is wrong with it, as JSON."""
-    os.nice(NICENESS)
-    path = Path(arguments[0])
-    try:
-        with open_log(path) as file:
-            answer = _to_json(make_index(file))
-    except UnreadableRecording as error:
-        answer = {"problem": str(error)}
-    except OSError as error:
-        answer = {"problem": explain(path, error)}
-    json.dump(answer, sys.stdout)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from gcs_server.clock import Clock
-from gcs_server.replay.index import STORY, Index
+from gcs_server.replay.index import CHANGES_TOLD, STORY, TEXTS_TOLD, Index
 from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
 
 SLOWEST, FASTEST = 0.25, 50.0
@@ -131,11 +131,21 @@ def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
     following: list[Record] = []
     while not batch.at_end and not following:
         batch = read_batch(file, batch.after)
-        read += [r for r in batch.records if r.time_us <= time_us]
+        read = _newest_told(condense([*read, *(r for r in batch.records if r.time_us <= time_us)]))
         following = batch.records[len(batch.records) - sum(r.time_us > time_us for r in batch.records) :]
     old = [
         Record(places[offset], offset, 0, read_at(file, offset))
         for offset in sorted(places)
         if offset < checkpoint.cursor.offset
     ]
-    return Moment([*old, *condense(read)], following, batch.after, batch.at_end)
+    return Moment([*old, *read], following, batch.after, batch.at_end)
+
+
+def _newest_told(records: list[Record]) -> list[Record]:
+    """Without the oldest of the story, where that tells more than a feed of messages shows."""
+    story = [record.offset for record in records if record.key & 0xFFFFFF in STORY]
+    if len(story) <= CHANGES_TOLD + TEXTS_TOLD:
+        return records
+    newest = {record.key: record.offset for record in records}
+    from_offset = story[-(CHANGES_TOLD + TEXTS_TOLD)]
+    return [r for r in records if r.offset >= from_offset or newest[r.key] == r.offset]

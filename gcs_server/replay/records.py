@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import shutil
 import struct
 import tempfile
 import zlib
@@ -28,6 +29,8 @@ SAME_CLOCK_US = 86_400_000_000
 JITTER_US = 2_000_000
 """Times step back a little where two threads write; more is a clock that was set."""
 MAX_UNPACKED_BYTES = 4_000_000_000
+KEEP_FREE_BYTES = 500_000_000
+"""What unpacking leaves free on the disk, where the flight that is going on may be recorded, too."""
 
 _time = struct.Struct(">Q")
 
@@ -84,9 +87,9 @@ def open_log(path: Path) -> BinaryIO:
     unpacked = cast(BinaryIO, tempfile.TemporaryFile())  # noqa: SIM115 the caller closes it
     try:
         for piece in unpack(path):
+            if shutil.disk_usage(tempfile.gettempdir()).free < KEEP_FREE_BYTES:
+                raise OSError("there is too little free disk space to unpack it")
             unpacked.write(piece)
-            if unpacked.tell() > MAX_UNPACKED_BYTES:
-                raise OSError(f"it unpacks to more than {MAX_UNPACKED_BYTES // 10**9} GB")
         unpacked.flush()
     except BaseException:
         unpacked.close()
@@ -98,8 +101,9 @@ def unpack(path: Path) -> Iterator[bytes]:
     """A gzip file's content, as far as it goes: the rest of one that was cut off is missing.
 
     Raises:
-        OSError: not readable, or no gzip file.
+        OSError: not readable, no gzip file, or one that unpacks to more than MAX_UNPACKED_BYTES.
     """
+    unpacked_bytes = 0
     with gzip.open(path, "rb") as file:
         while True:
             try:
@@ -108,6 +112,9 @@ def unpack(path: Path) -> Iterator[bytes]:
                 return
             if not piece:
                 return
+            unpacked_bytes += len(piece)
+            if unpacked_bytes > MAX_UNPACKED_BYTES:
+                raise OSError(f"it unpacks to more than {MAX_UNPACKED_BYTES // 10**9} GB")
             yield piece
 
 

@@ -5,21 +5,25 @@ from __future__ import annotations
 import asyncio
 from collections import OrderedDict
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 from urllib.parse import quote
 
-from gcs_server.errors import RecordingUnusable, UnknownRecording
+from gcs_server.errors import RecordingUnusable, Refused, UnknownRecording
 from gcs_server.links.tlog import TlogLink
 from gcs_server.mavlink.router import Router
 from gcs_server.replay.catalogue import Catalogue, RecordingInfo, Stamp, stamp_of
-from gcs_server.replay.index import Index, IndexProcess, UnreadableRecording, explain
+from gcs_server.replay.index import Index, UnreadableRecording, explain
+from gcs_server.replay.index_process import IndexProcess
 from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 
-KEPT = 8
-"""Indexes in memory; a long flight's takes a few megabytes."""
+KEPT = 4
+"""Indexes in memory; a long flight's takes a few megabytes, the largest that can be made 20."""
+READ_AT_ONCE = 2
+REPLAYS_AT_MOST = 8
 
 T = TypeVar("T")
 FileKey = tuple[Path, Stamp]
@@ -58,6 +62,8 @@ class RecordingIndex:
     records: int
     bytes_skipped: int
     """What belongs to no record: damage."""
+    left_out: int
+    """Records that the index leaves out: it has more senders, changes or messages than are kept."""
     vehicles: tuple[VehicleMarks, ...]
 
 
@@ -72,6 +78,8 @@ class Replays:
         self._router, self._fleet = router, fleet
         self._catalogue = Catalogue(folder)
         self._processes: set[IndexProcess] = set()
+        self._readers = ThreadPoolExecutor(READ_AT_ONCE, thread_name_prefix="recordings")
+        self._listing = asyncio.Lock()
         self._indexes: OrderedDict[FileKey, asyncio.Future[Index]] = OrderedDict()
         self._marks: OrderedDict[FileKey, asyncio.Future[tuple[VehicleMarks, ...]]] = OrderedDict()
 
@@ -82,7 +90,8 @@ class Replays:
             for info in self._router.links()
             if info.recording is not None and info.recording.file and info.recording.stopped is None
         }
-        found = await asyncio.to_thread(self._catalogue.all, running)
+        async with self._listing:  # of two that ask, the second one finds everything looked at already
+            found = await asyncio.to_thread(self._catalogue.all, running)
         indexes = {
             (path.name, stamp[0]): future.result()
             for (path, stamp), future in self._indexes.items()
@@ -118,11 +127,15 @@ class Replays:
         Raises:
             UnknownRecording: there is none of that name.
             RecordingUnusable: nothing in it can be read.
+            Refused: REPLAYS_AT_MOST are open.
         """
         path = self.path(name)
-        index = await self._index(path)
         link_name = f"replay-{path.name}"
-        if link_name not in {link.name for link in self._links()}:
+        index = await self._index(path)
+        is_open = {link.name for link in self._links()}
+        if link_name not in is_open and len(is_open) >= REPLAYS_AT_MOST:
+            raise Refused(f"{len(is_open)} recordings are open already.", remedy="Close one of them first.")
+        if link_name not in is_open:
             url = f"tlog:{quote(str(path))}"
             link = TlogLink(link_name, url, path, speed, index=index)
             self._router.add(link)
@@ -171,6 +184,7 @@ class Replays:
         """Ends what is being read."""
         for process in tuple(self._processes):
             process.stop()
+        self._readers.shutdown(wait=False, cancel_futures=True)
 
     def _links(self) -> list[TlogLink]:
         links = (self._router.connection(info.name).link for info in self._router.links() if info.replay)
@@ -204,7 +218,13 @@ class Replays:
     async def _view(self, path: Path, index: Index) -> RecordingIndex:
         marks = await self._once(self._marks, path, lambda: make_marks(path, index))
         return RecordingIndex(
-            path.name, index.begin_us / 1e6, index.end_us / 1e6, index.records, index.bytes_skipped, marks
+            path.name,
+            index.begin_us / 1e6,
+            index.end_us / 1e6,
+            index.records,
+            index.bytes_skipped,
+            index.left_out,
+            marks,
         )
 
     async def _index(self, path: Path) -> Index:
@@ -225,11 +245,12 @@ class Replays:
         make: Callable[[], T],
     ) -> T:
         """What was made of the very same file already, or is being made."""
+        key = None
         try:
             key = path, stamp_of(path)
             future = kept.get(key)
             if future is None or future.cancelled():
-                future = kept[key] = asyncio.get_running_loop().run_in_executor(None, make)
+                future = kept[key] = asyncio.get_running_loop().run_in_executor(self._readers, make)
             kept.move_to_end(key)
             while len(kept) > KEPT:
                 kept.popitem(last=False)
@@ -237,6 +258,8 @@ class Replays:
         except UnreadableRecording as error:
             raise RecordingUnusable(f"{path.name}: {error}") from None
         except OSError as error:
+            if key is not None:
+                kept.pop(key, None)  # a full disk may have room again
             raise RecordingUnusable(explain(path, error)) from None
 
 
@@ -244,6 +267,8 @@ def _with_index(info: RecordingInfo, index: Index | None) -> RecordingInfo:
     if index is None or info.running:
         return info
     damage = f"{index.bytes_skipped} bytes of it are damaged and left out." if index.bytes_skipped else None
+    if index.left_out:
+        damage = f"It holds more senders or messages than can be shown; {index.left_out} are left out."
     return replace(
         info,
         started_unix_s=index.begin_us / 1e6,

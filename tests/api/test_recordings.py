@@ -94,6 +94,8 @@ def test_recordings_are_listed_newest_first_with_what_is_wrong_with_them(client,
         "nothing.tlog",
         "notes.txt",
         "a%00.tlog",
+        "bad%FF.tlog",
+        "a" * 252 + ".tlog",
     ],
 )
 def test_only_files_of_the_folder_are_recordings(client, folder, name):

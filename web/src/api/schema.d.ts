@@ -4902,6 +4902,11 @@ export interface components {
              */
             bytes_skipped: number;
             /**
+             * Left Out
+             * @description Records that the index leaves out: it has more senders, changes or messages than are kept.
+             */
+            left_out: number;
+            /**
              * Vehicles
              * @description Vehicles.
              */

@@ -10,7 +10,7 @@ const replay = (over: Partial<Replay> = {}): Replay => ({
   position_unix_s: 150, begin_unix_s: 100, end_unix_s: 200, ...over,
 });
 const index: RecordingIndex = {
-  recording: 'a.tlog', begin_unix_s: 100, end_unix_s: 200, records: 9, bytes_skipped: 0,
+  recording: 'a.tlog', begin_unix_s: 100, end_unix_s: 200, records: 9, bytes_skipped: 0, left_out: 0,
   vehicles: [{
     system_id: 1, messages_left_out: 0,
     modes: [

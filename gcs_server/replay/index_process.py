@@ -1,0 +1,144 @@
+"""Makes an index in a process of its own (`python -m gcs_server.replay.index_process FILE`).
+
+Reading a long log takes seconds of Python, and those belong to the vehicles in the air. The process has
+limits of memory and computing time, so that no recording can take them from the server. Its answer is one
+line of JSON, then the arrays as bytes: parsing millions of numbers from text would hold up every thread of
+the server.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from array import array
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from gcs_server.replay.index import Checkpoint, Index, UnreadableRecording, explain, make_index
+from gcs_server.replay.records import Cursor, open_log
+
+NICENESS = 10
+MEMORY_BYTES = 1_000_000_000
+COMPUTING_S = 900
+"""Enough for about ten gigabytes of log."""
+
+_broken_off = "Reading it took more memory or time than a recording may take."
+
+
+class IndexProcess:
+    """Makes an index in a process of its own; `run` is for a worker thread, `stop` for any."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+
+    def run(self) -> Index:
+        """Waits for the process.
+
+        Raises:
+            UnreadableRecording: what is wrong with the file, in words.
+        """
+        command = [sys.executable, "-m", "gcs_server.replay.index_process", str(self._path)]
+        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as process:
+            self._process = process
+            if self._stopped:
+                process.kill()
+            output, _ = process.communicate()
+        if self._stopped:
+            raise UnreadableRecording("Reading it was broken off.")
+        if process.returncode or not output:
+            raise UnreadableRecording(_broken_off)
+        return from_bytes(output)
+
+    def stop(self) -> None:
+        """Its result is not wanted any more."""
+        self._stopped = True
+        if self._process is not None:
+            self._process.kill()
+
+
+def to_bytes(index: Index) -> bytes:
+    """An index as one line of JSON, then its arrays."""
+    arrays = [index.changes, index.texts, *(c.newest for c in index.checkpoints)]
+    header = {
+        "begin_us": index.begin_us,
+        "end_us": index.end_us,
+        "records": index.records,
+        "bytes_skipped": index.bytes_skipped,
+        "size_bytes": index.size_bytes,
+        "systems": index.systems,
+        "first_heartbeats": index.first_heartbeats,
+        "left_out": index.left_out,
+        "cursors": [(c.cursor.offset, c.cursor.time_us, c.cursor.shift_us) for c in index.checkpoints],
+        "lengths": [len(numbers) for numbers in arrays],
+    }
+    return b"".join((json.dumps(header).encode(), b"\n", *(numbers.tobytes() for numbers in arrays)))
+
+
+def from_bytes(data: bytes) -> Index:
+    """What `to_bytes` made.
+
+    Raises:
+        UnreadableRecording: the process says what is wrong with the file.
+    """
+    line, _, rest = data.partition(b"\n")
+    header = json.loads(line)
+    if "problem" in header:
+        raise UnreadableRecording(header["problem"])
+    changes, texts, *newest = _arrays(header["lengths"], rest)
+    return Index(
+        begin_us=header["begin_us"],
+        end_us=header["end_us"],
+        records=header["records"],
+        bytes_skipped=header["bytes_skipped"],
+        size_bytes=header["size_bytes"],
+        systems=tuple(header["systems"]),
+        checkpoints=tuple(
+            Checkpoint(Cursor(offset, time_us, shift_us), numbers)
+            for (offset, time_us, shift_us), numbers in zip(header["cursors"], newest, strict=True)
+        ),
+        changes=changes,
+        texts=texts,
+        first_heartbeats=tuple((time_us, offset) for time_us, offset in header["first_heartbeats"]),
+        left_out=header["left_out"],
+    )
+
+
+def _arrays(lengths: list[int], data: bytes) -> Iterable[array[int]]:
+    at = 0
+    for length in lengths:
+        numbers: array[int] = array("q")
+        numbers.frombytes(data[at : at + length * numbers.itemsize])
+        at += length * numbers.itemsize
+        yield numbers
+
+
+def _answer(path: Path) -> bytes:
+    problem: dict[str, Any]
+    try:
+        with open_log(path) as file:
+            return to_bytes(make_index(file))
+    except UnreadableRecording as error:
+        problem = {"problem": str(error)}
+    except OSError as error:
+        problem = {"problem": explain(path, error)}
+    except MemoryError:
+        problem = {"problem": _broken_off}
+    return json.dumps(problem).encode()
+
+
+def main(arguments: list[str]) -> None:
+    """Prints the index of the file named, or what is wrong with it."""
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (COMPUTING_S, COMPUTING_S))
+    sys.stdout.buffer.write(_answer(Path(arguments[0])))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

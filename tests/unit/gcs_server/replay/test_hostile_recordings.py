@@ -1,0 +1,179 @@
+"""A recording may come from anybody: whatever it holds, what is made of it stays within stated bounds."""
+
+import asyncio
+import gzip
+import io
+import shutil
+import struct
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.errors import UnknownRecording
+from gcs_server.links import tlog
+from gcs_server.links.tlog import TlogLink
+from gcs_server.replay import index as index_module
+from gcs_server.replay import index_process, records
+from gcs_server.replay.catalogue import Catalogue
+from gcs_server.replay.index import make_index
+from gcs_server.replay.index_process import from_bytes, to_bytes
+from gcs_server.replay.playback import moment
+from gcs_server.replay.records import open_log
+from tests.unit.gcs_server.replay.made_logs import BEGIN_US, Speaker, flight, heartbeat, log_bytes, record
+
+
+def many_kinds(count, step_us=100):
+    """A log in which each record is of another (system, component, message)."""
+    return b"".join(
+        record(BEGIN_US + i * step_us, frame(1 + i % 250, i // 250 % 255, 500 + i // 63_750))
+        for i in range(count)
+    )
+
+
+def frame(system_id, component_id, message_id):
+    head = struct.pack("<BBBBBBB", 0xFD, 1, 0, 0, 0, system_id, component_id)
+    return head + message_id.to_bytes(3, "little") + b"\0" + b"\0\0"
+
+
+@pytest.fixture
+def log(tmp_path):
+    def write(data, name="made.tlog"):
+        path = tmp_path / name
+        path.write_bytes(data)
+        return path
+
+    return write
+
+
+def index_of(path):
+    with open_log(path) as file:
+        return make_index(file)
+
+
+def test_more_kinds_of_message_than_any_fleet_sends_are_left_out_and_counted(log):
+    index = index_of(log(many_kinds(index_module.KINDS_AT_MOST + 2000)))
+    assert index.left_out == 2000
+    assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.KINDS_AT_MOST
+
+
+def test_a_story_without_end_is_cut_and_counted(log, monkeypatch):
+    monkeypatch.setattr(index_module, "STORY_AT_MOST", 30)
+    speaker = Speaker(1)
+    switching = [(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16))) for i in range(100)]
+    index = index_of(log(log_bytes(switching)))
+    assert len(index.changes) == 60
+    assert index.left_out == 70
+
+
+def test_checkpoints_stay_within_their_bound_and_a_jump_still_finds_every_state(log, monkeypatch):
+    monkeypatch.setattr(records, "BATCH_BYTES", 8192)
+    path = log(log_bytes(flight(seconds=120)))
+    whole = index_of(path)
+    monkeypatch.setattr(index_module, "CHECKPOINT_NUMBERS_AT_MOST", 200)
+    thinned = index_of(path)
+    assert len(thinned.checkpoints) < len(whole.checkpoints) / 2
+    assert sum(len(c.newest) for c in thinned.checkpoints) <= 200
+    with open_log(path) as file:
+        for share in (0.0, 0.3, 0.7, 1.0):
+            at_us = int(whole.begin_us + share * (whole.end_us - whole.begin_us))
+            assert newest(moment(file, thinned, at_us)) == newest(moment(file, whole, at_us))
+
+
+def newest(there):
+    """The last frame of each message that a jump feeds."""
+    return {raw[5:10]: raw for raw in (r.raw for r in there.records)}
+
+
+def test_a_jump_into_a_flood_of_texts_feeds_no_more_than_a_feed_shows(log, monkeypatch):
+    monkeypatch.setattr("gcs_server.replay.playback.CHANGES_TOLD", 5)
+    monkeypatch.setattr("gcs_server.replay.playback.TEXTS_TOLD", 5)
+    speaker = Speaker(1)
+    path = log(
+        log_bytes([(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16, armed=i % 2 > 0))) for i in range(500)])
+    )
+    index = index_of(path)
+    with open_log(path) as file:
+        there = moment(file, index, index.end_us)
+    assert len(there.records) <= 11
+    assert there.records[-1].time_us == index.end_us
+
+
+def test_an_index_comes_whole_out_of_its_process(log):
+    index = index_of(log(log_bytes(flight(seconds=60))))
+    assert from_bytes(to_bytes(index)) == index
+
+
+def test_what_takes_too_much_memory_is_said_in_words(log, monkeypatch):
+    def greedy(file):
+        raise MemoryError
+
+    monkeypatch.setattr(index_process, "make_index", greedy)
+    with pytest.raises(index_module.UnreadableRecording, match="more memory or time"):
+        from_bytes(index_process._answer(log(b"any")))
+
+
+def test_a_packed_file_that_unpacks_without_end_is_refused_in_the_list_and_when_opened(log, monkeypatch):
+    monkeypatch.setattr(records, "MAX_UNPACKED_BYTES", 1_000_000)
+    path = log(gzip.compress(bytes(3_000_000)), "bomb.tlog.gz")
+    with pytest.raises(OSError, match="unpacks to more than"):
+        open_log(path)
+    listed = Catalogue(path.parent).all(frozenset())
+    assert "unpacks to more than" in listed[0].problem
+
+
+def test_a_packed_file_leaves_room_on_the_disk(log, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=records.KEEP_FREE_BYTES - 1))
+    with pytest.raises(OSError, match="too little free disk space"):
+        open_log(log(gzip.compress(log_bytes(flight(seconds=2))), "packed.tlog.gz"))
+
+
+@pytest.mark.parametrize("name", ["a" * 300 + ".tlog", "half \ud800.tlog", "new\0line.tlog", "..", ""])
+def test_a_name_that_no_recording_can_have_is_an_unknown_recording(tmp_path, name):
+    with pytest.raises(UnknownRecording, match="There is no recording"):
+        Catalogue(tmp_path).path(name)
+
+
+def test_a_file_whose_name_is_no_text_is_left_out_of_the_list(tmp_path):
+    (tmp_path / "whole.tlog").write_bytes(log_bytes(flight(seconds=2)))
+    with open(bytes(tmp_path) + b"/bad\xff.tlog", "wb") as file:  # noqa: PTH123 a name of bytes
+        file.write(b"x")
+    assert [info.name for info in Catalogue(tmp_path).all(frozenset())] == ["whole.tlog"]
+
+
+@pytest.mark.parametrize("how", ["fast", "jump"])
+def test_no_turn_of_the_event_loop_plays_more_than_a_bounded_number_of_records(log, monkeypatch, how):
+    """A recording of thousands of senders, all at once: the vehicles in the air wait for none of it."""
+    monkeypatch.setattr(tlog, "RECORDS_A_TICK", 50)
+    path = log(many_kinds(3000, step_us=10))
+    turns = []
+
+    async def story():
+        link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
+        fed = io.StringIO()  # one dot a record, one stroke a turn of the loop
+        link.start(lambda data, peer, at_s: fed.write("."), lambda peer: None, lambda: None)
+        await link.opened()
+        ticking = asyncio.get_running_loop()
+
+        enough = asyncio.Event()
+
+        def turn():
+            nonlocal handle
+            fed.write("|")
+            if fed.getvalue().count(".") >= 1000:
+                enough.set()
+            handle = ticking.call_soon(turn)
+
+        handle = ticking.call_soon(turn)
+        if how == "jump":
+            link.pause()
+            await link.seek(BEGIN_US + 30_000)
+        else:
+            async with asyncio.timeout(20):
+                await enough.wait()
+        handle.cancel()
+        await link.close()
+        turns.extend(len(part) for part in fed.getvalue().split("|"))
+
+    asyncio.run(story())
+    assert sum(turns) >= 1000
+    assert max(turns) <= 50
