@@ -95,7 +95,6 @@ def test_recordings_are_listed_newest_first_with_what_is_wrong_with_them(client,
         "notes.txt",
         "a%00.tlog",
         "bad%FF.tlog",
-        "a" * 252 + ".tlog",
     ],
 )
 def test_only_files_of_the_folder_are_recordings(client, folder, name):
@@ -108,6 +107,12 @@ def test_only_files_of_the_folder_are_recordings(client, folder, name):
     plain = name.replace("%2F", "/").replace("%00", "\0")
     answer = client.post(f"{API}/replays", json={"recording": plain})
     assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
+
+
+def test_a_name_longer_than_a_file_can_have_is_an_unknown_recording(client):
+    for path in ("", "/index"):
+        answer = client.get(f"{API}/recordings/{'a' * 300}.tlog{path}")
+        assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
 
 
 def test_a_link_to_another_file_is_no_recording(client, folder):
