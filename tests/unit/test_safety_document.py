@@ -1,6 +1,8 @@
-"""`docs/safety.md` promises a test for each of its rows: the names must be of tests that there are."""
+"""`docs/safety.md` promises a test for each of its rows: one that exists, runs and asserts something."""
 
+import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -8,11 +10,43 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEXT = (REPOSITORY / "docs" / "safety.md").read_text()
 ROWS = [line for line in TEXT.splitlines() if line.startswith("|") and not line.startswith("|---")]
+NAMED = sorted(set(re.findall(r"`(test_\w+)`", TEXT)))
+CHECKS = {"raises", "wait_until", "until", "until_disarmed", "expect", "fail", "to_be_visible"}
+"""Calls that fail a test by themselves: pytest's, Playwright's, and those that wait for a state."""
+NEVER_RUN = {"skip", "xfail"}
+DEEPEST_HELPER = 4
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
-def known_tests() -> set[str]:
-    sources = (path.read_text() for path in (REPOSITORY / "tests").rglob("test_*.py"))
-    return {name for source in sources for name in re.findall(r"def (test_\w+)", source)}
+@cache
+def functions() -> dict[str, list[Function]]:
+    """Every function of the tests by its name."""
+    found: dict[str, list[Function]] = {}
+    for path in (REPOSITORY / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, Function):
+                found.setdefault(node.name, []).append(node)
+    return found
+
+
+def called(node: ast.AST) -> str:
+    """The last part of the name of what is called or decorates."""
+    if isinstance(node, ast.Call):
+        node = node.func
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def asserts(function: Function, depth: int = 0) -> bool:
+    """Whether the function, or a helper of the tests that it uses, can fail on what it has seen."""
+    nodes = list(ast.walk(function))
+    if any(isinstance(node, ast.Assert) for node in nodes):
+        return True
+    if CHECKS & {called(node) for node in nodes if isinstance(node, ast.Call)}:
+        return True
+    names = {called(node) for node in nodes if isinstance(node, ast.Call | ast.Name | ast.Attribute)}
+    helpers = (helper for name in names for helper in functions().get(name, []) if helper is not function)
+    return depth < DEEPEST_HELPER and any(asserts(helper, depth + 1) for helper in helpers)
 
 
 def test_every_row_names_its_test():
@@ -20,6 +54,16 @@ def test_every_row_names_its_test():
     assert not without
 
 
-@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(test_\w+)`", TEXT))))
-def test_what_it_names_exists(name):
-    assert name in known_tests()
+@pytest.mark.parametrize("name", NAMED)
+def test_what_it_names_exists_runs_and_asserts(name):
+    found = functions().get(name, [])
+    assert len(found) == 1, f"{len(found)} tests have this name: a row names exactly one"
+    marks = {called(mark) for mark in found[0].decorator_list}
+    assert not marks & NEVER_RUN, "a test that does not run promises nothing"
+    assert asserts(found[0]), "it cannot fail on what the row promises"
+
+
+def test_a_test_without_an_assertion_is_found():
+    idle = ast.parse("def test_idle():\n    sum([1])\n").body[0]
+    assert isinstance(idle, ast.FunctionDef)
+    assert not asserts(idle)
