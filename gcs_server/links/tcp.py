@@ -68,9 +68,8 @@ class TcpLink(Link):
             data = self._first_bytes.pass_on(data)
         except ForeignProtocol as error:
             self._retry_s = LONGEST_RETRY_S  # it will hardly speak MAVLink a moment later
-            self._lost(
-                f"{self._peer.name} speaks {error.protocol}, not MAVLink. Check the port; this is tried again."
-            )
+            who = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
+            self._lost(f"{who} Check the port; this is tried again.")
             return
         if data:
             self._received(data, self._peer)

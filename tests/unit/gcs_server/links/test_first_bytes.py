@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import socket
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -101,7 +102,7 @@ def test_what_is_mavlink_passes_whole_and_in_order_however_it_is_cut(data, cuts)
     data = bytes([0xFD]) + data
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
     first = FirstBytes()
-    pieces = [data[a:b] for a, b in zip(edges, edges[1:], strict=False)]
+    pieces = [data[a:b] for a, b in pairwise(edges)]
     assert b"".join(first.pass_on(piece) for piece in pieces) == data
 
 
@@ -110,7 +111,7 @@ def test_a_request_line_is_known_however_it_is_cut_and_nothing_of_it_passes(data
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
     first, passed = FirstBytes(), b""
     with pytest.raises(ForeignProtocol, match="HTTP"):
-        for a, b in zip(edges, edges[1:], strict=False):
+        for a, b in pairwise(edges):
             passed += first.pass_on(data[a:b])
     assert passed == b""
 
