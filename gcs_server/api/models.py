@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
+from gcs_server.links.names import MAX_NAME_LENGTH, NAME_IN_WORDS
 from gcs_server.replay.playback import FASTEST, SLOWEST
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -133,8 +134,9 @@ class LinkRequest(_Body):
     name: str | None = Field(
         default=None,
         min_length=1,
-        max_length=40,
-        description="How to call it; made from the URL if left out.",
+        max_length=MAX_NAME_LENGTH,
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+        description=f"How to call it: {NAME_IN_WORDS}; made from the URL if left out.",
     )
 
 

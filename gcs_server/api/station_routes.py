@@ -11,6 +11,8 @@ from gcs_server.api import models, responses
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import ClientDep, Station, StationDep, client_of, journaled, names_itself
+from gcs_server.control.link_guard import LinkGuard
+from gcs_server.links.url import make_link
 from gcs_server.telemetry.wire import SCHEMA_VERSION
 from gcs_server.version import __version__
 
@@ -47,17 +49,46 @@ async def list_links(station: StationDep) -> Response:
 
 @router.post("/links", response_model=responses.LinkModel, status_code=201, responses=RESPONSES)
 async def add_link(body: models.LinkRequest, station: StationDep, client: ClientDep) -> Response:
-    """Opens a link; one that cannot be opened yet tries again by itself and says why."""
+    """Opens a link; one that cannot be opened yet tries again by itself and says why.
+
+    A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
+    control of a vehicle: that station could command it.
+    """
     with journaled(station, client, "links/add", None, body.model_dump(exclude_none=True)):
-        return answer(station.router.add_link(body.url, body.name), 201)
+        link = make_link(body.url, body.name)
+        if link.forward:
+            _guard(station).may_forward(client)
+        return answer(station.router.add(link), 201)
 
 
 @router.delete("/links/{name}", status_code=204, responses=RESPONSES)
-async def remove_link(name: str, station: StationDep, client: ClientDep) -> Response:
-    """Closes a link."""
-    with journaled(station, client, "links/remove", None, {"name": name}):
+async def remove_link(
+    name: str,
+    station: StationDep,
+    client: ClientDep,
+    confirm: Annotated[
+        str | None,
+        Query(
+            max_length=1000,
+            description="Where a vehicle in flight would lose its last link, exactly the words that the "
+            "refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`.",
+        ),
+    ] = None,
+) -> Response:
+    """Closes a link; 409 where that would cut off a vehicle.
+
+    `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
+    a vehicle that is armed or flown by setpoints, and `confirm` does not say so.
+    """
+    arguments: dict[str, object] = {"name": name} if confirm is None else {"name": name, "confirm": confirm}
+    with journaled(station, client, "links/remove", None, arguments):
+        _guard(station).may_close(name, client, confirm)
         await station.router.remove_link(name)
     return Response(status_code=204)
+
+
+def _guard(station: Station) -> LinkGuard:
+    return LinkGuard(station.router, station.fleet, station.authority)
 
 
 @router.get("/journal", response_model=responses.Journal)

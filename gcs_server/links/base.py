@@ -110,7 +110,12 @@ class Link(ABC):
         self._loop = asyncio.get_running_loop()
         self._on_bytes, self._on_peer_gone, self._on_state = on_bytes, on_peer_gone, on_state
         self._wanted = True
-        self._try()
+        try:
+            self._try()
+        except BaseException:  # a fault of ours: it gives back what it took
+            self._wanted = False
+            self._shut()
+            raise
 
     def send(self, data: bytes, peer: Peer) -> bool:
         """Sends or queues; callable from any thread; False where the bytes were dropped."""

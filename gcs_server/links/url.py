@@ -20,6 +20,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.base import Link
+from gcs_server.links.names import checked_host, checked_name, checked_path, derived_name
 from gcs_server.links.serial import DEFAULT_BAUD, SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
 from gcs_server.links.tlog import TlogLink
@@ -33,10 +34,16 @@ REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev
 def make_link(url: str, name: str | None = None) -> Link:
     """The link that a URL describes, not yet started.
 
+    Args:
+        url: as above.
+        name: how to call it; made from the URL where it is None.
+
     Raises:
-        InvalidRequest: the URL is not understood.
+        InvalidRequest: the URL is not understood, or the name cannot be one.
         LinkError: a recording that is not there.
     """
+    if name is not None:
+        checked_name(name)
     try:
         parts = urlsplit(url)
         port = parts.port
@@ -55,25 +62,27 @@ def make_link(url: str, name: str | None = None) -> Link:
     if kind == "serial":
         if not parts.path.startswith("/"):
             raise InvalidRequest("url", f"{url!r} names no device.", remedy=REMEDY)
-        device, rate = unquote(parts.path), str(DEFAULT_BAUD)
+        device, rate = checked_path(url, unquote(parts.path)), str(DEFAULT_BAUD)
         after_colon = re.fullmatch(r"(.+):(\d{4,})", device)
         if after_colon is not None:
             device, rate = after_colon.groups()
         baud = _number(url, "baud", options.get("baud", rate))
         if not 1200 <= baud <= 12_000_000 or baud != int(baud):
             raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
-        return SerialLink(name or f"serial-{Path(device).name}", url, device, int(baud), forward=forward)
+        name = name or derived_name(f"serial-{Path(device).name}")
+        return SerialLink(name, url, device, int(baud), forward=forward)
     if kind == "tlog":
-        return _tlog(url, name, unquote(parts.path), options)
+        return _tlog(url, name, checked_path(url, unquote(parts.path)), options)
     listens = kind in ("udpin", "tcpin")
     host = parts.hostname or (LOOPBACK if listens else "")
     if not host:
         raise InvalidRequest("url", f"{url!r} names no host to connect to.", remedy=REMEDY)
+    checked_host(url, host)
     if port is None or (port == 0 and not listens):
         raise InvalidRequest("url", f"{url!r} names no port (1 to 65535).", remedy=REMEDY)
-    if parts.path not in ("", "/"):
-        raise InvalidRequest("url", f"{url!r}: nothing may follow the port but options.", remedy=REMEDY)
-    name = name or f"{kind}-{host}-{port}"
+    if parts.path not in ("", "/") or "@" in parts.netloc:
+        raise InvalidRequest("url", f"{url!r}: only host, port and options may follow '//'.", remedy=REMEDY)
+    name = name or derived_name(f"{kind}-{host}-{port}")
     if kind == "tcp":
         return TcpLink(name, url, host, port, forward=forward)
     if kind == "tcpin":
@@ -90,7 +99,7 @@ def _tlog(url: str, name: str | None, path_text: str, options: dict[str, str]) -
     speed = _number(url, "speed", options.get("speed", "1"))
     if not 0 <= speed <= 1000:
         raise InvalidRequest("url", f"{url!r}: speed must be from 0 (as fast as it goes) to 1000.")
-    return TlogLink(name or f"replay-{path.name}", url, path, speed)
+    return TlogLink(name or derived_name(f"replay-{path.name}"), url, path, speed)
 
 
 def _flag(url: str, text: str) -> bool:

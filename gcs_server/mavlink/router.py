@@ -120,7 +120,14 @@ class Router:
         )
         self._connections[link.name] = connection
         self._forwarder.use(self._connections.values())
-        connection.start()
+        try:
+            connection.start()
+        except BaseException:  # nothing of it stays behind
+            del self._connections[link.name]
+            self._forwarder.use(self._connections.values())
+            if recording is not None:
+                recording.closing = True
+            raise
         return connection.info()
 
     async def remove_link(self, name: str) -> None:
@@ -129,10 +136,8 @@ class Router:
         Raises:
             UnknownLink: no link of that name.
         """
-        connection = self._connections.pop(name, None)
-        if connection is None:
-            known = ", ".join(self._connections) or "none"
-            raise UnknownLink(f"There is no link {name!r}.", remedy=f"Links now: {known}.")
+        connection = self.connection(name)
+        del self._connections[name]
         self._forwarder.use(self._connections.values())
         await connection.close()
 
@@ -147,7 +152,8 @@ class Router:
             UnknownLink: no link of that name.
         """
         if name not in self._connections:
-            raise UnknownLink(f"There is no link {name!r}.")
+            known = ", ".join(self._connections) or "none"
+            raise UnknownLink(f"There is no link {name!r}.", remedy=f"Links now: {known}.")
         return self._connections[name]
 
     def warnings(self) -> list[tuple[str, str, str]]:

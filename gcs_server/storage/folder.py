@@ -8,6 +8,9 @@ from pathlib import Path
 
 from gcs_server.errors import GcsError
 
+MAX_FILE_NAME_BYTES = 255
+"""What file systems take (Linux: NAME_MAX); longer names are an error of the system, not merely unknown."""
+
 
 class StorageError(GcsError):
     """The data folder cannot be used."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from gcs_server.errors import GcsError
+from gcs_server.storage.folder import MAX_FILE_NAME_BYTES
 
 Tiles = Literal["raster", "vector"]
 Bounds = tuple[float, float, float, float]
@@ -54,7 +55,8 @@ class MapInfo:
 
 def is_map_name(name: str) -> bool:
     """Whether a request may name this file: one in the folder itself, of the two kinds."""
-    return NAME.fullmatch(name) is not None and not name.startswith(".")
+    too_long = len(name.encode(errors="replace")) > MAX_FILE_NAME_BYTES
+    return NAME.fullmatch(name) is not None and not name.startswith(".") and not too_long
 
 
 def read_map(path: Path) -> MapInfo:

@@ -68,6 +68,7 @@ class Vehicle:
         self._state = VehicleState(identity.component_id, clock)
         self._narrator = Narrator(self.events, clock)
         self._endpoints: tuple[Endpoint, ...] = ()
+        self._known_links: set[str] = set()
         self._sending: Endpoint | None = None
         self._lost = False
         self._limits_asked = 0
@@ -123,6 +124,11 @@ class Vehicle:
     def endpoints(self) -> tuple[Endpoint, ...]:
         """Where it is heard."""
         return self._endpoints
+
+    @property
+    def known_links(self) -> frozenset[str]:
+        """Names of all links on which it was ever heard: where it may be heard again."""
+        return frozenset(self._known_links)
 
     def topic(self, name: str) -> Sample | None:
         """The newest sample of a topic, decoded now; None before the first."""
@@ -209,6 +215,7 @@ class Vehicle:
         if not self._endpoints:
             self.health.heard()
         self._endpoints = (*self._endpoints, endpoint)
+        self._known_links.add(endpoint.connection.name)
         if endpoint.version is not None:
             self.set_version(endpoint.version)
 

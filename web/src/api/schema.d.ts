@@ -57,6 +57,9 @@ export interface paths {
         /**
          * Add Link
          * @description Opens a link; one that cannot be opened yet tries again by itself and says why.
+         *
+         *     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
+         *     control of a vehicle: that station could command it.
          */
         post: operations["add_link_api_v1_links_post"];
         delete?: never;
@@ -77,7 +80,10 @@ export interface paths {
         post?: never;
         /**
          * Remove Link
-         * @description Closes a link.
+         * @description Closes a link; 409 where that would cut off a vehicle.
+         *
+         *     `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
+         *     a vehicle that is armed or flown by setpoints, and `confirm` does not say so.
          */
         delete: operations["remove_link_api_v1_links__name__delete"];
         options?: never;
@@ -3252,7 +3258,7 @@ export interface components {
             url: string;
             /**
              * Name
-             * @description How to call it; made from the URL if left out.
+             * @description How to call it: 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit; made from the URL if left out.
              */
             name?: string | null;
         };
@@ -6509,7 +6515,10 @@ export interface operations {
     };
     remove_link_api_v1_links__name__delete: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Where a vehicle in flight would lose its last link, exactly the words that the refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`. */
+                confirm?: string | null;
+            };
             header?: never;
             path: {
                 name: string;

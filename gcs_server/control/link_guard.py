@@ -1,0 +1,94 @@
+"""Links of vehicles in flight: who may cut one, and who may let another station in.
+
+Closing a link takes a vehicle away from whoever flies it; a link to another ground station
+(`forward=1`) lets that station command past all control. Neither is for who only watches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from gcs_server.control.authority import Authority
+from gcs_server.errors import Refused
+from gcs_server.mavlink.router import Router
+from gcs_server.vehicle.endpoint import SILENT_AFTER_S
+from gcs_server.vehicle.fleet import Fleet
+from gcs_server.vehicle.vehicle import Vehicle
+
+
+class LinkGuard:
+    """Asked before a link is closed or added.
+
+    Args:
+        router: whose links.
+        fleet: whose vehicles are heard on them.
+        authority: who controls these.
+    """
+
+    def __init__(self, router: Router, fleet: Fleet, authority: Authority) -> None:
+        self._router = router
+        self._fleet = fleet
+        self._authority = authority
+
+    def may_close(self, name: str, client: str, confirm: str | None) -> None:
+        """Before a link is closed.
+
+        Args:
+            name: the link's.
+            client: who asks.
+            confirm: what it says will happen, where a flying vehicle would lose its last link.
+
+        Raises:
+            UnknownLink: there is none of that name.
+            NotInControl: another client controls a vehicle that is heard there.
+            Refused: a flying vehicle would lose its last link, and the words for that are missing.
+        """
+        link = self._router.connection(name).link
+        if link.replay:
+            return
+        if link.forward:
+            self._refuse_unless_ours(client, [v for v in self._live() if is_flown(v)])
+            return
+        heard_there = [v for v in self._live() if name in v.known_links]
+        self._refuse_unless_ours(client, heard_there)
+        last = [v.id for v in heard_there if is_flown(v) and not self._heard_elsewhere(v, name)]
+        if last and confirm != (wanted := words(name, last)):
+            many = len(last) > 1
+            raise Refused(
+                f"Vehicle{'s' if many else ''} {', '.join(last)} {'are' if many else 'is'} armed or flown by "
+                f"setpoints, and link {name!r} is the last one. The link stays open.",
+                remedy=f"To close it all the same, send confirm={wanted!r}.",
+            )
+
+    def may_forward(self, client: str) -> None:
+        """Before another ground station is let in.
+
+        Raises:
+            NotInControl: another client controls a vehicle, which that station could command.
+        """
+        self._refuse_unless_ours(client, self._live())
+
+    def _live(self) -> list[Vehicle]:
+        return [v for v in self._fleet.all() if not v.identity.replayed]
+
+    def _refuse_unless_ours(self, client: str, vehicles: Iterable[Vehicle]) -> None:
+        refused = self._authority.refusal(client, "links", [v.id for v in vehicles])
+        if refused is not None:
+            raise refused
+
+    def _heard_elsewhere(self, vehicle: Vehicle, name: str) -> bool:
+        now_s = vehicle.clock.monotonic_s()
+        return any(
+            e.connection.name != name and now_s - e.heard_s <= SILENT_AFTER_S for e in vehicle.endpoints
+        )
+
+
+def is_flown(vehicle: Vehicle) -> bool:
+    """Whether it has its motors on or is sent setpoints, as far as is known."""
+    streaming = vehicle.offboard is not None and vehicle.offboard.status().streaming
+    return vehicle.status.armed or streaming
+
+
+def words(name: str, vehicle_ids: list[str]) -> str:
+    """What a client must say to close a flying vehicle's last link."""
+    return f"link {name} closes, vehicle {' and '.join(vehicle_ids)} in flight loses its last link"

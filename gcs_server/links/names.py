@@ -1,0 +1,71 @@
+"""What a link may be called and where it may lead: one set of rules for names given and names derived."""
+
+from __future__ import annotations
+
+import re
+
+from gcs_server.errors import InvalidRequest
+
+MAX_NAME_LENGTH = 64
+MAX_PATH_BYTES = 1024
+MAX_PATH_PART_BYTES = 255
+NAME_IN_WORDS = (
+    f"1 to {MAX_NAME_LENGTH} characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit"
+)
+_NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME_LENGTH - 1}}}")
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
+_HOST = re.compile(r"(?=.{1,253}\Z)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
+
+
+def checked_name(name: str) -> str:
+    """`name` as it is: it stands in URLs, file names and logs.
+
+    Raises:
+        InvalidRequest: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise InvalidRequest(
+            "name", f"{_short(name)} cannot be the name of a link.", remedy=f"A name has {NAME_IN_WORDS}."
+        )
+    return name
+
+
+def derived_name(text: str) -> str:
+    """A name for a link without one; `text` begins with its kind."""
+    return _NOT_IN_A_NAME.sub("-", text)[:MAX_NAME_LENGTH]
+
+
+def checked_host(url: str, host: str) -> str:
+    """`host` as it is.
+
+    Raises:
+        InvalidRequest: no IPv4 address and no host name looks like this.
+    """
+    if not _HOST.fullmatch(host):
+        raise InvalidRequest(
+            "url",
+            f"{_short(url)}: {_short(host)} is no host.",
+            remedy="Give an IPv4 address or a host name (letters, digits, '-' and '.').",
+        )
+    return host
+
+
+def checked_path(url: str, path: str) -> str:
+    """`path` of a device or a recording as it is.
+
+    Raises:
+        InvalidRequest: no file can be called so.
+    """
+    parts = path.encode(errors="replace").split(b"/")
+    too_long = sum(map(len, parts)) > MAX_PATH_BYTES or max(map(len, parts)) > MAX_PATH_PART_BYTES
+    if not path.isprintable() or too_long:
+        raise InvalidRequest(
+            "url",
+            f"{_short(url)}: no file can be called {_short(path)}.",
+            remedy="Give the path of a device or a recording.",
+        )
+    return path
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 80 else f"{text[:79]}…")

@@ -1,0 +1,135 @@
+"""Names and ids that clients give, hostile ones: wrong or unknown, never a 5xx, and nothing stays behind."""
+
+import json
+from itertools import product
+from urllib.parse import quote
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+
+HOSTILE = {
+    "nul": "a\0b",
+    "slash": "a/b",
+    "up": "../../etc/passwd",
+    "dots": "..",
+    "long": "n" * 300,
+    "longer": "n" * 5000,
+    "long tlog": "n" * 300 + ".tlog",
+    "long in bytes": "é" * 150 + ".tlog",
+    "long pmtiles": "n" * 300 + ".pmtiles",
+    "long mbtiles": "é" * 150 + ".mbtiles",
+    "newline": "a\r\nX-Evil: 1",
+    "blank": " ",
+    "right to left": "\u202eevil",
+    "emoji": "🚁" * 60,
+    "digits": "9" * 400,
+    "superscript": "²",
+    "percent": "%00%2f%s%n",
+    "markup": "<script>alert(1)</script>",
+    "nul tlog": "a\0b.tlog",
+    "tilde": "1~" + "9" * 5000,
+}
+RAW = ["%ff%fe", "%ED%A0%80", "%2e%2e%2f", "%", "%00.tlog", "%ff.pmtiles"]
+"""No UTF-8, or percent signs of one's own."""
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    for folder in ("maps", "recordings"):
+        (data / folder).mkdir()
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=True)
+    with TestClient(
+        create_app(settings, static=data / "none"), base_url="http://localhost", raise_server_exceptions=False
+    ) as client:
+        yield client
+
+
+def calls(client):
+    """(method, path with one hostile part) of each route that has one."""
+    for path, methods in client.get("/api/v1/openapi.json").json()["paths"].items():
+        parts = path.split("/")
+        holes = [n for n, part in enumerate(parts) if part.startswith("{")]
+        for hole, method in product(holes, methods):
+            for value in [*(quote(text, safe="") for text in HOSTILE.values()), *RAW]:
+                filled = ["1" if n in holes else part for n, part in enumerate(parts)]
+                filled[hole] = value
+                yield method.upper(), "/".join(filled)
+
+
+def test_hostile_names_in_paths_are_never_a_fault_of_the_server(client):
+    answers = {
+        (method, path): client.request(method, path, content=b"{}").status_code
+        for method, path in calls(client)
+    }
+    assert len(answers) > 500
+    assert {call: status for call, status in answers.items() if status >= 500} == {}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
+def test_a_link_with_a_hostile_name_is_refused_naming_the_field_and_leaves_nothing(client, text):
+    answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": text})
+    assert (answer.status_code, answer.json()["field"]) == (422, "name")
+    assert client.get("/api/v1/links").json()["links"] == []
+
+
+@pytest.mark.parametrize("url", ["udpin://{}:14999", "tcp://{}:14999", "serial:///dev/{}", "tlog:///tmp/{}"])
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
+def test_a_link_to_a_hostile_place_is_refused_or_can_be_deleted(client, url, text):
+    for place in (text, quote(text, safe="")):
+        answer = client.post("/api/v1/links", json={"url": url.format(place)})
+        if answer.status_code != 201:
+            assert answer.status_code in (409, 422), answer.text
+            assert answer.json()["detail"]
+        else:
+            name = answer.json()["name"]
+            assert 1 <= len(name) <= 64
+            assert name == quote(name, safe="")
+            assert client.delete(f"/api/v1/links/{name}").status_code == 204
+    assert client.get("/api/v1/links").json()["links"] == []
+
+
+def test_a_link_whose_start_fails_leaves_nothing_behind(client, monkeypatch):
+    monkeypatch.setattr("gcs_server.links.udp.resolve", lambda *_: 1 / 0)
+    for _ in range(2):
+        answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"})
+        assert answer.status_code == 500
+    assert client.get("/api/v1/links").json()["links"] == []
+    monkeypatch.undo()
+    assert client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"}).status_code == 201
+    assert client.delete("/api/v1/links/one").status_code == 204
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_names_in_bodies_are_never_a_fault_of_the_server(client, text):
+    position = {"type": "position", "position_ned_m": [0, 0, -5]}
+    for path, body in (
+        ("replays", {"recording": text}),
+        ("groups", {"members": [{"vehicle": v, "setpoint": position} for v in (text, "2")]}),
+        ("groups/1/setpoints", {"setpoints": [{"vehicle": text, "setpoint": position}]}),
+        ("vehicles/1/control/grant", {"client": text}),
+        ("vehicles/1/control/request", {"reason": text}),
+        ("vehicles/1/mode", {"mode": text}),
+        ("vehicles/1/kill", {"confirm": text}),
+        ("vehicles/1/land_now", {"confirm": text}),
+        ("links", {"url": text}),
+    ):
+        answer = client.post(f"/api/v1/{path}", content=json.dumps(body))
+        assert answer.status_code < 500, (path, answer.text)
+
+
+@pytest.mark.parametrize("text", ["\ud800", "a\ud800b.tlog"])
+def test_half_a_character_is_refused(client, text):
+    for path, body in (("links", {"url": text}), ("replays", {"recording": text})):
+        assert client.post(f"/api/v1/{path}", content=json.dumps(body)).status_code in (404, 422)
+
+
+@pytest.mark.parametrize("name", [b"\xff\xfe", b"a" * 5000, b"\xc2\x85x", b"%00", b"\x01\x02"])
+def test_a_client_may_call_itself_what_it_likes(client, name):
+    headers = [(b"x-client", name), (b"x-client-id", name)]
+    assert client.get("/api/v1/me", headers=headers).status_code == 200
+    assert client.post("/api/v1/vehicles/1/arm", headers=headers).status_code == 404
+    assert client.get("/api/v1/journal").status_code == 200

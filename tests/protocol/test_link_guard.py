@@ -1,0 +1,126 @@
+"""Who may cut a vehicle's link, and who may let another ground station in, through the API's functions."""
+
+import pytest
+
+from gcs_server.api import (
+    control_models,
+    control_routes,
+    models,
+    offboard_routes,
+    station_routes,
+    vehicle_routes,
+)
+from gcs_server.errors import NotInControl, Refused, UnknownLink
+from tests.protocol.offboard_world import seconds
+from tests.protocol.test_authority import ANNA, BOB, START, YES, desk
+from tests.protocol.test_dangerous_calls import lines
+
+WORDS = "link memory closes, vehicle 1 in flight loses its last link"
+
+
+def names(at):
+    return [info.name for info in at.station.router.links()]
+
+
+async def close(at, client, confirm=None, name="memory"):
+    await station_routes.remove_link(name, at.station, client, confirm)
+
+
+def test_who_only_watches_cannot_close_the_link_of_a_vehicle_that_another_controls(jump):
+    async def story(at):
+        await offboard_routes.start("1", START, at.station, ANNA)
+        for confirm in (None, WORDS):
+            with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
+                await close(at, BOB, confirm)
+        assert lines(at.station)[-1] == ("bob", "links/remove", None, "not_in_control")
+        heard = len(at.pilot.setpoints)
+        await seconds(1)
+        assert len(at.pilot.setpoints) > heard + 30
+        assert names(at) == ["memory"]
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("flown", ["streamed to", "armed", "armed and nobody's"])
+def test_the_last_link_of_a_vehicle_in_flight_is_closed_only_by_words_that_name_it(jump, flown):
+    async def story(at):
+        if flown == "streamed to":
+            await offboard_routes.start("1", START, at.station, ANNA)
+        elif flown == "armed":
+            await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
+        for said in (None, "", "yes", WORDS.replace("1", "2"), WORDS.upper()):
+            with pytest.raises(Refused, match="Vehicle 1 is armed or flown by setpoints") as refused:
+                await close(at, ANNA, said)
+            assert refused.value.remedy == f"To close it all the same, send confirm={WORDS!r}."
+        assert names(at) == ["memory"]
+        assert lines(at.station)[-1] == ("anna", "links/remove", None, "refused")
+        await close(at, ANNA, WORDS)
+        assert names(at) == []
+        assert lines(at.station)[-1] == ("anna", "links/remove", None, "ok")
+
+    desk(jump, story)
+
+
+def test_with_another_link_that_carries_it_no_words_are_needed(jump):
+    async def story(at):
+        second = at.world.link("second")
+        at.world.offboard_pilot(second).fly()
+        await seconds(8)
+        assert set(at.vehicle.links) == {"memory", "second"}
+        await close(at, ANNA)
+        assert names(at) == ["second"]
+
+    desk(jump, story)
+
+
+def test_on_the_ground_the_holder_or_anybody_where_there_is_none_closes_it(jump):
+    async def story(at):
+        await close(at, BOB)
+        assert names(at) == []
+        with pytest.raises(UnknownLink):
+            await close(at, BOB)
+
+    desk(jump, story, flying=False)
+
+
+def test_on_the_ground_the_link_of_anothers_vehicle_stays(jump):
+    async def story(at):
+        await control_routes.take("1", at.station, ANNA, YES)
+        with pytest.raises(NotInControl):
+            await close(at, BOB)
+        await close(at, ANNA)
+        assert names(at) == []
+
+    desk(jump, story, flying=False)
+
+
+def test_a_link_that_lost_its_vehicle_in_flight_is_kept_for_its_return(jump):
+    async def story(at):
+        take = control_models.TakeControl()
+        await control_routes.take("1", at.station, ANNA, take)
+        at.world.router.connection("memory").link.drop_peer("peer")
+        assert at.vehicle.links == ()
+        with pytest.raises(NotInControl):
+            await close(at, BOB)
+        with pytest.raises(Refused, match="last one"):
+            await close(at, ANNA)
+
+    desk(jump, story)
+
+
+def test_another_station_is_let_in_or_cut_off_only_by_who_controls_the_vehicles(jump):
+    async def story(at):
+        request = models.LinkRequest(url="udpin://127.0.0.1:0?forward=1", name="station")
+        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
+        with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
+            await station_routes.add_link(request, at.station, BOB)
+        assert names(at) == ["memory"]
+        at.world.link("station", forward=True)
+        at.world.link("more")
+        with pytest.raises(NotInControl):
+            await close(at, BOB, name="station")
+        await close(at, ANNA, name="station")
+        await close(at, BOB, name="more")
+        assert names(at) == ["memory"]
+
+    desk(jump, story)
