@@ -17,7 +17,7 @@ help:
 	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy), and long fuzzing"
 	@echo "make bench         print the table of measurements"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only fly,lost\")"
-	@echo "make web           build the page;  make types: generate its API types from the server's schema"
+	@echo "make web           build the page;  make types: generate its API types, and the blocking Python client"
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
 	@echo "make clean         remove what the other targets made"
 
@@ -69,8 +69,9 @@ $(VENV)/.node: $(VENV)/bin/python tools/build_page.py
 web: $(VENV)/.node
 	@$(BIN)/python -m tools.build_page
 
-types: $(VENV)/.installed $(VENV)/.node
+types: $(VENV)/.tested $(VENV)/.node
 	@$(BIN)/python -m tools.build_page npm run types
+	@$(BIN)/python -m tools.build_sync_client
 
 # --- checks ------------------------------------------------------------------------------------
 

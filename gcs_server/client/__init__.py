@@ -11,7 +11,15 @@
 
 from gcs_server.client import setpoints
 from gcs_server.client.aio import Gcs, Vehicle
-from gcs_server.client.blocking import SyncGcs, SyncGimbal, SyncGroup, SyncOffboard, SyncVehicle
+from gcs_server.client.blocking import (
+    SyncControl,
+    SyncGcs,
+    SyncGimbal,
+    SyncGroup,
+    SyncLiveOffboard,
+    SyncOffboard,
+    SyncVehicle,
+)
 from gcs_server.client.control import Control
 from gcs_server.client.errors import (
     ApiError,
@@ -41,9 +49,11 @@ __all__ = [
     "NotInControl",
     "Offboard",
     "Refused",
+    "SyncControl",
     "SyncGcs",
     "SyncGimbal",
     "SyncGroup",
+    "SyncLiveOffboard",
     "SyncOffboard",
     "SyncVehicle",
     "Timeout",

@@ -1,26 +1,37 @@
 """The same client for programs without an event loop: `with SyncGcs() as gcs`.
 
-Each call runs its asynchronous twin (`aio.py`) on a loop of its own thread and waits for it.
+Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
-from anyio.from_thread import BlockingPortal, start_blocking_portal
+from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio
-from gcs_server.client.control import Control, OnLost
-from gcs_server.client.gimbal import Gimbal
-from gcs_server.client.group import Group, Setpoints
-from gcs_server.client.offboard import Offboard, Steering
+from gcs_server.client import aio, control, gimbal, group, offboard
+from gcs_server.client.control import OnLost
+from gcs_server.client.group import Setpoints
+from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
 
 
-class SyncGcs:
-    """A connection to the server; arguments as `aio.Gcs`."""
+class SyncGcs(LoopThread):
+    """A connection to the server.
+
+    Args:
+        url: where the server is.
+        client: the name under which commands stand in the journal.
+        timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
+        token: what a server that listens to other machines asks for; else the one of `url`, where that is the
+            link that the server printed, else `GCS_TOKEN`.
+        client_id: tells this program from others of its name, and so who has control of a vehicle; one of its
+            own unless given, here or by `GCS_CLIENT_ID`.
+    """
 
     def __init__(
         self,
@@ -31,49 +42,43 @@ class SyncGcs:
         token: str | None = None,
         client_id: str | None = None,
     ) -> None:
-        self._gcs = aio.Gcs(url, client=client, timeout_s=timeout_s, token=token, client_id=client_id)
-        self._starting: AbstractContextManager[BlockingPortal] = start_blocking_portal()
-        self._portal: BlockingPortal | None = None
-
-    def __enter__(self) -> SyncGcs:
-        self._portal = self._starting.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.portal.call(self._gcs.__aexit__)
-        self._starting.__exit__(None, None, None)
-
-    @property
-    def portal(self) -> BlockingPortal:
-        """The loop's thread.
-
-        Raises:
-            RuntimeError: used outside its `with` block.
-        """
-        if self._portal is None:
-            raise RuntimeError("Use the client in a block: with SyncGcs() as gcs: …")
-        return self._portal
+        self._inner = aio.Gcs(url, client=client, timeout_s=timeout_s, token=token, client_id=client_id)
+        super().__init__(self._inner.__aexit__)
+        self.url = self._inner.url
 
     def request(self, method: str, path: str, body: Body | None = None) -> Any:
-        """One call below `/api/v1`; errors as `aio.Gcs.request`."""
-        return self.portal.call(self._gcs.request, method, path, body)
+        """One call below `/api/v1`.
+
+        Raises:
+            ApiError: the server or the vehicle said no.
+            Unreachable: the server did not answer.
+        """
+        return self._portal.call(lambda: self._inner.request(method, path, body))
 
     def vehicles(self) -> list[SyncVehicle]:
         """All vehicles that the server has heard."""
-        return [SyncVehicle(self, vehicle) for vehicle in self.portal.call(self._gcs.vehicles)]
+        return [
+            SyncVehicle(found, self._portal) for found in self._portal.call(lambda: self._inner.vehicles())
+        ]
 
     def vehicle(self, vehicle_id: str) -> SyncVehicle:
         """A vehicle by its id, without asking whether it is there."""
-        return SyncVehicle(self, self._gcs.vehicle(vehicle_id))
+        return SyncVehicle(self._inner.vehicle(vehicle_id), self._portal)
 
     def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
     ) -> SyncVehicle:
-        """As `aio.Gcs.wait_for_vehicle`."""
-        found = self.portal.call(
-            lambda: self._gcs.wait_for_vehicle(vehicle_id, ready=ready, timeout_s=timeout_s)
+        """The vehicle (any, without an id) once it is heard; with `ready`, once it says it can arm.
+
+        Raises:
+            Timeout: it did not come, or did not get ready.
+        """
+        return SyncVehicle(
+            self._portal.call(
+                lambda: self._inner.wait_for_vehicle(vehicle_id, ready=ready, timeout_s=timeout_s)
+            ),
+            self._portal,
         )
-        return SyncVehicle(self, found)
 
     @contextmanager
     def group(
@@ -88,144 +93,156 @@ class SyncGcs:
         hold_for_s: float | None = None,
         others_go_on: bool = False,
     ) -> Generator[SyncGroup]:
-        """As `aio.Gcs.group`."""
-        block = self._gcs.group(
-            setpoints,
-            minimum_separation_m=minimum_separation_m,
-            start_at_unix_s=start_at_unix_s,
-            rate_hz=rate_hz,
-            valid_for_s=valid_for_s,
-            on_expiry=on_expiry,
-            hold_for_s=hold_for_s,
-            others_go_on=others_go_on,
-        )
-        with self.portal.wrap_async_context_manager(block) as group:
-            yield SyncGroup(self, group)
+        """Flies several vehicles together for the length of a block; leaving it, however, holds all.
 
+        Each begins with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; where one
+        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of the
+        longest path. Where the Hold after an exception fails, a note on that exception says why.
 
-class SyncGroup:
-    """Vehicles that fly together; methods as `group.Group`."""
+        Yields:
+            The group, once all are in Offboard; `started["start_unix_s"]` is when they begin.
 
-    def __init__(self, gcs: SyncGcs, group: Group) -> None:
-        self._gcs = gcs
-        self._group = group
-        self.id = group.id
-        self.started = group.started
+        Raises:
+            Refused: one cannot fly, two would come too near, or another has control of one.
+        """
+        with self._portal.wrap_async_context_manager(
+            self._inner.group(
+                setpoints,
+                minimum_separation_m=minimum_separation_m,
+                start_at_unix_s=start_at_unix_s,
+                rate_hz=rate_hz,
+                valid_for_s=valid_for_s,
+                on_expiry=on_expiry,
+                hold_for_s=hold_for_s,
+                others_go_on=others_go_on,
+            )
+        ) as found:
+            yield SyncGroup(found, self._portal)
 
-    def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """New setpoints for some members or all, sent at one instant."""
-        return self._gcs.portal.call(self._group.send, setpoints)
+    def telemetry(
+        self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0
+    ) -> Generator[dict[str, Any]]:
+        """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only.
 
-    def renew(self) -> dict[str, Any]:
-        """All fly on as they do, for another `valid_for_s`."""
-        return self._gcs.portal.call(self._group.renew)
-
-    def status(self) -> dict[str, Any]:
-        """State, members, the two that are nearest, findings, why it ended."""
-        return self._gcs.portal.call(self._group.status)
-
-    def hold(self) -> dict[str, Any]:
-        """Puts all members that still fly it into Hold."""
-        return self._gcs.portal.call(self._group.hold)
+        Raises:
+            ApiError: the server does not let us in.
+            Unreachable: it did not answer.
+        """
+        return iterate(self._portal, self._inner.telemetry(vehicles=vehicles, topics=topics, rate_hz=rate_hz))
 
 
 class SyncVehicle:
-    """One vehicle; methods as `aio.Vehicle`."""
+    """One vehicle. Every command returns once the vehicle's own state shows it."""
 
-    def __init__(self, gcs: SyncGcs, vehicle: aio.Vehicle) -> None:
-        self._gcs = gcs
-        self._vehicle = vehicle
-        self.id = vehicle.id
-        self.gimbal = SyncGimbal(gcs, vehicle.gimbal)
-        self.control = SyncControl(gcs, vehicle.control)
+    def __init__(self, inner: aio.Vehicle, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+        self.id = self._inner.id
+        self.gimbal = SyncGimbal(self._inner.gimbal, self._portal)
+        self.control = SyncControl(self._inner.control, self._portal)
 
     def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
-        """One call below `/api/v1/vehicles/{id}`."""
-        return self._gcs.portal.call(self._vehicle.request, method, path, body)
+        """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
+        return self._portal.call(lambda: self._inner.request(method, path, body))
 
     def show(self) -> dict[str, Any]:
         """Identity, status and the newest sample of every topic."""
-        return self._gcs.portal.call(self._vehicle.show)
+        return self._portal.call(lambda: self._inner.show())
 
     def status(self) -> dict[str, Any]:
         """Armed, mode, landed state, link."""
-        return self._gcs.portal.call(self._vehicle.status)
+        return self._portal.call(lambda: self._inner.status())
 
     def topic(self, name: str) -> dict[str, Any] | None:
         """The newest value of a topic, or None before the first."""
-        return self._gcs.portal.call(self._vehicle.topic, name)
+        return self._portal.call(lambda: self._inner.topic(name))
 
     def position_ned_m(self) -> tuple[float, float, float]:
-        """Where the vehicle believes to be [m]."""
-        return self._gcs.portal.call(self._vehicle.position_ned_m)
+        """Where the vehicle believes to be [m].
+
+        Raises:
+            Timeout: it has not said so yet.
+        """
+        return self._portal.call(lambda: self._inner.position_ned_m())
+
+    def is_ready(self) -> bool:
+        """Whether the vehicle says that it can arm."""
+        return self._portal.call(lambda: self._inner.is_ready())
 
     def until(
         self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
     ) -> dict[str, Any]:
-        """Waits until `condition` holds for what `show` answers."""
-        return self._gcs.portal.call(lambda: self._vehicle.until(condition, timeout_s=timeout_s, what=what))
+        """Waits until `condition` holds for what `show` answers, and returns that.
+
+        Raises:
+            Timeout: it never did.
+        """
+        return self._portal.call(lambda: self._inner.until(condition, timeout_s=timeout_s, what=what))
 
     def until_disarmed(self, *, timeout_s: float = 120.0) -> None:
         """Waits for the motors to stop."""
-        self._gcs.portal.call(lambda: self._vehicle.until_disarmed(timeout_s=timeout_s))
+        self._portal.call(lambda: self._inner.until_disarmed(timeout_s=timeout_s))
 
     def arm(self) -> None:
         """Starts the motors."""
-        self._gcs.portal.call(self._vehicle.arm)
+        self._portal.call(lambda: self._inner.arm())
 
     def disarm(self) -> None:
         """Stops the motors; refused in flight."""
-        self._gcs.portal.call(self._vehicle.disarm)
+        self._portal.call(lambda: self._inner.disarm())
 
     def takeoff(self, alt_home_m: float) -> None:
         """Arms where needed and takes off [m above home]."""
-        self._gcs.portal.call(self._vehicle.takeoff, alt_home_m)
+        self._portal.call(lambda: self._inner.takeoff(alt_home_m))
 
     def land(self) -> None:
         """Lands where it is."""
-        self._gcs.portal.call(self._vehicle.land)
+        self._portal.call(lambda: self._inner.land())
 
     def land_now(self) -> None:
         """Lands where it is, whoever has control."""
-        self._gcs.portal.call(self._vehicle.land_now)
+        self._portal.call(lambda: self._inner.land_now())
 
     def rtl(self) -> None:
         """Returns and lands."""
-        self._gcs.portal.call(self._vehicle.rtl)
+        self._portal.call(lambda: self._inner.rtl())
 
     def hold(self) -> None:
         """Stops and stays."""
-        self._gcs.portal.call(self._vehicle.hold)
+        self._portal.call(lambda: self._inner.hold())
 
     def set_mode(self, mode: str) -> None:
-        """Changes the flight mode."""
-        self._gcs.portal.call(self._vehicle.set_mode, mode)
+        """Changes the flight mode: hold, position, land, …"""
+        self._portal.call(lambda: self._inner.set_mode(mode))
 
     def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
         """Flies there; `alt_amsl_m` or `alt_home_m`, optionally `yaw_ned_deg`, `max_distance_m`."""
-        self._gcs.portal.call(lambda: self._vehicle.goto(lat_deg, lon_deg, **altitude_and_more))
+        self._portal.call(lambda: self._inner.goto(lat_deg, lon_deg, **altitude_and_more))
 
     def kill(self) -> None:
         """Stops the motors in flight, too: the vehicle falls."""
-        self._gcs.portal.call(self._vehicle.kill)
+        self._portal.call(lambda: self._inner.kill())
 
     def param(self, name: str) -> float:
         """One parameter's value."""
-        return self._gcs.portal.call(self._vehicle.param, name)
+        return self._portal.call(lambda: self._inner.param(name))
 
     def set_param(self, name: str, value: float) -> None:
         """Sets one parameter, verified."""
-        self._gcs.portal.call(self._vehicle.set_param, name, value)
+        self._portal.call(lambda: self._inner.set_param(name, value))
 
     def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
-        """Replaces the operator's limits."""
-        return self._gcs.portal.call(lambda: self._vehicle.set_offboard_limits(**limits))
+        """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
+
+        What is not given is no limit of the operator's. Answers these and the vehicle's own.
+        """
+        return self._portal.call(lambda: self._inner.set_offboard_limits(**limits))
 
     def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:
-        """What the vehicle does by itself when the stream stops."""
-        return self._gcs.portal.call(lambda: self._vehicle.set_offboard_failsafe(action, after_s=after_s))
+        """What the vehicle does by itself when the stream stops: a mode (land, hold, rtl, …)."""
+        return self._portal.call(lambda: self._inner.set_offboard_failsafe(action, after_s=after_s))
 
     @contextmanager
     def offboard(
@@ -241,117 +258,220 @@ class SyncVehicle:
         on_expiry: Expiry | None = None,
         hold_for_s: float | None = None,
     ) -> Generator[SyncOffboard]:
-        """As `aio.Vehicle.offboard`."""
-        block = self._vehicle.offboard(
-            first,
-            position_ned_m=position_ned_m,
-            velocity_ned_m_s=velocity_ned_m_s,
-            yaw_ned_rad=yaw_ned_rad,
-            yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-            rate_hz=rate_hz,
-            valid_for_s=valid_for_s,
-            on_expiry=on_expiry,
-            hold_for_s=hold_for_s,
-        )
-        with self._gcs.portal.wrap_async_context_manager(block) as stream:
-            yield SyncOffboard(self._gcs, stream)
+        """Flies setpoints for the length of a block; leaving it, by an exception too, ends in Hold.
 
+        It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
+        the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this
+        program hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the
+        Hold after an exception fails, a note on that exception says why.
 
-class SyncOffboard(Steering[dict[str, Any]]):
-    """A running stream; methods as `Offboard`."""
-
-    def __init__(self, gcs: SyncGcs, stream: Offboard) -> None:
-        self._gcs = gcs
-        self._stream = stream
-        self.started = stream.started
-
-    def send(self, body: Body) -> dict[str, Any]:
-        """Any setpoint's body; answers how the stream then stands."""
-        return self._gcs.portal.call(self._stream.send, body)
-
-    def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through points in time and returns at its end."""
-        self._gcs.portal.call(self._stream.follow_path, points)
-
-    def status(self) -> dict[str, Any]:
-        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
-        return self._gcs.portal.call(self._stream.status)
-
-    def stop(self) -> None:
-        """Ends in Hold."""
-        self._gcs.portal.call(self._stream.stop)
+        Yields:
+            The stream; `started` holds what the server said, the vehicle's failsafe among it.
+        """
+        with self._portal.wrap_async_context_manager(
+            self._inner.offboard(
+                first,
+                position_ned_m=position_ned_m,
+                velocity_ned_m_s=velocity_ned_m_s,
+                yaw_ned_rad=yaw_ned_rad,
+                yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
+                rate_hz=rate_hz,
+                valid_for_s=valid_for_s,
+                on_expiry=on_expiry,
+                hold_for_s=hold_for_s,
+            )
+        ) as found:
+            yield SyncOffboard(found, self._portal)
 
 
 class SyncControl:
-    """Who may command a vehicle; methods as `control.Control`."""
+    """A vehicle's `control`; each call answers how it then stands (`holder`, `yours`, `requests`, …)."""
 
-    def __init__(self, gcs: SyncGcs, control: Control) -> None:
-        self._gcs = gcs
-        self._control = control
+    def __init__(self, inner: control.Control, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
 
     def show(self) -> dict[str, Any]:
         """Who has it, since when, who asks for it."""
-        return self._gcs.portal.call(self._control.show)
+        return self._portal.call(lambda: self._inner.show())
 
     def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
-        """Takes control."""
-        return self._gcs.portal.call(lambda: self._control.take(force=force, on_expiry=on_expiry))
+        """Takes control.
+
+        Args:
+            force: from another, who was asked and denied, did not answer, or cannot be asked.
+            on_expiry: what the flying vehicle is told should this program not be heard for `lease_s`.
+
+        Raises:
+            NotInControl: another has it.
+            Refused: forced without asking first.
+        """
+        return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
 
     def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
-        """Asks the holder; with `wait_s` waits so long for the answer."""
-        return self._gcs.portal.call(lambda: self._control.request(reason, wait_s=wait_s))
+        """Asks the holder; with `wait_s` waits so long for the answer.
+
+        Raises:
+            NotInControl: denied, or not answered within `wait_s`.
+        """
+        return self._portal.call(lambda: self._inner.request(reason, wait_s=wait_s))
 
     def grant(self, client: str) -> dict[str, Any]:
         """Hands control to one who asks, by key or name."""
-        return self._gcs.portal.call(self._control.grant, client)
+        return self._portal.call(lambda: self._inner.grant(client))
 
     def deny(self, client: str, reason: str | None = None) -> dict[str, Any]:
         """Keeps control; the one who asks may then force it."""
-        return self._gcs.portal.call(self._control.deny, client, reason)
+        return self._portal.call(lambda: self._inner.deny(client, reason))
 
     def release(self) -> dict[str, Any]:
         """Gives it up; nothing changes in flight."""
-        return self._gcs.portal.call(self._control.release)
+        return self._portal.call(lambda: self._inner.release())
 
     @contextmanager
     def held(self, *, force: bool = False, on_expiry: OnLost | None = None) -> Generator[dict[str, Any]]:
-        """Has control for the length of a block."""
-        block = self._control.held(force=force, on_expiry=on_expiry)
-        with self._gcs.portal.wrap_async_context_manager(block) as status:
-            yield status
+        """Has control for the length of a block, renewed while the program runs, released at its end."""
+        with self._portal.wrap_async_context_manager(
+            self._inner.held(force=force, on_expiry=on_expiry)
+        ) as found:
+            yield found
 
 
 class SyncGimbal:
-    """The vehicle's gimbal; methods as `Gimbal`."""
+    """The vehicle's gimbal; angles in degrees, pitch up positive."""
 
-    def __init__(self, gcs: SyncGcs, gimbal: Gimbal) -> None:
-        self._gcs = gcs
-        self._gimbal = gimbal
+    def __init__(self, inner: gimbal.Gimbal, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
 
     def take(self) -> None:
         """Takes control."""
-        self._gcs.portal.call(self._gimbal.take)
+        self._portal.call(lambda: self._inner.take())
 
     def release(self) -> None:
         """Gives control back."""
-        self._gcs.portal.call(self._gimbal.release)
+        self._portal.call(lambda: self._inner.release())
 
     def angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
     ) -> None:
         """Points it; yaw from the nose, from north with `yaw_lock`."""
-        self._gcs.portal.call(
-            lambda: self._gimbal.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
+        self._portal.call(
+            lambda: self._inner.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
         )
 
     def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
         """Turns it steadily until told otherwise; zeros stop both axes."""
-        self._gcs.portal.call(lambda: self._gimbal.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
+        self._portal.call(lambda: self._inner.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
 
     def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Keeps looking at a place."""
-        self._gcs.portal.call(self._gimbal.roi, lat_deg, lon_deg, alt_amsl_m)
+        self._portal.call(lambda: self._inner.roi(lat_deg, lon_deg, alt_amsl_m))
 
     def clear_roi(self) -> None:
         """Stops looking at a place."""
-        self._gcs.portal.call(self._gimbal.clear_roi)
+        self._portal.call(lambda: self._inner.clear_roi())
+
+
+class SyncGroup:
+    """A group that flies.
+
+    Args:
+        gcs: the client.
+        started: what the server answered to its start.
+        life: how long setpoints count, and what follows.
+    """
+
+    def __init__(self, inner: group.Group, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+        self.id = self._inner.id
+        self.started = self._inner.started
+
+    def send(self, setpoints: Setpoints) -> dict[str, Any]:
+        """New setpoints for some members or all, sent at one instant; those of the others are renewed.
+
+        Raises:
+            Invalid: a value is not acceptable, or a vehicle is none of the group's.
+            Refused: one cannot be flown, two would come too near, or the group flies no more.
+        """
+        return self._portal.call(lambda: self._inner.send(setpoints))
+
+    def renew(self) -> dict[str, Any]:
+        """All fly on as they do, for another `valid_for_s`; raises as `send`."""
+        return self._portal.call(lambda: self._inner.renew())
+
+    def status(self) -> dict[str, Any]:
+        """State, members, the two that are nearest, findings, why it ended."""
+        return self._portal.call(lambda: self._inner.status())
+
+    def hold(self) -> dict[str, Any]:
+        """Puts all members that still fly it into Hold; nothing happens where it has ended."""
+        return self._portal.call(lambda: self._inner.hold())
+
+
+class SyncOffboard(Steering[Answer]):
+    """A running stream.
+
+    Args:
+        vehicle: whose.
+        started: what the server answered to its start.
+        life: how long each setpoint counts, and what follows.
+    """
+
+    def __init__(self, inner: offboard.Offboard, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+        self.started = self._inner.started
+
+    def send(self, body: Body) -> Answer:
+        """Any setpoint's body; answers how the stream then stands.
+
+        Raises:
+            Invalid: a value is not acceptable.
+            Refused: it cannot be flown, or no stream runs any more.
+        """
+        return self._portal.call(lambda: self._inner.send(body))
+
+    def follow_path(self, points: PathPoints) -> None:
+        """Flies a curve through points in time and returns at its end; its last point is then held.
+
+        Raises:
+            Timeout: another setpoint, mode or client has ended it.
+        """
+        self._portal.call(lambda: self._inner.follow_path(points))
+
+    @contextmanager
+    def live(self) -> Generator[SyncLiveOffboard]:
+        """Setpoints over a WebSocket, at up to 100 Hz; the stream goes on at the block's end.
+
+        Yields:
+            The same calls; each returns once the server has answered.
+        """
+        with self._portal.wrap_async_context_manager(self._inner.live()) as found:
+            yield SyncLiveOffboard(found, self._portal)
+
+    def status(self) -> Answer:
+        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
+        return self._portal.call(lambda: self._inner.status())
+
+    def stop(self) -> None:
+        """Ends in Hold; nothing happens where the stream has ended already."""
+        self._portal.call(lambda: self._inner.stop())
+
+
+class SyncLiveOffboard(Steering[Answer]):
+    """Orders over a WebSocket."""
+
+    def __init__(self, inner: offboard.LiveOffboard, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def send(self, body: Body) -> Answer:
+        """Any setpoint's body; answers what of it was `applied`, and what `limited` it.
+
+        Raises:
+            Invalid, Refused: as over HTTP; the socket stays open.
+            Unreachable: the server has gone.
+        """
+        return self._portal.call(lambda: self._inner.send(body))

@@ -1,0 +1,54 @@
+"""What the blocking client stands on: an event loop in a thread of its own."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator, Callable, Generator
+from contextlib import AbstractContextManager
+from typing import Any, Self, TypeVar
+
+from anyio.from_thread import BlockingPortal, start_blocking_portal
+
+T = TypeVar("T")
+_END: Any = object()
+
+
+class LoopThread:
+    """The loop's thread, alive for the length of a `with` block.
+
+    Args:
+        leave: what is run on the loop at the block's end.
+    """
+
+    def __init__(self, leave: Callable[..., Any]) -> None:
+        self._leave = leave
+        self._starting: AbstractContextManager[BlockingPortal] = start_blocking_portal()
+        self._started: BlockingPortal | None = None
+
+    def __enter__(self) -> Self:
+        self._started = self._starting.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._portal.call(self._leave)
+        finally:
+            self._starting.__exit__(None, None, None)
+
+    @property
+    def _portal(self) -> BlockingPortal:
+        if self._started is None:
+            raise RuntimeError("Use the client in a block: with SyncGcs() as gcs: …")
+        return self._started
+
+
+def iterate(portal: BlockingPortal, source: AsyncGenerator[T]) -> Generator[T]:
+    """What an asynchronous generator yields; it is closed when the loop over it ends, however it ends."""
+
+    async def following() -> T:
+        return await anext(source, _END)
+
+    try:
+        while (found := portal.call(following)) is not _END:
+            yield found
+    finally:
+        portal.call(source.aclose)

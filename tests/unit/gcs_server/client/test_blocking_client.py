@@ -1,0 +1,64 @@
+"""The blocking client can do all that the asynchronous one can, by the same names."""
+
+import asyncio
+import inspect
+
+import pytest
+
+from gcs_server.client import aio, blocking, control, gimbal, group, offboard
+from gcs_server.client.portal import LoopThread, iterate
+from tools.build_sync_client import CLASSES, LEFT_OUT, TARGET, build
+
+MODULES = {"Gcs": aio, "Vehicle": aio, "Control": control, "Gimbal": gimbal, "Group": group}
+
+
+def public(kind):
+    return {name: f for name, f in vars(kind).items() if inspect.isfunction(f) and not name.startswith("_")}
+
+
+def test_it_is_what_the_asynchronous_client_makes_of_it():
+    assert TARGET.read_text("utf-8") == build(), "run `make types`"
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_call_has_a_twin_with_the_same_arguments(name):
+    kind = getattr(MODULES.get(name, offboard), name)
+    twin = getattr(blocking, f"Sync{name}")
+    for called, method in public(kind).items():
+        if called not in LEFT_OUT:
+            of_twin = inspect.signature(getattr(twin, called)).parameters
+            assert list(of_twin) == list(inspect.signature(method).parameters), called
+            assert not inspect.iscoroutinefunction(getattr(twin, called))
+
+
+async def leave():
+    pass
+
+
+@pytest.mark.parametrize("until", [2, 99])
+def test_an_iteration_that_is_broken_off_or_ends_is_closed_on_its_own_loop(until):
+    told = []
+
+    async def source():
+        try:
+            for number in range(5):
+                await asyncio.sleep(0)
+                yield number
+        finally:
+            told.append(asyncio.get_running_loop())
+
+    with LoopThread(leave) as thread:
+        found = []
+        values = iterate(thread._portal, source())
+        for value in values:
+            found.append(value)
+            if value == until:
+                break
+        values.close()
+    assert found == list(range(min(until + 1, 5)))
+    assert len(told) == 1
+
+
+def test_outside_its_block_it_says_how_it_is_used():
+    with pytest.raises(RuntimeError, match="with SyncGcs"):
+        blocking.SyncGcs("http://127.0.0.1:9").vehicles()

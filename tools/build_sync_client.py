@@ -1,0 +1,184 @@
+"""Writes the blocking Python client (`gcs_server/client/blocking.py`) from the asynchronous one.
+
+Each public class gets a twin whose methods have the same names, arguments and words and run the asynchronous
+method on a loop in another thread: what the one can do, the other can. `make types` runs it; a test compares.
+
+    python -m tools.build_sync_client [FILE]
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
+TARGET = CLIENT / "blocking.py"
+MODULES = ("aio", "control", "gimbal", "group", "offboard")
+CLASSES = ("Gcs", "Vehicle", "Control", "Gimbal", "Group", "Offboard", "LiveOffboard")
+ROOT = "Gcs"
+"""The one that a program makes itself; it owns the loop's thread."""
+STEERING = ("Offboard", "LiveOffboard")
+"""Whose calls, one for each kind of setpoint, are inherited: they go through `send`."""
+LEFT_OUT = ("socket",)
+"""What hands out a WebSocket, which belongs to the loop."""
+
+HEADER = '''"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
+
+Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from anyio.from_thread import BlockingPortal
+
+from gcs_server.client import aio, control, gimbal, group, offboard
+from gcs_server.client.control import OnLost
+from gcs_server.client.group import Setpoints
+from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.portal import LoopThread, iterate
+from gcs_server.client.setpoints import Body, Expiry, PathPoints
+'''
+
+
+@dataclass(frozen=True)
+class Twin:
+    """An asynchronous class and where it stands."""
+
+    module: str
+    node: ast.ClassDef
+
+    def lines(self) -> str:
+        """The blocking class as source."""
+        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(STEERING, "(Steering[Answer])")
+        head = f"class Sync{self.node.name}{bases.get(self.node.name, '')}:\n"
+        body = [_doc(self.node), _init(self), *(_method(m) for m in _public(self.node))]
+        return head + "\n\n".join(part for part in body if part)
+
+
+def build() -> str:
+    """The whole module, as `ruff format` leaves it."""
+    twins = {twin.node.name: twin for module in MODULES for twin in _classes(module)}
+    source = "\n\n\n".join([HEADER, *(twins[name].lines() for name in CLASSES)])
+    ruff = [sys.executable, "-m", "ruff"]
+    for step in (["check", "--fix", "--quiet", "--select", "F401,I"], ["format", "--quiet"]):
+        command = [*ruff, *step, "--stdin-filename", str(TARGET), "-"]
+        source = subprocess.run(command, input=source, capture_output=True, text=True, check=True).stdout
+    return source
+
+
+def _classes(module: str) -> list[Twin]:
+    tree = ast.parse((CLIENT / f"{module}.py").read_text("utf-8"))
+    return [Twin(module, n) for n in tree.body if isinstance(n, ast.ClassDef) and n.name in CLASSES]
+
+
+def _public(node: ast.ClassDef) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
+    methods = [m for m in node.body if isinstance(m, ast.FunctionDef | ast.AsyncFunctionDef)]
+    return [m for m in methods if not m.name.startswith("_") and m.name not in LEFT_OUT]
+
+
+def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
+    indent = "    " if isinstance(node, ast.ClassDef) else "        "
+    text = ast.get_docstring(node) or ""
+    lines = "\n".join(f"{indent}{line}".rstrip() for line in text.splitlines()).strip()
+    end = f"\n{indent}" if "\n" in lines else ""
+    return f'{indent}"""{lines}{end}"""'
+
+
+def _init(twin: Twin) -> str:
+    made = next(m for m in twin.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
+    kept = "\n".join(f"        {line}" for line in _attributes(made))
+    if twin.node.name == ROOT:
+        return (
+            f"    def __init__({ast.unparse(made.args)}) -> None:\n"
+            f"        self._inner = aio.{ROOT}({_passed(made.args)})\n"
+            f"        super().__init__(self._inner.__aexit__)\n{kept}"
+        )
+    return (
+        f"    def __init__(self, inner: {twin.module}.{twin.node.name}, portal: BlockingPortal) -> None:\n"
+        f"        self._inner = inner\n        self._portal = portal\n{kept}"
+    )
+
+
+def _attributes(made: ast.FunctionDef) -> list[str]:
+    """What the asynchronous one shows: values as they are, parts of it as their own twins."""
+    found: list[str] = []
+    for node in made.body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign):
+            continue
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        names = [
+            leaf.attr
+            for target in targets
+            for leaf in (target.elts if isinstance(target, ast.Tuple) else [target])
+            if isinstance(leaf, ast.Attribute) and not leaf.attr.startswith("_")
+        ]
+        part = _called(node.value)
+        for name in names:
+            inner = f"self._inner.{name}"
+            value = f"Sync{part}({inner}, self._portal)" if part in CLASSES else inner
+            found.append(f"self.{name} = {value}")
+    return found
+
+
+def _called(node: ast.expr | None) -> str:
+    return node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else ""
+
+
+def _method(method: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
+    """One method: a plain value, something awaited, a block, or values that come one after the other."""
+    decorators = [d.id for d in method.decorator_list if isinstance(d, ast.Name)]
+    assert method.returns is not None, method.name
+    returned = ast.unparse(method.returns)
+    call = f"self._inner.{method.name}({_passed(method.args)})"
+    before, result = "", _sync_type(returned)
+    if "asynccontextmanager" in decorators:
+        before, result = "    @contextmanager\n", f"Generator[{_sync_type(_argument(returned))}]"
+        body = f"with self._portal.wrap_async_context_manager({call}) as found:\n"
+        body += f"            yield {_wrapped('found', _argument(returned))}"
+    elif returned.startswith("AsyncGenerator["):
+        result = f"Generator[{_argument(returned)}]"
+        body = f"return iterate(self._portal, {call})"
+    elif isinstance(method, ast.AsyncFunctionDef):
+        value = _wrapped(f"self._portal.call(lambda: {call})", returned)
+        body = value if returned == "None" else f"return {value}"
+    else:
+        body = f"return {_wrapped(call, returned)}"
+    head = f"{before}    def {method.name}({ast.unparse(method.args)}) -> {result}:\n"
+    return f"{head}{_doc(method)}\n        {body}"
+
+
+def _argument(generic: str) -> str:
+    return generic.partition("[")[2].removesuffix("]")
+
+
+def _sync_type(name: str) -> str:
+    if name.startswith("list["):
+        return f"list[{_sync_type(_argument(name))}]"
+    return f"Sync{name}" if name in CLASSES else name
+
+
+def _wrapped(value: str, kind: str) -> str:
+    if kind.startswith("list[") and _argument(kind) in CLASSES:
+        return f"[Sync{_argument(kind)}(found, self._portal) for found in {value}]"
+    return f"Sync{kind}({value}, self._portal)" if kind in CLASSES else value
+
+
+def _passed(arguments: ast.arguments) -> str:
+    """The arguments of a call that passes all on."""
+    parts = [argument.arg for argument in arguments.args if argument.arg != "self"]
+    parts += [f"*{arguments.vararg.arg}"] if arguments.vararg else []
+    parts += [f"{argument.arg}={argument.arg}" for argument in arguments.kwonlyargs]
+    parts += [f"**{arguments.kwarg.arg}"] if arguments.kwarg else []
+    return ", ".join(parts)
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1] if len(sys.argv) > 1 else TARGET).write_text(build(), "utf-8")
