@@ -1,12 +1,15 @@
 """The simulator's process with a stand-in for the simulator: found again, ended, missed."""
 
 import asyncio
+import contextlib
+import errno
 import os
 import socket
 import sys
 
 import pytest
 
+from gcs_server import simulator_process
 from gcs_server.clock import SystemClock
 from gcs_server.simulator_process import SimulatorProcess, first_port, is_simulator
 from gcs_server.storage.folder import DataFolder
@@ -126,5 +129,97 @@ def test_without_a_port_of_its_own_it_is_found_by_its_note(tmp_path):
         third.start()
         assert not third.found
         await third.stop()
+
+    asyncio.run(story())
+
+
+class Hasty(SystemClock):
+    """Sleeps a hundredth of what is asked for."""
+
+    async def sleep(self, duration_s):
+        await asyncio.sleep(duration_s / 100)
+
+
+@contextlib.asynccontextmanager
+async def watched(process):
+    process._clock = Hasty()
+    watch = asyncio.ensure_future(process.watch())
+    try:
+        yield watch
+    finally:
+        watch.cancel()
+        await process.stop()
+
+
+def test_once_another_programs_simulator_is_gone_its_own_is_started(tmp_path):
+    async def story():
+        folder, port = DataFolder(tmp_path), free_port()
+        folder.prepare()
+        process = simulator(folder, port)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("127.0.0.1", port))
+            process.start()
+            assert (process.found, process.pid) == (True, None)
+            async with watched(process) as watch:
+                await asyncio.sleep(0.2)
+                assert process.pid is None
+                assert not watch.done()
+                other.close()
+                await until(lambda: process.pid is not None and held(port))
+                assert (process.found, process.warnings()) == (False, [])
+        assert not held(port)
+
+    asyncio.run(story())
+
+
+def without_descriptors(*_arguments, **_options):
+    raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+
+def test_a_start_without_descriptors_is_told_and_tried_again(tmp_path, monkeypatch):
+    async def story():
+        folder, port = DataFolder(tmp_path), free_port()
+        folder.prepare()
+        process = simulator(folder, port)
+        with monkeypatch.context() as short:
+            short.setattr(simulator_process.subprocess, "Popen", without_descriptors)
+            process.start()
+            (notice,) = process.warnings()
+            assert (
+                notice.text == "The simulator could not be started: Too many open files. It is tried again."
+            )
+        async with watched(process):
+            await until(lambda: held(port))
+            assert process.warnings() == []
+
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize("whose", ["its own", "found"])
+def test_want_of_descriptors_is_not_taken_for_the_simulators_death(tmp_path, monkeypatch, whose):
+    async def story():
+        folder, port = DataFolder(tmp_path), free_port()
+        folder.prepare()
+        process = first = simulator(folder, port)
+        first.start()
+        await until(lambda: held(port))
+        if whose == "found":
+            process = simulator(folder, port)
+            process.start()
+            assert process.found
+        async with watched(process) as watch:
+            with monkeypatch.context() as short:
+                for name in ("read_bytes", "read_text"):
+                    short.setattr(simulator_process.Path, name, without_descriptors)
+                await asyncio.sleep(0.2)
+                assert not watch.done()
+                assert process.warnings() == []
+                assert folder.simulator_pid.exists()
+            first._child.kill()
+            first._child.wait()
+            async with asyncio.timeout(10):
+                await watch
+            (notice,) = process.warnings()
+            assert "ended by itself" in notice.text
 
     asyncio.run(story())
