@@ -110,6 +110,7 @@ class Server:
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
+        self.station.more_warnings.append(self._faults)
         if self._simulator is not None:
             self.station.more_warnings.append(self._simulator.warnings)
 
@@ -165,6 +166,11 @@ class Server:
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)
         return None if target is None else OffboardTarget(*target)
+
+    def _faults(self) -> list[Notice]:
+        """Of this program, in what serves all vehicles."""
+        faults = [*self.streamer.faults(), *(self.scene.faults() if self.scene is not None else ())]
+        return [Notice("fault", text) for text in faults]
 
     def _group_told(self, text: str, status: GroupStatus, warning: bool) -> None:
         severity = MAV_SEVERITY_WARNING if warning else MAV_SEVERITY_INFO

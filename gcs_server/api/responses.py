@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import fields
+from functools import partial
 from typing import Any, Literal
 
 from fastapi import Response
+from msgspec import Raw
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from gcs_server.api.offboard_views import OffboardModel
@@ -265,23 +268,52 @@ def sample_view(sample: Sample) -> dict[str, object]:
 
 
 def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
-    """A vehicle whole."""
-    samples = {name: vehicle.topic(name) for name in TOPICS}
+    """A vehicle whole; a part that cannot be made is left out, or null where it must be there."""
+
+    def part(name: str, make: Callable[[], object | None]) -> Raw | None:
+        def encoded() -> Raw | None:
+            value = make()
+            return None if value is None else Raw(encode(value))
+
+        return vehicle.isolation.run(f"the view of {name}", encoded)
+
+    def newest(name: str) -> dict[str, object] | None:
+        sample = vehicle.topic(name)
+        return None if sample is None else sample_view(sample)
+
+    topics = {name: part(name, partial(newest, name)) for name in TOPICS}
     recorded = vehicle.identity.replayed
     return {
         "id": vehicle.id,
         "identity": vehicle.identity,
         "status": vehicle.status,
         "links": vehicle.links,
-        "topics": {name: sample_view(sample) for name, sample in samples.items() if sample is not None},
-        "control": None if recorded or vehicle.control is None else vehicle.control.status(),
-        "offboard": vehicle.offboard.status() if vehicle.offboard is not None else None,
+        "topics": {name: sample for name, sample in topics.items() if sample is not None},
+        "control": None if recorded or not vehicle.control else part("control", vehicle.control.status),
+        "offboard": part("offboard", vehicle.offboard.status) if vehicle.offboard is not None else None,
     }
 
 
-def history_view(vehicle_id: str, sample: Sample) -> dict[str, object]:
-    """One line of the history."""
-    return {"vehicle": vehicle_id, "topic": sample.topic, **sample_view(sample)}
+def history_view(vehicle: Vehicle, samples: Iterable[Sample]) -> dict[str, object]:
+    """Lines of the history; where they cannot be encoded, those that can."""
+    run = vehicle.isolation.run
+
+    def line(sample: Sample) -> Raw:
+        return Raw(encode({"vehicle": vehicle.id, "topic": sample.topic, **sample_view(sample)}))
+
+    def together(lines: list[dict[str, object]]) -> Raw:
+        return Raw(encode(lines))
+
+    kept = list(samples)
+    whole = run(
+        "the history",
+        together,
+        [{"vehicle": vehicle.id, "topic": s.topic, **sample_view(s)} for s in kept],
+    )
+    if whole is not None:
+        return {"samples": whole}
+    lines = [run(f"the history of {sample.topic}", line, sample) for sample in kept]
+    return {"samples": [made for made in lines if made is not None]}
 
 
 def message_view(event: Event) -> dict[str, object]:

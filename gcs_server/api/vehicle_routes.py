@@ -72,7 +72,7 @@ async def history(
         )
     since = vehicle.clock.unix_s() - HISTORY_S if since_unix_s is None else since_unix_s
     samples = vehicle.history(wanted, since)
-    return answer({"samples": [responses.history_view(vehicle.id, sample) for sample in samples]})
+    return answer(responses.history_view(vehicle, samples))
 
 
 @router.get("/{v}/messages", response_model=responses.Messages)

@@ -1,7 +1,7 @@
 """The 3D view of the fleet: looks at the topics 30 times a second, and only while somebody looks on.
 
-It reads and never commands. Whatever goes wrong in here ends `run()`, which its supervisor reports and
-starts again; nothing else of the server waits for it.
+It reads and never commands. A vehicle that cannot be drawn is left out. Whatever else goes wrong in here ends
+`run()`, which its supervisor reports and starts again; nothing else of the server waits for it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Scene:
         self._on_click = on_click
         self._on_gizmo = on_gizmo
         self._host = ViserHost()
-        self._tracks = Tracks(fleet, offboard)
+        self._tracks = Tracks(fleet, offboard, clock)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._stages: dict[int, tuple[str, Stage]] = {}
         self._bridges = Bridges(clock)
@@ -74,6 +74,10 @@ class Scene:
     def viewers(self) -> int:
         """How many browsers look on."""
         return len(self._stages)
+
+    def faults(self) -> list[str]:
+        """What cannot be drawn now, in sentences."""
+        return self._tracks.isolation.faults
 
     async def start(self) -> None:
         """Brings viser up. Raises SceneError; `run` tries again by itself."""
@@ -120,7 +124,7 @@ class Scene:
                 before = known[1] if known is not None else None
                 if before is not None:
                     before.close()
-                known = (token, Stage(client, view, before))
+                known = (token, Stage(client, view, self._tracks.isolation, before))
                 self._stages[client_id] = known
             known[1].update(view, drawn, now_s)
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from gcs_server.isolation import Isolation
 from gcs_server.scene.frames import Vector3, enu_from_ned
 from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
@@ -42,11 +43,15 @@ class Stage:
     Args:
         client: viser's handle of it.
         view: what it asked for.
+        isolation: draws each vehicle by itself.
         before: the stage it had until now (in another theme): the camera stays where the user has it.
     """
 
-    def __init__(self, client: viser.ClientHandle, view: View, before: Stage | None = None) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, view: View, isolation: Isolation, before: Stage | None = None
+    ) -> None:
         self._client = client
+        self._isolation = isolation
         self._scene = client.scene
         self._palette: Palette = PALETTES[view.theme]
         self._shapes: Shapes = shapes()
@@ -108,8 +113,14 @@ class Stage:
                 track = fleet[vehicle_id]
                 if track.smoother.pose is None:
                     continue
-                through_its_camera = view.mode == "gimbal" and vehicle_id == seen
-                node.update(track.smoother, track.trail, now_s, hidden=through_its_camera)
+                self._isolation.run(
+                    f"drawing vehicle {vehicle_id}",
+                    node.update,
+                    track.smoother,
+                    track.trail,
+                    now_s,
+                    hidden=view.mode == "gimbal" and vehicle_id == seen,
+                )
             self._look(view, fleet[seen].smoother if seen is not None else None)
             labels = [label for node in self._vehicles.values() for label in node.labels]
             self._show_preview(view, fleet[seen] if seen is not None else None)

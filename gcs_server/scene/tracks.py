@@ -6,11 +6,14 @@ own history when somebody looks again: one vehicle a look, so that opening a vie
 
 from __future__ import annotations
 
+import logging
 import weakref
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 
+from gcs_server.clock import Clock
 from gcs_server.errors import Refused
+from gcs_server.isolation import Isolation
 from gcs_server.scene.clicks import ground_point
 from gcs_server.scene.frames import Vector3
 from gcs_server.scene.placement import Place, Placement
@@ -18,6 +21,8 @@ from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, 
 from gcs_server.scene.pose import pose_of
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import Trail
+
+log = logging.getLogger(__name__)
 
 REMEMBERED_S = 290.0
 """How far back a trail is made up; a vehicle's history reaches five minutes."""
@@ -44,17 +49,21 @@ class Tracks:
     """Of the fleet, in its order.
 
     Args:
+        clock: limits the log.
         offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
     """
 
-    def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None) -> None:
+    def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None, clock: Clock) -> None:
         self._fleet, self._offboard = fleet, offboard
+        self.isolation = Isolation(clock, log, "The 3D view")
         self._placement = Placement()
         self._tracks: dict[str, Track] = {}
         self._looked_s = float("-inf")
 
     def look(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
         """Reads the newest samples; by id, in the order that gives the identity colours.
+
+        A vehicle that cannot be placed is not there; the others are.
 
         Args:
             wanted: vehicles whose trails are made up first.
@@ -65,18 +74,25 @@ class Tracks:
         places: dict[str, Place] = {}
         for vehicle in vehicles:
             track = self._track(vehicle, away=away)
-            place = places[vehicle.id] = self._placement.place(vehicle)
-            track.local_origin_enu_m = place.local_origin_enu_m
-            if place.known and track.owed_since_s is None:
-                track.trail.add(place.position_enu_m)
-            asked = self._offboard(vehicle.id) if self._offboard is not None else None
-            target = OffboardTarget(*asked) if asked is not None else None
-            track.smoother.step(pose_of(vehicle, place, target, track.looked_s), dt_s)
-        owing = [v for v in vehicles if self._tracks[v.id].owed_since_s is not None]
+            place = self.isolation.run(f"vehicle {vehicle.id}", self._look_at, vehicle, track, dt_s)
+            if place is not None:
+                places[vehicle.id] = place
+        owing = [v for v in vehicles if v.id in places and self._tracks[v.id].owed_since_s is not None]
         if owing:
             vehicle = next((v for v in owing if v.id in wanted), owing[0])
-            self._make_up(vehicle, places[vehicle.id])
-        return {vehicle.id: self._tracks[vehicle.id] for vehicle in vehicles}
+            what = f"the trail of vehicle {vehicle.id}"
+            self.isolation.run(what, self._make_up, vehicle, places[vehicle.id])
+        return {vehicle_id: self._tracks[vehicle_id] for vehicle_id in places}
+
+    def _look_at(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> Place:
+        place = self._placement.place(vehicle)
+        track.local_origin_enu_m = place.local_origin_enu_m
+        if place.known and track.owed_since_s is None:
+            track.trail.add(place.position_enu_m)
+        asked = self._offboard(vehicle.id) if self._offboard is not None else None
+        target = OffboardTarget(*asked) if asked is not None else None
+        track.smoother.step(pose_of(vehicle, place, target, track.looked_s), dt_s)
+        return place
 
     def shown(self, vehicle_id: str | None) -> tuple[str, Track] | None:
         """The vehicle a view shows; None, or one that has gone: the first there is."""

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, UnknownVehicle
+from gcs_server.isolation import Isolation
 from gcs_server.streamer.groups import Groups
+from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.offboard_control import OffboardControl
-from gcs_server.streamer.setpoints import Vector3, complete
+from gcs_server.streamer.setpoints import Order, Vector3, complete
 from gcs_server.streamer.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 BEAT_PERIOD_S = 0.1
 STOP_ALL_S = 3.0
@@ -41,6 +46,7 @@ class Streamer:
         self._clock = clock
         self._streams = streams
         self._vehicles: dict[str, Vehicle] = {}
+        self._isolation = Isolation(clock, log, "The setpoint streams")
         self.groups = Groups(clock, self._streams, self._find)
 
     def attach(self, vehicle: Vehicle) -> None:
@@ -120,10 +126,24 @@ class Streamer:
         """Shows that the loop lives, renews the snapshots and tells what they reported."""
         to_come = self._streams.watched()
         seen = dict.fromkeys(self._streams.active()) | to_come
-        self._streams.beat({vid: self._vehicles[vid].offboard.snapshot(seen[vid]) for vid in seen})
-        self.groups.look()
+        self._streams.beat({vid: s for vid in seen if (s := self._snapshot(vid, seen[vid])) is not None})
+        self._isolation.run("the look after groups", self.groups.look)
         for vehicle_id, report in self._streams.take_reports():
             self._tell(vehicle_id, report.text, report.severity, report.code)
+
+    def faults(self) -> list[str]:
+        """What fails now, in words."""
+        return self._isolation.faults
+
+    def _snapshot(self, vehicle_id: str, order: Order | None) -> Snapshot | None:
+        """The vehicle for its stream; one whose snapshot fails is a vehicle without any valid estimate.
+
+        None where not even that can be made: the stream goes by what it knew, which is too old in a second.
+        """
+        vehicle = self._vehicles[vehicle_id]
+        run, offboard = vehicle.isolation.run, vehicle.offboard
+        whole = run("the snapshot for its stream", offboard.snapshot, order)
+        return whole or run("the status for its stream", offboard.snapshot_without_estimates)
 
     def _tell(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
         kind = "warning" if severity <= 4 else "command"

@@ -21,6 +21,7 @@ from gcs_server.streamer.rules import problem_of
 from gcs_server.streamer.setpoints import Follow, Order, Sendable
 from gcs_server.streamer.status import Available, FailsafeView, Limits, OffboardStatus, expiry_view
 from gcs_server.streamer.streams import Streams
+from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
 PRE_STREAM_S = 1.2
@@ -219,13 +220,13 @@ class OffboardControl:
         return self._failsafe_of(self._parameters())
 
     def _parameters(self) -> dict[str, float]:
-        """As the vehicle last told them: whoever changes one changes what holds here."""
+        """As the vehicle last told them: whoever changes one changes what holds here. Finite."""
         values = dict(self._read)
         for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
             known = self._vehicle.params.known(name)
             if known is not None:
                 values[name] = known.value
-        return values
+        return {name: value for name, value in values.items() if number(value) is not None}
 
     def _failsafe_of(self, parameters: dict[str, float]) -> Failsafe:
         action = parameters.get("COM_OBL_RC_ACT")
@@ -331,6 +332,20 @@ class OffboardControl:
             bounds=self._current_bounds(),
             hover_thrust=self._parameters().get("MPC_THR_HOVER"),
             leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
+        )
+
+    def snapshot_without_estimates(self) -> Snapshot:
+        """What its heartbeat says, and the limits as they were: where nothing else can be made of it."""
+        vehicle, status = self._vehicle, self._vehicle.status
+        return Snapshot(
+            self._clock.monotonic_s(),
+            status.mode,
+            None,
+            None,
+            None,
+            armed=status.armed,
+            lost=status.link_lost or not vehicle.endpoints,
+            bounds=self._bounds,
         )
 
     # --- inside -------------------------------------------------------------------------------------

@@ -66,8 +66,7 @@ class Rounds(Streams):
                     if not stream.sender.send_payload(out.msg_id, out.payload):
                         stream.sends_failed += 1
             except Exception as error:  # one vehicle's fault must not take the others' stream with it
-                log.exception("the stream to vehicle %s failed", vehicle_id)
-                core.end("fault", f"The setpoint stream failed: {error}", WARNING)
+                self._failed(vehicle_id, error)
             due_s = min(due_s, core.due_s(self._beat_s))
         return due_s
 
@@ -243,7 +242,9 @@ class Rounds(Streams):
             try:
                 if not stream.core.change(now_s, order, stream.snapshot):
                     refused = f"Vehicle {vehicle_id} could not begin"
-            except ValueError as error:
+            except Exception as error:
+                if not isinstance(error, ValueError):
+                    log.exception("the setpoint of vehicle %s failed", vehicle_id)
                 refused = f"Vehicle {vehicle_id} could not begin ({error})"
         if refused is not None:
             actions = guard.fault(now_s, refused)
@@ -254,11 +255,22 @@ class Rounds(Streams):
                     self._streams[vehicle_id].core.prolong(until_s)
         for vehicle_id, why in actions.hold.items():
             stream = self._streams[vehicle_id]
-            stream.core.call_off(now_s, stream.snapshot, actions.code, why)
+            try:
+                stream.core.call_off(now_s, stream.snapshot, actions.code, why)
+            except Exception as error:
+                self._failed(vehicle_id, error)
+
+    def _failed(self, vehicle_id: str, error: Exception) -> None:
+        """Ends one stream; its vehicle fails safe."""
+        log.error("the stream to vehicle %s failed", vehicle_id, exc_info=error)
+        self._streams[vehicle_id].core.end("fault", f"The setpoint stream failed: {error}", WARNING)
 
     def _alive(self, now_s: float) -> None:
         """The loop lives; streams that its silence should have ended (the process stood still) end first."""
         if now_s - self._beat_s >= self._silent_limit_s:
-            for stream in self._streams.values():
-                stream.core.tick(now_s, stream.snapshot, self._beat_s)
+            for vehicle_id, stream in self._streams.items():
+                try:
+                    stream.core.tick(now_s, stream.snapshot, self._beat_s)
+                except Exception as error:
+                    self._failed(vehicle_id, error)
         self._beat_s = max(self._beat_s, now_s)

@@ -2,12 +2,14 @@
 
 A sample is encoded once, when the first client wants it; the same bytes go to all. A client that cannot
 take more skips frames and then gets the newest; events are queued for it, and when that queue is full the
-client is closed, so that nobody believes to have seen every event who has not.
+client is closed, so that nobody believes to have seen every event who has not. A topic that cannot be made or
+encoded is left out; all others are sent.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -28,6 +30,8 @@ from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.samples import TOPICS
 from gcs_server.vehicle.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 EVENT_QUEUE_LENGTH = 500
 OFFBOARD_PERIOD_S = 0.1
@@ -72,7 +76,10 @@ class Encoded:
             del self._bytes[key]
 
     def newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
-        """(a mark that grows with each new sample, JSON); None before the first."""
+        """(a mark that grows with each new sample, JSON); None before the first, and where it fails."""
+        return vehicle.isolation.run(f"telemetry of {topic}", self._newest, vehicle, topic)
+
+    def _newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
         key = (vehicle.id, topic)
         held = self._bytes.get(key)
         if topic == "readiness":
@@ -216,7 +223,11 @@ class Hub:
             self._encoded.forget(event.vehicle)
         if not self._clients:
             return
-        text = event_frame(event)
+        try:
+            text = event_frame(event)
+        except Exception:
+            log.exception("event %r could not be encoded", event.kind)
+            return
         for client in self._clients:
             client.offer_event(event, text)
 

@@ -1,17 +1,19 @@
 """Payloads to samples: pure functions, straight from the bytes, each for one message.
 
 Every decoder gets the full payload (zeros filled up) and returns the value and, where the message
-carries it, the vehicle's boot time. Formats are those of the dialect, which a test compares.
+carries it, the vehicle's boot time. What it returns is finite and of a size that can be (`numbers.py`): a
+field that is not becomes None, and where the sample means nothing without it, the decoder raises Unusable.
+Formats are those of the dialect, which a test compares.
 """
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Callable, Mapping
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import gimbal_decoder, samples
+from gcs_server.vehicle.numbers import Unusable, number, on_earth, required, rotation, vector
 
 Payloads = Mapping[int, bytes]
 Decoded = tuple[object, float | None]
@@ -75,20 +77,25 @@ def attitude_quaternion(payloads: Payloads) -> Decoded:
     time_ms, w, x, y, z, p, q, r = _attitude_quaternion.unpack_from(
         payloads[d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION]
     )
-    roll, pitch, yaw = gimbal_decoder.euler_of((w, x, y, z))
-    return samples.Attitude(roll, pitch, yaw, (w, x, y, z), (p, q, r)), time_ms / 1e3
+    q_ned_frd = rotation((w, x, y, z))
+    if q_ned_frd is None:
+        raise Unusable("ATTITUDE_QUATERNION: its quaternion is no rotation")
+    roll, pitch, yaw = gimbal_decoder.euler_of(q_ned_frd)
+    return samples.Attitude(roll, pitch, yaw, q_ned_frd, vector((p, q, r))), time_ms / 1e3
 
 
 def attitude(payloads: Payloads) -> Decoded:
     """ATTITUDE, for vehicles that send no quaternion."""
     time_ms, roll, pitch, yaw, p, q, r = _attitude.unpack_from(payloads[d.MAVLINK_MSG_ID_ATTITUDE])
+    required("ATTITUDE: an angle", roll, pitch, yaw)
     quaternion = gimbal_decoder.quaternion_of(roll, pitch, yaw)
-    return samples.Attitude(roll, pitch, yaw, quaternion, (p, q, r)), time_ms / 1e3
+    return samples.Attitude(roll, pitch, yaw, quaternion, vector((p, q, r))), time_ms / 1e3
 
 
 def local_position(payloads: Payloads) -> Decoded:
     """LOCAL_POSITION_NED."""
     time_ms, x, y, z, vx, vy, vz = _local_position.unpack_from(payloads[d.MAVLINK_MSG_ID_LOCAL_POSITION_NED])
+    required("LOCAL_POSITION_NED: a position or velocity", x, y, z, vx, vy, vz)
     return samples.LocalPosition((x, y, z), (vx, vy, vz)), time_ms / 1e3
 
 
@@ -97,13 +104,14 @@ def global_position(payloads: Payloads) -> Decoded:
     time_ms, lat, lon, alt, relative, vx, vy, vz, heading = _global_position.unpack_from(
         payloads[d.MAVLINK_MSG_ID_GLOBAL_POSITION_INT]
     )
+    on_earth("GLOBAL_POSITION_INT", lat / 1e7, lon / 1e7)
     value = samples.GlobalPosition(
         lat_deg=lat / 1e7,
         lon_deg=lon / 1e7,
         alt_amsl_m=alt / 1e3,
         alt_home_m=relative / 1e3,
         velocity_ned_m_s=(vx / 100, vy / 100, vz / 100),
-        heading_deg=None if heading == 0xFFFF else heading / 100,
+        heading_deg=heading / 100 if heading <= 36000 else None,
     )
     return value, time_ms / 1e3
 
@@ -135,11 +143,11 @@ def battery(payloads: Payloads) -> Decoded:
     ]
     return (
         samples.Battery(
-            remaining_percent=None if remaining < 0 else remaining,
+            remaining_percent=remaining if 0 <= remaining <= 100 else None,
             voltage_v=sum(cells) / 1e3 if cells else None,
             current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
             consumed_mah=None if consumed_mah == -1 else consumed_mah,
-            time_remaining_s=time_s or None,
+            time_remaining_s=time_s if time_s > 0 else None,
             cell_voltages_v=_of_cells(cells),
         ),
         None,
@@ -156,7 +164,7 @@ def _of_cells(millivolts: list[int]) -> tuple[float, ...] | None:
 def _battery_of_system(payload: bytes) -> samples.Battery:
     _, _, _, _, millivolt, current_ca, *_, remaining = _sys_status.unpack_from(payload)
     return samples.Battery(
-        remaining_percent=None if remaining < 0 else remaining,
+        remaining_percent=remaining if 0 <= remaining <= 100 else None,
         voltage_v=None if millivolt == 0xFFFF else millivolt / 1e3,
         current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
         consumed_mah=None,
@@ -167,8 +175,8 @@ def _battery_of_system(payload: bytes) -> samples.Battery:
 def home(payloads: Payloads) -> Decoded:
     """HOME_POSITION."""
     lat, lon, alt_mm, x, y, z = _home.unpack_from(payloads[d.MAVLINK_MSG_ID_HOME_POSITION])
-    local = (x, y, z) if all(math.isfinite(v) for v in (x, y, z)) else None
-    return samples.Home(lat / 1e7, lon / 1e7, alt_mm / 1e3, local), None
+    on_earth("HOME_POSITION", lat / 1e7, lon / 1e7)
+    return samples.Home(lat / 1e7, lon / 1e7, alt_mm / 1e3, vector((x, y, z))), None
 
 
 def motors(payloads: Payloads) -> Decoded:
@@ -186,7 +194,7 @@ def target_local(payloads: Payloads) -> Decoded:
     mask = values[12]
 
     def axes(first: int, bits: tuple[int, int, int]) -> tuple[float | None, float | None, float | None]:
-        a, b, c = (None if mask & bit else finite(values[first + i]) for i, bit in enumerate(bits))
+        a, b, c = (None if mask & bit else number(values[first + i]) for i, bit in enumerate(bits))
         return a, b, c
 
     return (
@@ -194,8 +202,8 @@ def target_local(payloads: Payloads) -> Decoded:
             axes(1, IGNORE_AXES[0]),
             axes(4, IGNORE_AXES[1]),
             axes(7, IGNORE_AXES[2]),
-            None if mask & d.POSITION_TARGET_TYPEMASK_YAW_IGNORE else finite(values[10]),
-            None if mask & d.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else finite(values[11]),
+            None if mask & d.POSITION_TARGET_TYPEMASK_YAW_IGNORE else number(values[10]),
+            None if mask & d.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else number(values[11]),
         ),
         values[0] / 1e3,
     )
@@ -206,7 +214,7 @@ def target_attitude(payloads: Payloads) -> Decoded | None:
     time_ms, w, x, y, z, p, q, r, thrust = _target_attitude.unpack_from(
         payloads[d.MAVLINK_MSG_ID_ATTITUDE_TARGET]
     )
-    if not all(math.isfinite(v) for v in (w, x, y, z, p, q, r, thrust)):
+    if any(number(v) is None for v in (w, x, y, z, p, q, r, thrust)):
         return None
     return samples.TargetAttitude((w, x, y, z), (p, q, r), thrust), time_ms / 1e3
 
@@ -216,7 +224,7 @@ def hud(payloads: Payloads) -> Decoded:
     airspeed, groundspeed, _alt, climb, _heading, throttle = _hud.unpack_from(
         payloads[d.MAVLINK_MSG_ID_VFR_HUD]
     )
-    return samples.Hud(groundspeed, airspeed, climb, throttle), None
+    return samples.Hud(number(groundspeed), number(airspeed), number(climb), throttle), None
 
 
 def health(payloads: Payloads) -> Decoded:
@@ -238,12 +246,7 @@ def health(payloads: Payloads) -> Decoded:
 def estimator(payloads: Payloads) -> Decoded:
     """ESTIMATOR_STATUS."""
     values = _estimator.unpack_from(payloads[d.MAVLINK_MSG_ID_ESTIMATOR_STATUS])
-    return samples.Estimator(values[9], values[7], values[8]), values[0] / 1e6
-
-
-def finite(value: float) -> float | None:
-    """MAVLink's "not set" is not a number; ours is None."""
-    return value if math.isfinite(value) else None
+    return samples.Estimator(values[9], number(values[7]), number(values[8])), values[0] / 1e6
 
 
 Decoder = Callable[[Payloads], Decoded | None]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+
+log = logging.getLogger(__name__)
 
 FEED_LENGTH = 1000
 
@@ -55,7 +58,10 @@ class EventFeed:
         if kept:
             self._events.append(event)
         for callback in tuple(self._subscribers):
-            callback(event)
+            try:
+                callback(event)
+            except Exception:  # who listens must not stop the vehicle's frames, nor the others who listen
+                log.exception("a listener failed at event %r", kind)
         return event
 
     @property

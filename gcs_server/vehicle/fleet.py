@@ -31,7 +31,8 @@ class Notice:
     """One line of `GET /warnings`: stands until its cause has gone."""
 
     kind: str
-    """link, recording, duplicate_id."""
+    """link, recording, duplicate_id, telemetry (values of a vehicle that cannot be used), fault (of this
+    program), journal, …"""
     text: str
     link: str | None = None
     vehicle: str | None = None
@@ -93,6 +94,11 @@ class Fleet(FrameSink):
             notices += [
                 Notice("duplicate_id", text, vehicle=vehicle.id) for text in vehicle.identity.warnings
             ]
+            notices += [
+                Notice("telemetry", f"Vehicle {vehicle.id}: {topic} is not shown: {why}.", vehicle=vehicle.id)
+                for topic, why in vehicle.unusable().items()
+            ]
+            notices += [Notice("fault", text, vehicle=vehicle.id) for text in vehicle.isolation.faults]
         return notices
 
     async def close(self) -> None:
@@ -139,8 +145,8 @@ class Fleet(FrameSink):
                 self._place(endpoint)
             if endpoint.version is None and now_s >= endpoint.ask_next_s:
                 self._ask_version(endpoint, now_s)
-        for vehicle in self._vehicles.values():
-            vehicle.tick()
+        for vehicle in list(self._vehicles.values()):
+            vehicle.isolation.run("the regular work", vehicle.tick)
 
     # --- who is who -----------------------------------------------------------------------------
 

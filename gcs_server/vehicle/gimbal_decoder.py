@@ -12,6 +12,7 @@ import struct
 from collections.abc import Mapping
 
 from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.numbers import LARGEST, Unusable, number, rotation
 from gcs_server.vehicle.samples import Gimbal, Quaternion
 
 _status = struct.Struct("<II5B")
@@ -43,6 +44,9 @@ SMALLEST_RANGE_RAD = math.radians(0.1)
 def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
     """The sample; nothing before an attitude came (285 or 265).
 
+    Raises:
+        Unusable: what came is no attitude.
+
     Besides the gimbal's messages the vehicle's own attitude (31 or 30) is looked at, to turn yaw from
     one frame into the other.
     """
@@ -52,20 +56,26 @@ def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
     if device is None and mount is None:
         return None
     flags, device_id, primary, secondary = _manager(status)
-    time_ms, q, roll, pitch, yaw = -1, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+    time_ms, q, roll, pitch, yaw = -1, None, 0.0, 0.0, 0.0
     if device is not None:
         values = _device.unpack_from(device)
-        time_ms, q = values[0], (values[1], values[2], values[3], values[4])
-        if status is None or time_ms >= _status.unpack_from(status)[0]:
+        q = rotation(values[1:5])
+        if status is None or values[0] >= _status.unpack_from(status)[0]:
             flags = values[9]
         device_id = values[14] or device_id
-        roll, pitch, yaw = euler_of(q)
+        if q is not None:
+            time_ms = values[0]
+            roll, pitch, yaw = euler_of(q)
     if mount is not None:
         mount_ms, roll_deg, pitch_deg, yaw_deg = _mount.unpack_from(mount)
-        if mount_ms > time_ms and all(math.isfinite(v) for v in (roll_deg, pitch_deg, yaw_deg)):
+        if mount_ms > time_ms and all(-LARGEST <= v <= LARGEST for v in (roll_deg, pitch_deg, yaw_deg)):
             time_ms = mount_ms
             roll, pitch, yaw = (math.radians(v) for v in (roll_deg, pitch_deg, yaw_deg))
             q = quaternion_of(roll, pitch, yaw)
+    if q is None:
+        raise Unusable(
+            "the gimbal's attitude (GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION) is no rotation"
+        )
     in_earth_frame = yaw_in_earth_frame(flags)
     heading = _heading(payloads)
     yaw_ned = yaw if in_earth_frame else None if heading is None else wrap(yaw + heading)
@@ -114,17 +124,19 @@ def _manager(status: bytes | None) -> tuple[int, int, tuple[int, int] | None, tu
 
 def _heading(payloads: Mapping[int, bytes]) -> float | None:
     payload = payloads.get(d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
-    if payload is not None:
-        _, w, x, y, z = _quaternion.unpack_from(payload)
-        return euler_of((w, x, y, z))[2]
+    q = None if payload is None else rotation(_quaternion.unpack_from(payload)[1:5])
+    if q is not None:
+        return euler_of(q)[2]
     payload = payloads.get(d.MAVLINK_MSG_ID_ATTITUDE)
-    return None if payload is None else _euler.unpack_from(payload)[3]
+    return None if payload is None else number(_euler.unpack_from(payload)[3])
 
 
 def _limits(information: bytes | None) -> tuple[float | None, float | None, float | None, float | None]:
     if information is None:
         return None, None, None, None
     values = _information.unpack_from(information)
+    if any(number(v) is None for v in values[4:8]):
+        return None, None, None, None
     pitch_min, pitch_max, yaw_min, yaw_max = values[4:8]
     if max(abs(v) for v in values[4:8]) > 2 * math.pi + 0.01:  # PX4: degrees, against the definition
         pitch_min, pitch_max, yaw_min, yaw_max = (math.radians(v) for v in values[4:8])
@@ -134,7 +146,7 @@ def _limits(information: bytes | None) -> tuple[float | None, float | None, floa
 
 
 def _range(low: float, high: float) -> tuple[float | None, float | None]:
-    sane = math.isfinite(low) and math.isfinite(high) and high - low > SMALLEST_RANGE_RAD
+    sane = high - low > SMALLEST_RANGE_RAD
     return (low, high) if sane and max(-low, high) <= LARGEST_ANGLE_RAD else (None, None)
 
 

@@ -1,8 +1,8 @@
 """What a vehicle says of itself, one frozen sample a topic; the names are those of the JSON.
 
 Frames: NED from the vehicle's own local origin, FRD body. SI units, radians; degrees only for
-latitude, longitude and fields that end in `_deg`. Unknown is None. `q_ned_frd` (w, x, y, z) takes
-FRD vectors to NED.
+latitude, longitude and fields that end in `_deg`. `q_ned_frd` (w, x, y, z) takes FRD vectors to NED. Every
+number is finite; unknown is None.
 
 `TOPICS` maps a topic's name (in REST, WebSocket and Python alike) to its class.
 """
@@ -23,7 +23,7 @@ class Attitude:
     pitch_rad: float
     yaw_ned_rad: float
     q_ned_frd: Quaternion
-    rates_frd_rad_s: Vector3
+    rates_frd_rad_s: Vector3 | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +138,10 @@ class TargetAttitude:
 class Hud:
     """VFR_HUD."""
 
-    groundspeed_m_s: float
-    airspeed_m_s: float
-    climb_m_s: float
+    groundspeed_m_s: float | None
+    airspeed_m_s: float | None
+    """None without an airspeed sensor."""
+    climb_m_s: float | None
     throttle_percent: int
 
 
@@ -162,8 +163,8 @@ class Estimator:
     """ESTIMATOR_STATUS flags (ESTIMATOR_STATUS_FLAGS) and accuracies."""
 
     flags: int
-    horizontal_accuracy_m: float
-    vertical_accuracy_m: float
+    horizontal_accuracy_m: float | None
+    vertical_accuracy_m: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +185,8 @@ class Status:
     """MAV_STATE."""
     link_lost: bool
     """No heartbeat for longer than 3.5 s on any link."""
-    last_heartbeat_age_s: float
+    last_heartbeat_age_s: float | None
+    """When the sample was made; None before the first."""
 
 
 TOPICS: dict[str, type] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 
 from gcs_server.clock import Clock
@@ -10,8 +11,11 @@ from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import decoders
 from gcs_server.vehicle.history import HISTORY_S, History
 from gcs_server.vehicle.modes import name_and_label
+from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, Facts
 from gcs_server.vehicle.samples import Sample, Status
+
+log = logging.getLogger(__name__)
 
 LINK_LOST_AFTER_S = 3.5
 """As QGroundControl."""
@@ -27,6 +31,9 @@ ALSO_READS: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
 READS: dict[str, tuple[int, ...]] = {
     topic: (*ids, *ALSO_READS.get(topic, ())) for topic, ids in MADE_OF.items()
 }
+PAIR_WITHIN_S = 1.0
+KEEPS_LAST = frozenset({"home"})
+"""Topics that hold for long: limits count from home, and one bad message does not lift them."""
 Frames = tuple[Frame | None, ...]
 
 
@@ -40,7 +47,9 @@ class VehicleState:
     def __init__(self, component_id: int, clock: Clock) -> None:
         self.facts = Facts()
         self.latest: dict[int, Frame] = {}
-        """Newest frame of each message id."""
+        """Newest frame of each message id of the dialect."""
+        self.unusable: dict[str, str] = {}
+        """Topics whose newest message cannot be used, and why; as of when they were last asked for."""
         self._component_id = component_id
         self._clock = clock
         self._cache: dict[str, tuple[Frames, Sample | None]] = {}
@@ -52,6 +61,10 @@ class VehicleState:
         """Keeps a frame; False where it is another component's affair."""
         if frame.component_id != self._component_id and frame.msg_id not in ANY_COMPONENT:
             return False
+        if not frame.known:  # there are 16 million ids: kept, they would fill the memory
+            return True
+        if frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
+            self.topic("home")  # noted as good before the newer one takes its place
         self.latest[frame.msg_id] = frame
         reducer = REDUCERS.get(frame.msg_id)
         if reducer is not None:
@@ -76,22 +89,36 @@ class VehicleState:
             landed_state=facts.landed_state,
             system_status=facts.system_status,
             link_lost=self.link_lost,
-            last_heartbeat_age_s=max(0.0, self._clock.monotonic_s() - facts.heartbeat_s),
+            last_heartbeat_age_s=(
+                None
+                if facts.heartbeat_s == float("-inf")
+                else max(0.0, self._clock.monotonic_s() - facts.heartbeat_s)
+            ),
         )
 
     def topic(self, name: str) -> Sample | None:
-        """The newest sample of a topic; None before the first.
+        """The newest sample of a topic; None before the first, and where the newest cannot be used.
 
         Raises:
             KeyError: there is no such topic.
         """
         if name == "status":
-            return self._sample(name, self.status(), None, max(self.facts.heartbeat_s, self.facts.mode_s))
+            return self._sample(name, self.status(), None, self._status_since_s())
         frames = self._frames(name)
         cached = self._cache.get(name)
         if cached is not None and cached[0] == frames:
             return cached[1]
-        sample = self._decode(name, frames)
+        self.unusable.pop(name, None)
+        try:
+            sample = self._decode(name, frames)
+        except Unusable as error:
+            self.unusable[name] = str(error)
+            sample = cached[1] if cached is not None and name in KEEPS_LAST else None
+        except Exception as error:  # a fault of ours: it costs this topic, not the vehicle
+            if cached is None or cached[1] is not None:
+                log.exception("topic %s could not be made", name)
+            self.unusable[name] = f"it could not be decoded ({type(error).__name__}: {error})"
+            sample = None
         self._cache[name] = (frames, sample)
         return sample
 
@@ -117,9 +144,22 @@ class VehicleState:
                 made = [sample for *_, sample in self._statuses]
             else:
                 past = self._history.frames(READS[name])
-                made = [self._decode(name, frames) for kept_s, frames in past if kept_s >= since_s]
+                made = [self._past(name, frames) for kept_s, frames in past if kept_s >= since_s]
             samples += [s for s in made if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
+
+    def _status_since_s(self) -> float:
+        """When it last became what it is: the vehicle said so, or it was missed for too long."""
+        facts = self.facts
+        lost_s = facts.heartbeat_s + LINK_LOST_AFTER_S if self.link_lost else float("-inf")
+        return max(facts.heartbeat_s, facts.mode_s, facts.landed_s, lost_s)
+
+    def _past(self, name: str, frames: Frames) -> Sample | None:
+        """A sample of the history; None where it cannot be made."""
+        try:
+            return self._decode(name, frames)
+        except Exception:
+            return None
 
     def _frames(self, name: str) -> Frames:
         return tuple(map(self.latest.get, READS[name]))
@@ -130,17 +170,27 @@ class VehicleState:
             return None
         payloads = {f.msg_id: full_payload(f) for f in frames if f is not None}
         if name == "attitude":
-            newest = max(present, key=lambda f: f.received_monotonic_s)
-            quaternion = payloads.get(ATTITUDE_IDS[0])
-            # the two come in pairs; the quaternion is preferred unless it has stopped
-            stale = quaternion is None or newest.received_monotonic_s - present[0].received_monotonic_s > 1.0
-            decoded = decoders.attitude(payloads) if stale else decoders.attitude_quaternion(payloads)
+            decoded = self._attitude(present, payloads)
         else:
             decoded = decoders.DECODERS[name][1](payloads)
         if decoded is None:
             return None
         received_s = max(f.received_monotonic_s for f in present)
         return self._sample(name, decoded[0], decoded[1], received_s)
+
+    @staticmethod
+    def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
+        """Of two messages that come in pairs: the quaternion, unless it has stopped or is none."""
+        heard_s = {f.msg_id: f.received_monotonic_s for f in present}
+        quaternion_s, angles_s = (heard_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS)
+        if angles_s - quaternion_s > PAIR_WITHIN_S:
+            return decoders.attitude(payloads)
+        try:
+            return decoders.attitude_quaternion(payloads)
+        except Unusable:
+            if quaternion_s - angles_s > PAIR_WITHIN_S:
+                raise
+            return decoders.attitude(payloads)
 
     def _sample(self, name: str, value: object, boot_s: float | None, received_s: float) -> Sample | None:
         if received_s == float("-inf"):

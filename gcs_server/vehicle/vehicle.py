@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Disconnected, GcsError, NotVerified, Refused
+from gcs_server.isolation import Isolation
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
@@ -28,7 +30,9 @@ from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.params import ParamService
-from gcs_server.vehicle.state import VehicleState
+from gcs_server.vehicle.state import MADE_OF, VehicleState
+
+log = logging.getLogger(__name__)
 
 ASK_LIMITS_TIMES = 5
 ASK_LIMITS_EVERY_S = 1.0
@@ -58,6 +62,8 @@ class Vehicle:
         self._supervisor = supervisor
         self.clock = clock
         self.own_ids = own_ids
+        self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
+        """Runs what this vehicle's data may make fail: a topic, a snapshot, a view of it."""
         self.mailbox = Mailbox(decode)
         self.events = EventFeed(vehicle_id)
         self.offboard: Any = None
@@ -138,6 +144,12 @@ class Vehicle:
         """Samples at up to 4 Hz of the last five minutes, oldest first."""
         return self._state.history(topics, since_unix_s)
 
+    def unusable(self) -> dict[str, str]:
+        """Topics whose newest message cannot be used (a number that is none), and why; decodes all."""
+        for name in MADE_OF:
+            self._state.topic(name)
+        return dict(self._state.unusable)
+
     def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None:
         """The newest payload of a message, in full length, and when it came [s, monotonic]."""
         frame = self._state.latest.get(msg_id)
@@ -158,8 +170,9 @@ class Vehicle:
                 remedy="Use the ground station made for it.",
             )
         if self._state.link_lost:
+            age_s = self.status.last_heartbeat_age_s
             raise Disconnected(
-                f"Vehicle {self.id} has not been heard for {self.status.last_heartbeat_age_s:.0f} s.",
+                f"Vehicle {self.id} has not been heard{'' if age_s is None else f' for {age_s:.0f} s'}.",
                 remedy="Check its link; nothing was sent.",
             )
 

@@ -17,6 +17,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.gimbal_decoder import control_of, quaternion_of, wrap
+from gcs_server.vehicle.numbers import rotation
 from gcs_server.vehicle.samples import Gimbal
 from gcs_server.vehicle.services.checks import number
 from gcs_server.vehicle.services.port import VehiclePort
@@ -257,6 +258,9 @@ class GimbalService:
 
 
 def _angle_between(q: tuple[float, float, float, float], message: Reply) -> float:
-    """Between an attitude and the reported one [rad]."""
-    dot = abs(sum(a * b for a, b in zip(q, message.q, strict=True)))
+    """Between an attitude and the reported one [rad]; half a turn where the report is none."""
+    reported = rotation(message.q)
+    if reported is None:
+        return math.pi
+    dot = abs(sum(a * b for a, b in zip(q, reported, strict=True)))
     return 2 * math.acos(min(1.0, dot))

@@ -1496,7 +1496,7 @@ export interface components {
                 number,
                 number,
                 number
-            ];
+            ] | null;
         };
         /**
          * AttitudeOrder
@@ -2010,12 +2010,12 @@ export interface components {
              * Horizontal Accuracy M
              * @description Horizontal accuracy [m].
              */
-            horizontal_accuracy_m: number;
+            horizontal_accuracy_m: number | null;
             /**
              * Vertical Accuracy M
              * @description Vertical accuracy [m].
              */
-            vertical_accuracy_m: number;
+            vertical_accuracy_m: number | null;
         };
         /**
          * EstimatorSample
@@ -2909,17 +2909,17 @@ export interface components {
              * Groundspeed M S
              * @description Groundspeed [m/s].
              */
-            groundspeed_m_s: number;
+            groundspeed_m_s: number | null;
             /**
              * Airspeed M S
-             * @description Airspeed [m/s].
+             * @description None without an airspeed sensor.
              */
-            airspeed_m_s: number;
+            airspeed_m_s: number | null;
             /**
              * Climb M S
              * @description Climb [m/s].
              */
-            climb_m_s: number;
+            climb_m_s: number | null;
             /**
              * Throttle Percent
              * @description Throttle [%].
@@ -3646,7 +3646,8 @@ export interface components {
         Notice: {
             /**
              * Kind
-             * @description link, recording, duplicate_id.
+             * @description link, recording, duplicate_id, telemetry (values of a vehicle that cannot be used), fault (of this
+             *     program), journal, …
              */
             kind: string;
             /**
@@ -5275,9 +5276,9 @@ export interface components {
             link_lost: boolean;
             /**
              * Last Heartbeat Age S
-             * @description Last heartbeat age [s].
+             * @description When the sample was made; None before the first.
              */
-            last_heartbeat_age_s: number;
+            last_heartbeat_age_s: number | null;
         };
         /**
          * StatusSample

@@ -10,6 +10,7 @@ import pytest
 from scene_fakes import FakeFleet, FakeVehicle, flying
 from scene_running import CAMERA, eventually, open_stream
 
+from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.tracks import Tracks
@@ -35,7 +36,7 @@ def test_what_is_no_ground_is_none(eye_z_m, ray):
 
 
 def test_the_ground_is_that_of_the_chosen_vehicles_home():
-    tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None)
+    tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None, SystemClock())
     tracks.look(1000.0, 0.03)
     vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.on_ground("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
     assert vehicle == "2"
@@ -46,8 +47,8 @@ def test_the_ground_is_that_of_the_chosen_vehicles_home():
 
 def test_without_a_place_on_earth_it_is_refused_in_words():
     with pytest.raises(Refused, match="no vehicle yet"):
-        Tracks(FakeFleet(), None).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
-    tracks = Tracks(FakeFleet([FakeVehicle()]), None)
+        Tracks(FakeFleet(), None, SystemClock()).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+    tracks = Tracks(FakeFleet([FakeVehicle()]), None, SystemClock())
     tracks.look(1000.0, 0.03)
     with pytest.raises(Refused, match="told its position"):
         tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from scene_fakes import FakeFleet, FakeVehicle, StillClock, flying, glob, local
 
+from gcs_server.clock import SystemClock
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.tracks import Track, Tracks
@@ -36,7 +37,7 @@ def test_the_trail_is_there_at_the_first_look():
     vehicle = flying()
     vehicle.clock = clock
     flew_north(vehicle, clock, 100)
-    tracks = Tracks(FakeFleet([vehicle]), None)
+    tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
     assert points(track) == [pytest.approx((0.0, -float(ago), 10.0)) for ago in range(100, 0, -1)]
     tracks.look(clock.monotonic_s() + 0.03, 0.03)
@@ -48,7 +49,7 @@ def test_a_gap_is_filled_and_nothing_drawn_twice():
     clock = StillClock()
     vehicle = flying()
     vehicle.clock = clock
-    tracks = Tracks(FakeFleet([vehicle]), None)
+    tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     vehicle.values["local_position"] = local(-60.0, 0.0, -10.0)
     vehicle.values["global_position"] = None
     for _ in range(2):
@@ -66,7 +67,7 @@ def test_after_a_long_time_the_trail_begins_anew():
     clock = StillClock()
     vehicle = flying()
     vehicle.clock = clock
-    tracks = Tracks(FakeFleet([vehicle]), None)
+    tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     for _ in range(2):
         (first,) = tracks.look(clock.monotonic_s(), 0.03).values()
     clock.now_s += 1000.0
@@ -78,7 +79,7 @@ def test_after_a_long_time_the_trail_begins_anew():
 def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
     clock = StillClock()
     vehicles = [flying(str(i)) for i in range(1, 6)]
-    tracks = Tracks(FakeFleet(vehicles), None)
+    tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.look(clock.monotonic_s(), 0.03, {"4"})
     assert [v.asked for v in vehicles] == [0, 0, 0, 1, 0]
     for _ in range(6):
@@ -88,7 +89,7 @@ def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
 
 def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first():
     clock, fleet = StillClock(), FakeFleet([flying("1")])
-    tracks = Tracks(fleet, None)
+    tracks = Tracks(fleet, None, SystemClock())
     for _ in range(2):
         tracks.look(clock.monotonic_s(), 0.03)
     far = flying("1")
@@ -107,7 +108,7 @@ def test_global_positions_make_a_trail_where_there_are_no_local_ones():
         Sample("global_position", None, clock.unix_s() - ago, 0.0, glob(47.0 - ago * 1e-5, 8.0, 500.0))
         for ago in (3, 2, 1)
     ]
-    (track,) = Tracks(FakeFleet([vehicle]), None).look(clock.monotonic_s(), 0.03).values()
+    (track,) = Tracks(FakeFleet([vehicle]), None, SystemClock()).look(clock.monotonic_s(), 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
 
 
@@ -115,7 +116,7 @@ def test_a_replayed_vehicles_trail_is_made_up_in_its_recordings_time():
     long_ago, vehicle = StillClock(5.0), flying()
     vehicle.clock = long_ago
     flew_north(vehicle, long_ago, 4)
-    tracks = Tracks(FakeFleet([vehicle]), None)
+    tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.look(9e5, 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
     long_ago.now_s += 2.0  # half speed, while nobody looked
@@ -124,3 +125,16 @@ def test_a_replayed_vehicles_trail_is_made_up_in_its_recordings_time():
     )
     tracks.look(9e5 + 4.0, 0.03)
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1, 1])
+
+
+def test_a_vehicle_that_cannot_be_placed_is_left_out_and_the_others_are_drawn() -> None:
+    bad, good = flying("1"), flying("2")
+    tracks = Tracks(FakeFleet([bad, good]), None, SystemClock())
+    bad.values["local_position"] = local("north", 0.0, -10.0)  # what no maths can be done with
+    assert list(tracks.look(1.0, 0.03)) == ["2"]
+    assert good.asked == 1, "its trail is made up, too"
+    (fault,) = tracks.isolation.faults
+    assert "vehicle 1" in fault
+    bad.values["local_position"] = local(0.0, 0.0, -10.0)
+    assert list(tracks.look(1.1, 0.03)) == ["1", "2"]
+    assert tracks.isolation.faults == []

@@ -1,12 +1,14 @@
 """Starting and stopping the stream against a vehicle made of plain objects, on simulated time."""
 
 import asyncio
+import logging
 from types import SimpleNamespace
 
 import pytest
 
 from gcs_server.clock import LoopClock
 from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.isolation import Isolation
 from gcs_server.streamer import offboard
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.streamer.rounds import Rounds
@@ -27,6 +29,7 @@ class Vehicle:
         self.identity = SimpleNamespace(system_id=1, component_id=1)
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
+        self.isolation = Isolation(clock, logging.getLogger("test"), "Vehicle 1")
         self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink")),)
         self.clock = clock
         self.command = self.params = self

@@ -2,15 +2,17 @@
 
 import asyncio
 import json
+import logging
 import math
 from types import SimpleNamespace
 
 import pytest
 
-from gcs_server.clock import LoopClock
+from gcs_server.clock import LoopClock, SystemClock
+from gcs_server.isolation import Isolation
 from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_LENGTH, Hub
 from gcs_server.vehicle.events import Event
-from gcs_server.vehicle.samples import Hud, Sample
+from gcs_server.vehicle.samples import Estimator, Hud, Sample
 from tests.jump_time import in_jumps
 
 
@@ -18,7 +20,11 @@ class Fleet:
     def __init__(self):
         self.samples = {}
         self.vehicle = SimpleNamespace(
-            id="1", topic=self.samples.get, offboard=None, identity={"simulated": True}
+            id="1",
+            topic=self.samples.get,
+            offboard=None,
+            identity={"simulated": True},
+            isolation=Isolation(SystemClock(), logging.getLogger("test"), "Vehicle 1"),
         )
         self.callbacks = []
 
@@ -115,6 +121,36 @@ def test_events_are_never_conflated_and_too_many_close_the_client():
         socket.writable.set()
         await asyncio.sleep(0.05)
         assert socket.closed == CLOSE_TOO_SLOW
+
+    told(story)
+
+
+def test_a_topic_that_cannot_be_encoded_costs_that_topic_only():
+    async def story(fleet, socket, hub):
+        ask = {"type": "subscribe", "topics": ["hud", "estimator", "gps"], "rate_hz": 100}
+        await socket.asks.put(json.dumps(ask))
+        fleet.samples["estimator"] = Sample("estimator", 1.5, 1e9, 1.0, Estimator("\ud800", 0.0, 0.0))
+        fleet.set_climb(1.0, 1.0)
+        await asyncio.sleep(0.05)
+        fleet.set_climb(2.0, 2.0)
+        await asyncio.sleep(0.05)
+        assert socket.climbs()[-2:] == [1.0, 2.0], "the client is served on"
+        (fault,) = fleet.vehicle.isolation.faults
+        assert "estimator" in fault
+        fleet.samples["estimator"] = Sample("estimator", 1.5, 1e9, 2.0, Estimator(1, 0.0, 0.0))
+        await asyncio.sleep(0.05)
+        assert fleet.vehicle.isolation.faults == [], "its cause has gone"
+
+    told(story)
+
+
+def test_an_event_that_cannot_be_encoded_is_left_out():
+    async def story(fleet, socket, hub):
+        await asyncio.sleep(0.02)
+        fleet.callbacks[0](Event(1, "status_text", "1", 1e9, 4, "text", {"value": "\ud800"}))
+        fleet.callbacks[0](event(2))
+        await asyncio.sleep(0.05)
+        assert [f["event"]["text"] for f in socket.sent if f["type"] == "event"] == ["text 2"]
 
     told(story)
 

@@ -70,7 +70,7 @@ export function statusWords(facts: StatusFacts): StatusWords {
   if (status === null) return { title: 'No vehicle state', who: 'nothing heard yet', tone: 'neutral' };
   if (facts.lost) {
     const last = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
-    const silent = Math.max(facts.age_s, status.last_heartbeat_age_s);
+    const silent = Math.max(facts.age_s, status.last_heartbeat_age_s ?? 0);
     return { title: 'Lost', who: `silent for ${seconds(silent)} · ${last}`, tone: 'danger' };
   }
   if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recording, takes no commands`, tone: 'neutral' };

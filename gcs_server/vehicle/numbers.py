@@ -1,0 +1,58 @@
+"""What a vehicle's numbers must be before anything here counts with them: finite, and of a size that can be.
+
+MAVLink's floats may be not a number ("not set"), infinite, or of any size. Each is judged once, where it is
+decoded. `LARGEST` keeps every later square, sum and conversion to a whole number far from overflow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+LARGEST = 1e7
+"""No value of a flight is larger in metres, m/s, radians or degrees (pole to equator: 10,000 km)."""
+ROTATION_WITHIN = 0.1
+"""How far the length of a quaternion may be from one."""
+
+
+class Unusable(Exception):
+    """A message came whose values cannot be used; the text says which, for people."""
+
+
+def number(value: float) -> float | None:
+    """The value; None where it is not finite or larger than can be."""
+    return value if -LARGEST <= value <= LARGEST else None
+
+
+def required(what: str, *values: float) -> None:
+    """Raises Unusable where one of the values is none; `what` names the message and its fields."""
+    for value in values:
+        if not -LARGEST <= value <= LARGEST:
+            said = (
+                "is not a finite number" if not math.isfinite(value) else f"is {value:.3g}, which cannot be"
+            )
+            raise Unusable(f"{what} {said}")
+
+
+def vector(values: Sequence[float]) -> Vector3 | None:
+    """Three values; None where one of them is none."""
+    x, y, z = values
+    return (x, y, z) if all(-LARGEST <= v <= LARGEST for v in (x, y, z)) else None
+
+
+def rotation(values: Sequence[float]) -> Quaternion | None:
+    """A unit quaternion (w, x, y, z); None where the values are none, such as four zeros."""
+    w, x, y, z = values
+    if not all(-2.0 <= v <= 2.0 for v in (w, x, y, z)):
+        return None
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return (w, x, y, z) if abs(length - 1.0) <= ROTATION_WITHIN else None
+
+
+def on_earth(what: str, lat_deg: float, lon_deg: float) -> None:
+    """Raises Unusable where there is no such place."""
+    if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0):
+        raise Unusable(f"{what} names no place on earth ({lat_deg:.7g}°, {lon_deg:.7g}°)")

@@ -1,0 +1,197 @@
+"""A vehicle whose numbers are none costs its own topics, never another vehicle, the views or the streams."""
+
+import asyncio
+import itertools
+import json
+import math
+from typing import Any
+
+import pytest
+
+from gcs_server.api.responses import answer, history_view, vehicle_view
+from gcs_server.streamer.observe import Observer
+from gcs_server.telemetry.hub import Hub
+from gcs_server.vehicle.samples import TOPICS
+from tests.protocol.offboard_world import OffboardWorld, order
+
+BAD = [math.inf, -math.inf, math.nan, 1e38]
+
+
+def told(jump, story):
+    async def run():
+        world = OffboardWorld()
+        try:
+            await story(world)
+        finally:
+            await world.close()
+
+    return jump(run)
+
+
+async def two(world) -> tuple[Any, Any]:
+    """One that will send nonsense, and one beside it; both fly."""
+    link = world.link()
+    bad = world.offboard_pilot(link, peer="a")
+    good = world.offboard_pilot(link, peer="b", system=2)
+    for pilot in (bad, good):
+        pilot.fly()
+    await world.ready("1")
+    await world.ready("2")
+    return bad, good
+
+
+def seen(world) -> list[Any]:
+    """As `GET /vehicles` answers it: JSON as the standard has it."""
+
+    def refused(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    body = answer([vehicle_view(vehicle) for vehicle in world.fleet.all()]).body
+    return json.loads(body, parse_constant=refused)
+
+
+def spoil(pilot, kind: str, **fields: float):
+    """From now on all its messages of a kind carry these values; returns what ends that."""
+    send = pilot.send
+
+    def spoiled(message):
+        if message.get_type() == kind:
+            for name, value in fields.items():
+                setattr(message, name, value)
+        send(message)
+
+    def end():
+        pilot.send = send
+
+    pilot.send = spoiled
+    return end
+
+
+@pytest.mark.parametrize("roll_rad", BAD)
+def test_an_angle_that_is_no_number_costs_the_attitude_only_and_heals(jump, roll_rad):
+    async def story(world):
+        bad, _ = await two(world)
+        heal = spoil(bad, "ATTITUDE", roll=roll_rad)
+        await asyncio.sleep(0.1)
+        for _ in range(20):
+            await asyncio.sleep(0.02)
+            first, second = seen(world)
+            assert "attitude" not in first["topics"]
+            assert first["topics"]["local_position"]["value"]["position_ned_m"] == [0.0, 0.0, -5.0]
+            assert second["topics"]["attitude"]["value"]["yaw_ned_rad"] == pytest.approx(0.5)
+        past = history_view(world.fleet.get("1"), world.fleet.get("1").history(tuple(TOPICS), 0.0))
+        assert len(past["samples"]) > 10
+        (warning,) = [w for w in world.fleet.warnings() if w.kind == "telemetry"]
+        assert (warning.vehicle, "attitude" in warning.text) == ("1", True)
+        heal()
+        await asyncio.sleep(0.1)
+        assert seen(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
+        assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
+
+    told(jump, story)
+
+
+def test_a_home_that_is_nowhere_on_earth_leaves_the_last_good_one(jump):
+    async def story(world):
+        bad, _ = await two(world)
+        vehicle = world.fleet.get("1")
+        spoil(bad, "HOME_POSITION", latitude=910_000_000)
+        await asyncio.sleep(5.0)
+        assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
+        assert any("home" in w.text for w in world.fleet.warnings())
+
+    told(jump, story)
+
+
+@pytest.mark.parametrize("value", BAD)
+def test_a_streamed_vehicle_whose_estimate_is_no_number_has_none_and_the_others_stream_goes_on(jump, value):
+    async def story(world):
+        bad, good = await two(world)
+        vehicles = [world.fleet.get("1"), world.fleet.get("2")]
+        for vehicle in vehicles:
+            await vehicle.offboard.start(order(valid_for_s=8.0 if vehicle.id == "1" else 60.0))
+        began_s = world.loop.time()
+
+        spoil(bad, "LOCAL_POSITION_NED", x=value, vy=value)
+        await asyncio.sleep(1.0)
+        snapshot = vehicles[0].offboard.snapshot()
+        assert (snapshot.position_ned_m, snapshot.velocity_ned_m_s) == (None, None)
+        assert vehicles[0].offboard.available()["position"].can is False
+        assert not Observer(vehicles[0]).has_position()
+        await asyncio.sleep(8.0)
+        times = [at_s for at_s, _ in good.setpoints if at_s >= began_s]
+        assert max(b - a for a, b in itertools.pairwise(times)) < 0.03
+        assert vehicles[1].status.mode == "offboard"
+        assert vehicles[0].status.mode == "land", "heard, and without an estimate that could be held"
+
+    told(jump, story)
+
+
+def test_a_snapshot_that_fails_is_a_vehicle_without_estimates_and_the_others_stream_goes_on(jump):
+    async def story(world):
+        bad, good = await two(world)
+        for vehicle in world.fleet.all():
+            await vehicle.offboard.start(order())
+        broken = world.fleet.get("1").offboard
+
+        def fails(_order=None):
+            raise ZeroDivisionError("made to fail")
+
+        broken.snapshot = fails
+        await asyncio.sleep(3.0)
+        assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
+        (warning,) = [w for w in world.fleet.warnings() if w.kind == "fault"]
+        assert (warning.vehicle, "snapshot" in warning.text) == ("1", True)
+        bad.mode = bad.asked_mode = 3 << 16
+        bad.heartbeat()
+        await asyncio.sleep(0.5)
+        streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
+        assert streaming == ["idle", "streaming"], "its mode is still heard: the stream never fights for it"
+        assert good.setpoints[-1][0] > world.loop.time() - 0.05
+
+    told(jump, story)
+
+
+class Socket:
+    """Takes everything at once."""
+
+    def __init__(self) -> None:
+        self.asks: asyncio.Queue[str] = asyncio.Queue()
+        self.statuses: list[tuple[float, Any]] = []
+
+    async def send_text(self, data: str) -> None:
+        frame = json.loads(data)
+        for sample in frame.get("samples", ()):
+            if sample["vehicle"] == "1" and sample["topic"] == "status":
+                self.statuses.append((asyncio.get_running_loop().time(), sample))
+
+    async def receive_text(self) -> str:
+        return await self.asks.get()
+
+    async def close(self, code: int = 1000, reason: str | None = None) -> None:
+        raise AssertionError(reason)
+
+
+def test_a_link_that_is_lost_and_found_again_is_told_to_who_listens(jump):
+    async def story(world):
+        bad, _ = await two(world)
+        hub, socket = Hub(world.clock, world.fleet), Socket()
+        async with asyncio.TaskGroup() as group:
+            serving = group.create_task(hub.serve(socket))
+            await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
+            await asyncio.sleep(2.0)
+            assert socket.statuses[-1][1]["value"]["link_lost"] is False
+            silent_s, bad.alive = world.loop.time(), False
+            await asyncio.sleep(6.0)
+            lost_s, sample = next((at, s) for at, s in socket.statuses if s["value"]["link_lost"])
+            assert 2.4 <= lost_s - silent_s <= 3.65
+            assert sample["value"]["last_heartbeat_age_s"] == pytest.approx(3.5, abs=0.06)
+            assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, "told once"
+            bad.alive = True
+            await asyncio.sleep(1.2)
+            assert socket.statuses[-1][1]["value"]["link_lost"] is False
+            told = [s["received_unix_s"] for _, s in socket.statuses]
+            assert told == sorted(told), "each is newer than the one before"
+            serving.cancel()
+
+    told(jump, story)
