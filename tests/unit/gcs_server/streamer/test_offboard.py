@@ -44,6 +44,12 @@ class Vehicle:
     def require_commandable(self):
         pass
 
+    def require_no_kill(self, what):
+        pass
+
+    async def kill_over(self):
+        pass
+
     async def set_mode(self, name):
         self.asked.append((name, len(self.sent)))
         if self.hangs:
