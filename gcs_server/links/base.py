@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
+from gcs_server.faults import FaultLog
 
 FIRST_RETRY_S = 0.5
 LONGEST_RETRY_S = 5.0
+OPENING_FAILED = "A fault in this server kept the link from opening; its log says more. This is tried again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,8 @@ class LinkInfo:
     """Frames whose checksum is wrong."""
     bytes_skipped: int = 0
     """Bytes that belong to no frame: garbage, another protocol, a wrong baud rate."""
+    handler_errors: int = 0
+    """What arrived and could not be handled because of a fault in this server; it was skipped and logged."""
     recording: Recording | None = None
     """Null where nothing is to be recorded: a replay, or a server with --no-record."""
 
@@ -100,6 +105,8 @@ class Link(ABC):
         self._retry_s = FIRST_RETRY_S
         self._retry: asyncio.TimerHandle | None = None
         self._wanted = False
+        self.faults = FaultLog(f"link {name}")
+        """Of this server's own code, while it served this link."""
         self._loop: asyncio.AbstractEventLoop
         self._on_bytes: OnBytes
         self._on_peer_gone: OnPeerGone
@@ -150,6 +157,7 @@ class Link(ABC):
             bytes_received=self._bytes_received,
             bytes_sent=self._bytes_sent,
             bytes_dropped=self._bytes_dropped,
+            handler_errors=self.faults.count,
         )
 
     async def close(self) -> None:
@@ -176,6 +184,8 @@ class Link(ABC):
 
     def _explain(self, error: OSError) -> str:
         """The error in words for people."""
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            return "This server has too many files and connections open. Close some; this is tried again."
         return f"{error.strerror or error}"
 
     def _opened(self) -> None:
@@ -194,18 +204,45 @@ class Link(ABC):
         self._retry_s = min(self._retry_s * 2, LONGEST_RETRY_S)
 
     def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
-        """`now_s`: the loop's time, from a kind that knows it already."""
+        """Hands over what came; whoever handles it cannot end the link.
+
+        Args:
+            now_s: the loop's time, from a kind that knows it already.
+        """
         self._bytes_received += len(data)
-        self._on_bytes(data, peer, self._loop.time() if now_s is None else now_s)
+        try:
+            self._on_bytes(data, peer, self._loop.time() if now_s is None else now_s)
+        except Exception as error:
+            self.faults.add(error, "handling what arrived")
 
     def _forget(self, peer: Peer) -> None:
         if self._peers.pop(peer.name, None) is not None:
-            self._on_peer_gone(peer)
+            try:
+                self._on_peer_gone(peer)
+            except Exception as error:
+                self.faults.add(error, "handling that a peer has gone")
+
+    def _changed(self) -> None:
+        """Tells that the state or the peers are others."""
+        try:
+            self._on_state()
+        except Exception as error:
+            self.faults.add(error, "handling a change of the link's state")
 
     def _set_state(self, state: str, detail: str) -> None:
         if (state, detail) != (self._state, self._detail):
             self._state, self._detail = state, detail
-            self._on_state()
+            self._changed()
+
+    def _attempt(self, step: Callable[..., None], *arguments: object) -> None:
+        """A step of opening, from the loop or a look-up: whatever fails, the link is tried again."""
+        try:
+            step(*arguments)
+        except OSError as error:
+            self._lost(self._explain(error))
+        except Exception as error:
+            self.faults.add(error, "opening")
+            self._lost(OPENING_FAILED)
 
     def _try(self) -> None:
         self._retry = None
@@ -213,12 +250,12 @@ class Link(ABC):
             return
         if self._state != "waiting":
             self._set_state("connecting", "")
-        try:
-            self._open()
-        except OSError as error:
-            self._lost(self._explain(error))
+        self._attempt(self._open)
 
     def _shut(self) -> None:
-        self._close()
+        try:
+            self._close()
+        except Exception as error:
+            self.faults.add(error, "closing")
         for peer in self.peers():
             self._forget(peer)

@@ -7,6 +7,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from gcs_server.faults import FaultLog
+
 WAKE_INTERVAL_S = 0.005
 """A busy link is read no more often, then all there is; what comes after a pause is read at once."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
@@ -26,10 +28,13 @@ class ThrottledReader:
     While bytes keep coming the descriptor is not watched at all: a timer is cheaper than being woken.
 
     Args:
-        drain: reads all there is; says how many pieces.
+        drain: reads all there is; says how many pieces. Should it raise, reading goes on all the same.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, fileno: int, drain: Callable[[], int]) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, fileno: int, drain: Callable[[], int], faults: FaultLog
+    ) -> None:
+        self._faults = faults
         self._loop = loop
         self._fileno = fileno
         self._drain = drain
@@ -44,9 +49,16 @@ class ThrottledReader:
 
     def _read(self) -> None:
         self._timer = None
-        came = self._drain()
-        if self._closed:  # by what came
-            return
+        came = 1  # should it fail: to be read again soon, not at once
+        try:
+            came = self._drain()
+        except Exception as error:
+            self._faults.add(error, "reading")
+        finally:
+            if not self._closed:  # by what came
+                self._again(came)
+
+    def _again(self, came: int) -> None:
         if came:
             self._waited_s = pace(came / self._waited_s)
             self._timer = self._loop.call_later(self._waited_s, self._read)

@@ -16,7 +16,11 @@ def resolve(
     found: Callable[[Address], None],
     failed: Callable[[str], None],
 ) -> None:
-    """Calls `found` at once for an IPv4 address, later for a name; `failed` with a sentence."""
+    """Calls `found` at once for an IPv4 address, later for a name; `failed` with a sentence.
+
+    Args:
+        found: must not raise: the loop would be all to hear of it.
+    """
     try:
         socket.inet_pton(socket.AF_INET, host)
     except OSError:

@@ -44,6 +44,7 @@ class SerialLink(Link):
             write=lambda data: os.write(descriptor, data),
             received=lambda data: self._received(data, self._peer),
             ended=lambda why: self._lost(f"{self._device} went away ({why}) Plug it in again."),
+            faults=self.faults,
         )
         self._peers[self._peer.name] = self._peer
         self._opened()
@@ -76,16 +77,19 @@ class SerialLink(Link):
         if self._session is not None:
             self._session.close()
             self._session = None
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
 
 
 def _no_data_is_no_end(descriptor: int) -> None:
     """pyserial lets an empty port read as b"", which would look like its end; with VMIN 1 it blocks."""
-    attributes = termios.tcgetattr(descriptor)
-    attributes[6][termios.VMIN] = 1
-    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    try:
+        attributes = termios.tcgetattr(descriptor)
+        attributes[6][termios.VMIN] = 1
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    except termios.error as error:  # unplugged since it was opened; no OSError by class
+        raise OSError(*error.args[:2]) from error
 
 
 def _errno_of(error: Exception) -> int:

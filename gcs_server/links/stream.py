@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from gcs_server.faults import FaultLog
 from gcs_server.links.channel import Outbox, ThrottledReader
 
 READ_BYTES = 65536
@@ -30,13 +31,14 @@ class StreamSession:
         write: Callable[[bytes], int],
         received: Callable[[bytes], None],
         ended: Callable[[str], None],
+        faults: FaultLog,
     ) -> None:
         self._read = read
         self._received = received
         self._ended = ended
         self._over = False
         self._outbox = Outbox(loop, fileno, write, lambda error: self._end(f"{error.strerror or error}."))
-        self._reader = ThrottledReader(loop, fileno, self._drain)
+        self._reader = ThrottledReader(loop, fileno, self._drain, faults)
 
     def send(self, data: bytes) -> bool:
         """From any thread."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import socket
 from dataclasses import replace
@@ -10,6 +11,11 @@ from gcs_server.links.base import LONGEST_RETRY_S, Link, LinkInfo, Peer
 from gcs_server.links.first_bytes import ClosedConnections, FirstBytes, ForeignProtocol
 from gcs_server.links.resolve import Address, resolve
 from gcs_server.links.stream import StreamSession
+
+MAX_CLIENTS = 256
+"""Of one listening link; further ones are closed at once."""
+OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
+ACCEPT_AGAIN_AFTER_S = 1.0
 
 
 class TcpLink(Link):
@@ -26,7 +32,7 @@ class TcpLink(Link):
         self._first_bytes = FirstBytes()
 
     def _open(self) -> None:
-        resolve(self._loop, self._host, self._port, self._resolved, self._lost)
+        resolve(self._loop, self._host, self._port, lambda a: self._attempt(self._resolved, a), self._lost)
 
     def _resolved(self, address: Address) -> None:
         if not self._wanted or self._socket is not None:
@@ -39,7 +45,7 @@ class TcpLink(Link):
             self._lost(self._explain(OSError(result, "")))
             return
         self._connecting = True
-        self._loop.add_writer(sock.fileno(), self._connected)
+        self._loop.add_writer(sock.fileno(), self._attempt, self._connected)
 
     def _connected(self) -> None:
         sock = self._socket
@@ -59,6 +65,7 @@ class TcpLink(Link):
             write=sock.send,
             received=self._screened,
             ended=lambda why: self._lost(f"{self._peer.name}: {why}"),
+            faults=self.faults,
         )
         self._peers[self._peer.name] = self._peer
         self._opened()
@@ -79,6 +86,8 @@ class TcpLink(Link):
             return f"Nobody listens on {self._host}:{self._port} yet (TCP); this is tried again."
         if error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT):
             return f"{self._host} cannot be reached. Check the network; this is tried again."
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            return super()._explain(error)
         return f"{self._host}:{self._port}: {errno.errorcode.get(error.errno or 0, error)}"
 
     def _write(self, data: bytes, peer: Peer) -> bool:
@@ -89,12 +98,12 @@ class TcpLink(Link):
         if self._session is not None:
             self._session.close()
             self._session = None
-        if self._socket is not None:
+        sock, self._socket = self._socket, None
+        if sock is not None:
             if self._connecting:
-                self._loop.remove_writer(self._socket.fileno())
+                self._loop.remove_writer(sock.fileno())
                 self._connecting = False
-            self._socket.close()
-            self._socket = None
+            sock.close()
 
 
 class TcpServerLink(Link):
@@ -107,6 +116,7 @@ class TcpServerLink(Link):
         self._socket: socket.socket | None = None
         self._clients: dict[str, tuple[socket.socket, StreamSession]] = {}
         self._closed_connections = ClosedConnections(name)
+        self._accept_again: asyncio.TimerHandle | None = None
 
     @property
     def local_port(self) -> int | None:
@@ -120,7 +130,7 @@ class TcpServerLink(Link):
         return replace(info, detail=self._closed_connections.text(self._loop.time()))
 
     def _open(self) -> None:
-        resolve(self._loop, self._host, self._port, self._resolved, self._lost)
+        resolve(self._loop, self._host, self._port, lambda a: self._attempt(self._resolved, a), self._lost)
 
     def _resolved(self, address: Address) -> None:
         if not self._wanted or self._socket is not None:
@@ -136,7 +146,7 @@ class TcpServerLink(Link):
             self._lost(self._explain(error))
             return
         self._socket = sock
-        self._loop.add_reader(sock.fileno(), self._accept)
+        self._listen()
         self._opened()
 
     def _explain(self, error: OSError) -> str:
@@ -148,15 +158,33 @@ class TcpServerLink(Link):
         return super()._explain(error)
 
     def _accept(self) -> None:
-        if self._socket is None:
+        listener = self._socket
+        if listener is None:
             return
         try:
-            sock, address = self._socket.accept()
-        except OSError:
+            sock, address = listener.accept()
+        except OSError as error:
+            if error.errno in OUT_OF_RESOURCES:  # it stays readable: rest, do not spin
+                self.faults.add(error, "accepting a connection")
+                self._loop.remove_reader(listener.fileno())
+                self._accept_again = self._loop.call_later(ACCEPT_AGAIN_AFTER_S, self._listen)
+            return
+        try:
+            self._serve(sock, Peer(f"{address[0]}:{address[1]}", (address[0], address[1])))
+        except Exception as error:
+            self.faults.add(error, "accepting a connection")
+            sock.close()
+
+    def _listen(self) -> None:
+        if self._socket is not None:
+            self._loop.add_reader(self._socket.fileno(), self._accept)
+
+    def _serve(self, sock: socket.socket, peer: Peer) -> None:
+        if len(self._clients) >= MAX_CLIENTS:
+            sock.close()
             return
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        peer = Peer(f"{address[0]}:{address[1]}", (address[0], address[1]))
         first_bytes = FirstBytes()
         session = StreamSession(
             self._loop,
@@ -165,10 +193,11 @@ class TcpServerLink(Link):
             write=sock.send,
             received=lambda data: self._screened(data, peer, first_bytes),
             ended=lambda _why: self._drop(peer),
+            faults=self.faults,
         )
         self._clients[peer.name] = (sock, session)
         self._peers[peer.name] = peer
-        self._on_state()
+        self._changed()
 
     def _screened(self, data: bytes, peer: Peer, first_bytes: FirstBytes) -> None:
         try:
@@ -176,7 +205,7 @@ class TcpServerLink(Link):
         except ForeignProtocol as error:
             self._closed_connections.add(peer.name.rpartition(":")[0], error.protocol, self._loop.time())
             self._drop(peer)
-            self._on_state()
+            self._changed()
             return
         if data:
             self._received(data, peer)
@@ -195,7 +224,9 @@ class TcpServerLink(Link):
     def _close(self) -> None:
         for peer in self.peers():
             self._drop(peer)
-        if self._socket is not None:
-            self._loop.remove_reader(self._socket.fileno())
-            self._socket.close()
-            self._socket = None
+        if self._accept_again is not None:
+            self._accept_again.cancel()
+        sock, self._socket = self._socket, None
+        if sock is not None:
+            self._loop.remove_reader(sock.fileno())
+            sock.close()

@@ -168,7 +168,11 @@ class TlogLink(Link):
                 return
             error = future.exception()
             if error is None:
-                then(future.result())
+                try:
+                    then(future.result())
+                except Exception as fault:
+                    self.faults.add(fault, "playing")
+                    self._end(f"{self.path.name} cannot be played.")
             elif isinstance(error, OSError):
                 self._end(self._explain(error))
             elif isinstance(error, UnreadableRecording):
@@ -192,8 +196,11 @@ class TlogLink(Link):
         timeline, clock = self._timeline, self._replay_clock
         if timeline is None or clock is None:
             return
-        if not self._jumping:
-            self._play_due(timeline, clock)
+        try:
+            if not self._jumping:
+                self._play_due(timeline, clock)
+        except Exception as error:
+            self.faults.add(error, "playing")
         if self._wanted and self._timeline is not None:
             behind = self._speed == 0 and bool(self._pending)
             self._timer = self._loop.call_later(0.0 if behind else TICK_S, self._tick)

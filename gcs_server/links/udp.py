@@ -49,7 +49,7 @@ class UdpLink(Link):
         return self._socket
 
     def _open(self) -> None:
-        resolve(self._loop, self._host, self._port, self._resolved, self._lost)
+        resolve(self._loop, self._host, self._port, lambda a: self._attempt(self._resolved, a), self._lost)
 
     def _resolved(self, address: Address) -> None:
         if not self._wanted or self._socket is not None:
@@ -65,7 +65,7 @@ class UdpLink(Link):
             self._lost(self._explain(error))
             return
         self._socket = sock
-        self._reader = ThrottledReader(self._loop, sock.fileno(), self._drain)
+        self._reader = ThrottledReader(self._loop, sock.fileno(), self._drain, self.faults)
         if self._outgoing:
             self._fixed = self._peer(address).name
         self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
@@ -111,7 +111,7 @@ class UdpLink(Link):
         self._by_address[address] = peer
         self._peers[peer.name] = peer
         self._heard_s[peer.name] = self._loop.time()
-        self._on_state()
+        self._changed()
         return peer
 
     def _forget_peer(self, name: str) -> None:
@@ -122,10 +122,10 @@ class UdpLink(Link):
         self._forget(peer)
 
     def _forget_silent(self) -> None:
+        self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
         before_s = self._loop.time() - FORGET_AFTER_S
         for name in [n for n, heard_s in self._heard_s.items() if heard_s < before_s and n != self._fixed]:
             self._forget_peer(name)
-        self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
 
     def _write(self, data: bytes, peer: Peer) -> bool:
         sock = self._socket
@@ -143,9 +143,9 @@ class UdpLink(Link):
         if self._reader is not None:
             self._reader.close()
             self._reader = None
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        sock, self._socket = self._socket, None
+        if sock is not None:
+            sock.close()
         self._by_address.clear()
         self._heard_s.clear()
         self._fixed = None

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from gcs_server.clock import Clock
 from gcs_server.links.base import Link, LinkInfo, Peer
 from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame
+from gcs_server.mavlink.tables import NAMES
 from gcs_server.mavlink.tlog_writer import TlogChannel, stamp
 
 
@@ -175,10 +176,17 @@ class Connection:
             for frame in frames:
                 self._recording.append(self._stamp, frame.raw)
         if is_new:
-            self._on_new_peer(self, peer)
+            try:
+                self._on_new_peer(self, peer)
+            except Exception as error:
+                self.link.faults.add(error, "greeting a new peer")
         on_frame = self._on_frame
         for frame in frames:
-            on_frame(frame, self, peer)
+            try:  # one frame's fault costs that frame only
+                on_frame(frame, self, peer)
+            except Exception as error:
+                name = NAMES.get(frame.msg_id, f"message {frame.msg_id}")
+                self.link.faults.add(error, f"handling {name}")
 
     def _peer_gone(self, peer: Peer) -> None:
         parser = self._parsers.pop(peer.name, None)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from gcs_server.errors import GcsError
+from gcs_server.faults import FaultLog
 from gcs_server.mavlink.codec import Frame
 from gcs_server.mavlink.dialect import MAVLink_message
 
@@ -62,6 +63,7 @@ class Mailbox:
     def __init__(self, decode: Callable[[Frame], MAVLink_message | None]) -> None:
         self._decode = decode
         self._waiters: list[Waiter] = []
+        self._faults = FaultLog("mailbox")
         self.awaited: frozenset[int] = frozenset()
         """Message ids for which somebody waits; `deliver` does nothing with others."""
 
@@ -86,7 +88,10 @@ class Mailbox:
             return
         for waiter in tuple(self._waiters):
             if frame.msg_id in waiter.msg_ids:
-                waiter.offer(message)
+                try:  # what one waiter cannot judge is none of its; the others still get it
+                    waiter.offer(message)
+                except Exception as error:
+                    self._faults.add(error, f"matching {message.get_type()}")
 
     def fail_all(self, error: GcsError) -> None:
         """Resolves everything pending, at once, with this error."""

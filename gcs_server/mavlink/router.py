@@ -157,10 +157,21 @@ class Router:
         return self._connections[name]
 
     def warnings(self) -> list[tuple[str, str, str]]:
-        """(kind, link, text) of what stands now: links with a problem, recordings that stopped."""
+        """(kind, link, text) of what stands now: links that wait or have faults, recordings that stopped."""
+        faults = [
+            (
+                "link",
+                name,
+                f"{c.link.faults.count} messages or events of this link could not be handled because of a "
+                f"fault in this server ({c.link.faults.newest}). They were skipped; the link goes on. "
+                "Please report it with the server's log.",
+            )
+            for name, c in self._connections.items()
+            if c.link.faults.recent
+        ]
         waiting = [("link", i.name, i.detail) for i in self.links() if i.state in TROUBLED and i.detail]
         problems = self._recorder.problems() if self._recorder else []
-        return waiting + [("recording", link, why) for link, why in problems]
+        return waiting + faults + [("recording", link, why) for link, why in problems]
 
     def on_change(self, callback: Callable[[LinkInfo], None]) -> None:
         """Calls back when a link's state or its peers change."""
@@ -203,7 +214,10 @@ class Router:
     def _changed(self, connection: Connection) -> None:
         info = connection.link.info()
         for callback in self._on_change:
-            callback(info)
+            try:  # whoever listens cannot keep the others from hearing of it
+                callback(info)
+            except Exception as error:
+                connection.link.faults.add(error, "telling of a change")
 
     async def _send_heartbeats(self) -> None:
         next_s = self._clock.monotonic_s()
@@ -211,8 +225,11 @@ class Router:
             for connection in tuple(self._connections.values()):
                 if connection.link.replay or connection.link.forward:
                     continue
-                for peer in connection.speaking_peers():
-                    connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
+                try:  # one link's fault does not silence us on the others
+                    for peer in connection.speaking_peers():
+                        connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
+                except Exception as error:
+                    connection.link.faults.add(error, "sending a heartbeat")
             now_s = self._clock.monotonic_s()
             next_s = max(next_s + HEARTBEAT_INTERVAL_S, now_s)
             await self._clock.sleep(next_s - now_s)

@@ -18,6 +18,7 @@ from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 
+from gcs_server.faults import FaultLog
 from gcs_server.links.base import Recording
 
 log = logging.getLogger(__name__)
@@ -139,6 +140,7 @@ class TlogRecorder:
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._faults = FaultLog("recordings")
 
     def start(self) -> None:
         """Begins to write every `FLUSH_INTERVAL_S`."""
@@ -220,4 +222,7 @@ class TlogRecorder:
 
     def _run(self) -> None:
         while not self._stop.wait(FLUSH_INTERVAL_S):
-            self.flush()
+            try:
+                self.flush()
+            except Exception as error:  # the thread goes on: one fault does not end all recordings
+                self._faults.add(error, "writing")

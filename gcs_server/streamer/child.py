@@ -110,6 +110,11 @@ class Child:
         if not self._calls.poll(within_s):
             raise EOFError
 
+    @property
+    def holds_sockets(self) -> bool:
+        """Whether the process keeps sockets of links, and with them their ports."""
+        return bool(self._numbers)
+
     def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, Route | None]:
         """Each vehicle's way as the process takes it, its socket handed over; None: by the server.
 

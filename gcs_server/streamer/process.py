@@ -16,6 +16,7 @@ from typing import Any
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
+from gcs_server.faults import FaultLog
 from gcs_server.streamer.child import STARTS_WITHIN_S, Child, Gone
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import WARNING, Report, Snapshot
@@ -72,6 +73,7 @@ class StreamProcess(Streams):
         """Of the process's own end."""
         self._states: dict[str, StreamState] = {}
         self._states_s = float("-inf")
+        self._faults = FaultLog("setpoint streams")
 
     @property
     def pid(self) -> int | None:
@@ -99,6 +101,8 @@ class StreamProcess(Streams):
         if self._begun:
             self._ask("routes", self._routes(self._begun))
             self._ask("beat", dict(snapshots))
+        elif self._child is not None and self._child.holds_sockets:
+            self._ask("routes", self._routes(set()))  # a closed link's port is free for whoever wants it
 
     # --- one vehicle's stream ---------------------------------------------------------------------
 
@@ -280,14 +284,20 @@ class StreamProcess(Streams):
     def _pass_on(self, child: Child) -> None:
         """A thread of its own: sends what the process cannot, records what it sent."""
         while (mail := child.mail()) is not None:
-            if mail[0] == "relay":
-                _, vehicle_id, msg_id, payload = mail
-                self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
-            else:
-                for number, time_us, raw in mail[1]:
-                    connection = child.connections.get(number)
-                    if connection is not None:
-                        connection.sent_elsewhere(time_us, raw)
+            try:
+                self._take_mail(child, mail)
+            except Exception as error:  # the thread goes on: other vehicles' setpoints pass through it
+                self._faults.add(error, "passing on what the process sends")
+
+    def _take_mail(self, child: Child, mail: tuple[Any, ...]) -> None:
+        if mail[0] == "relay":
+            _, vehicle_id, msg_id, payload = mail
+            self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
+        else:
+            for number, time_us, raw in mail[1]:
+                connection = child.connections.get(number)
+                if connection is not None:
+                    connection.sent_elsewhere(time_us, raw)
 
 
 def _older(state: StreamState, by_s: float) -> StreamState:

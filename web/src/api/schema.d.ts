@@ -3239,6 +3239,11 @@ export interface components {
              * @description Bytes that belong to no frame: garbage, another protocol, a wrong baud rate.
              */
             bytes_skipped: number;
+            /**
+             * Handler Errors
+             * @description What arrived and could not be handled because of a fault in this server; it was skipped and logged.
+             */
+            handler_errors: number;
             /** @description Null where nothing is to be recorded: a replay, or a server with --no-record. */
             recording: components["schemas"]["Recording"] | null;
         };

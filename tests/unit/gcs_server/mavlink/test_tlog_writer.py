@@ -142,3 +142,26 @@ def test_a_killed_server_leaves_what_was_flushed(tmp_path):
         process.stdout.close()
     (path,) = files(tmp_path)
     assert len(list(read_tlog(path))) == 500
+
+
+def test_a_fault_of_the_recorder_does_not_end_its_thread(tmp_path, monkeypatch):
+    monkeypatch.setattr(tlog_writer, "FLUSH_INTERVAL_S", 0.01)
+    recorder = TlogRecorder(tmp_path, max_bytes=1 << 20, keep_free_bytes=0)
+    real, faults = TlogRecorder.flush, []
+
+    def flush(self):
+        if not faults:
+            faults.append(1)
+            raise OverflowError("once")
+        real(self)
+
+    monkeypatch.setattr(TlogRecorder, "flush", flush)
+    recorder.start()
+    channel = recorder.channel("l")
+    channel.append(tlog_writer.stamp(1_700_000_000_000_000), b"frame")
+    until_s = time.monotonic() + 5
+    while not channel.info().bytes:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+    recorder.close()
+    assert faults

@@ -173,6 +173,38 @@ def test_a_new_way_is_taken_with_the_next_beat_and_the_server_sends_where_there_
     other.close()
 
 
+def test_a_closed_links_port_is_free_although_the_process_sent_by_its_socket(streams, vehicle):
+    vehicle.link_socket.bind(("127.0.0.1", 0))
+    begin(streams, "1", vehicle)
+    soon(lambda: len(vehicle.frames) >= 2)
+    streams.end("1", "stopped", "That is all.")
+    assert streams.active() == []
+    port = vehicle.link_socket.getsockname()[1]
+    vehicle.link_socket.close()
+    streams.beat({})
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+        again.bind(("127.0.0.1", port))
+    begin(streams, "2", second := Vehicle())  # the process still takes sockets
+    soon(lambda: len(second.frames) >= 2)
+    second.close()
+
+
+def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_passes_on(streams):
+    on_serial = Vehicle(datagrams=False)
+    real, faults = on_serial.send_payload, []
+
+    def send_payload(msg_id, payload):
+        if len(faults) < 3:
+            faults.append(1)
+            raise TypeError("a fault of the link")
+        return real(msg_id, payload)
+
+    on_serial.send_payload = send_payload
+    begin(streams, "1", on_serial)
+    soon(lambda: len(on_serial.relayed) >= 5)
+    on_serial.close()
+
+
 def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_and_again(streams, vehicle):
     other = Vehicle()
     streams.attach("2", other, (8, 1))

@@ -1,0 +1,79 @@
+"""Faults of this server's own code, counted and logged within bounds: none ends what it happens to."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+log = logging.getLogger(__name__)
+
+TRACEBACKS = 10
+"""A place logs so many different faults with their traceback; further ones are counted in one line."""
+LOG_EVERY_S = 10.0
+"""At most one line so often for faults that were logged before."""
+STANDS_FOR_S = 60.0
+"""A fault is a warning for so long after it last happened."""
+LONGEST_TEXT = 200
+
+
+class FaultLog:
+    """The faults of one place: catch the exception, `add` it, go on.
+
+    Args:
+        where: for people: "link radio".
+    """
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.count = 0
+        self.newest = ""
+        """The newest fault as `Type: text`, shortened."""
+        self._newest_s = float("-inf")
+        self._logged: set[str] = set()
+        self._next_line_s = float("-inf")
+        self._not_logged = 0
+
+    def add(self, error: BaseException, doing: str) -> None:
+        """Counts a fault and logs it unless the log has heard enough of it; never raises.
+
+        Args:
+            error: what was caught.
+            doing: what failed: "handling a message".
+        """
+        now_s = time.monotonic()
+        self.count += 1
+        self._newest_s = now_s
+        self.newest = _text(error)
+        kind = f"{doing} {type(error).__name__} {_line(error)}"
+        if kind not in self._logged and len(self._logged) < TRACEBACKS:
+            self._logged.add(kind)
+            log.error("%s: %s failed, it goes on without", self.where, doing, exc_info=error)
+        elif now_s >= self._next_line_s:
+            self._next_line_s = now_s + LOG_EVERY_S
+            log.warning(
+                "%s: %s failed again: %s (%d not logged)", self.where, doing, self.newest, self._not_logged
+            )
+            self._not_logged = 0
+        else:
+            self._not_logged += 1
+
+    @property
+    def recent(self) -> bool:
+        """Whether a fault happened within the last minute."""
+        return time.monotonic() - self._newest_s < STANDS_FOR_S
+
+
+def _text(error: BaseException) -> str:
+    try:
+        text = f"{type(error).__name__}: {error}"
+    except Exception:  # an exception's own text may fail, too
+        text = type(error).__name__
+    return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " …"
+
+
+def _line(error: BaseException) -> str:
+    """Where it was raised, so that texts that differ each time are one kind."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return "" if trace is None else f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}"

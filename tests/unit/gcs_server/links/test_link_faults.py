@@ -1,0 +1,210 @@
+"""A fault of the server's own code costs the piece it happened on, never the link."""
+
+import asyncio
+import errno
+import logging
+import socket
+
+import pytest
+
+from gcs_server.clock import SystemClock
+from gcs_server.faults import LOG_EVERY_S, TRACEBACKS, FaultLog
+from gcs_server.links.tcp import TcpServerLink
+from gcs_server.links.udp import UdpLink
+from gcs_server.links.url import make_link
+from gcs_server.mavlink.codec import encode_frame
+from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.supervise import Supervisor
+
+ATTITUDE = 30
+
+
+async def until(good, patience_s=10.0):
+    async with asyncio.timeout(patience_s):
+        while not good():  # noqa: ASYNC110 a test watches from outside
+            await asyncio.sleep(0.005)
+
+
+class Sink:
+    """Raises for every frame of system 66."""
+
+    def __init__(self):
+        self.systems, self.gone = [], 0
+
+    def on_frame(self, frame, _connection, _peer):
+        if frame.system_id == 66:
+            raise ArithmeticError("no number")
+        self.systems.append(frame.system_id)
+
+    def on_peer_gone(self, _connection, _peer):
+        self.gone += 1
+        raise KeyError("nobody knows this peer")
+
+
+def routed(story):
+    async def run():
+        clock = SystemClock()
+        router = Router(clock, Supervisor(clock), RouterSettings())
+        router.sink = Sink()
+        try:
+            await story(router)
+        finally:
+            await router.close()
+
+    asyncio.run(run())
+
+
+def frame_of(system_id, seq=0):
+    return encode_frame(ATTITUDE, b"\x01" * 28, seq, system_id, 1)
+
+
+def test_a_frame_that_cannot_be_handled_costs_that_frame_and_the_link_hears_on():
+    async def story(router):
+        router.add_link("udpin://127.0.0.1:0", "l")
+        await until(lambda: router.links()[0].state == "open")
+        port = router.connection("l").link.local_port
+        vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        vehicle.connect(("127.0.0.1", port))
+        vehicle.send(frame_of(66) + frame_of(1))  # the good one in the same datagram is heard, too
+        await until(lambda: router.sink.systems == [1])
+        for seq in range(5):
+            await asyncio.sleep(0.02)
+            vehicle.send(frame_of(66, seq))
+        vehicle.send(frame_of(2))
+        await until(lambda: router.sink.systems == [1, 2])
+        info = router.links()[0]
+        assert (info.state, info.handler_errors) == ("open", 6)
+        ((kind, name, text),) = router.warnings()
+        assert (kind, name) == ("link", "l")
+        assert "6 messages" in text
+        assert "ArithmeticError: no number" in text
+        vehicle.close()
+
+    routed(story)
+
+
+def test_what_listens_to_a_link_cannot_keep_it_from_opening_again():
+    async def story(router):
+        def deaf(_info):
+            raise RuntimeError("a listener's fault")
+
+        router.on_change(deaf)
+        told = []
+        router.on_change(lambda info: told.append(info.state))
+        server = TcpServerLink("s", "tcpin", "127.0.0.1", 0)
+        server.start(lambda *_: None, lambda _: None, lambda: None)
+        router.add_link(f"tcp://127.0.0.1:{server.local_port}", "c")
+        await until(lambda: router.links()[0].state == "open")
+        await server.close()  # our peer goes, and the sink raises for it
+        await until(lambda: router.links()[0].state == "waiting")
+        assert router.sink.gone == 1
+        again = TcpServerLink("s", "tcpin", "127.0.0.1", int(router.links()[0].url.rpartition(":")[2]))
+        again.start(lambda *_: None, lambda _: None, lambda: None)
+        await until(lambda: router.links()[0].state == "open")
+        assert "waiting" in told
+        await again.close()
+
+    routed(story)
+
+
+@pytest.mark.parametrize("kind", ["udpin", "tcp", "tcpin"])
+def test_a_link_by_name_that_cannot_have_a_socket_waits_and_tries_again(kind, monkeypatch):
+    async def story(router):
+        real, refused = socket.socket, []
+
+        def none_left(*arguments, **options):
+            if arguments == (socket.AF_INET, wanted) and len(refused) < 1:
+                refused.append(1)
+                raise OSError(errno.EMFILE, "Too many open files")
+            return real(*arguments, **options)
+
+        wanted = socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM
+        other = real(socket.AF_INET, socket.SOCK_STREAM)
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1] if kind == "tcp" else 0
+        monkeypatch.setattr(socket, "socket", none_left)
+        router.add_link(f"{kind}://localhost:{port}", "l")
+        await until(lambda: router.links()[0].state == "waiting")
+        assert "too many files" in router.links()[0].detail
+        await until(lambda: router.links()[0].state == "open")
+        other.close()
+
+    routed(story)
+
+
+def test_a_listener_without_descriptors_left_rests_and_accepts_later(monkeypatch):
+    monkeypatch.setattr("gcs_server.links.tcp.ACCEPT_AGAIN_AFTER_S", 0.1)
+
+    async def story():
+        link = TcpServerLink("s", "tcpin", "127.0.0.1", 0)
+        heard, asked = [], []
+        link.start(lambda data, *_: heard.append(data), lambda _: None, lambda: None)
+        real = link._socket
+
+        class Empty:
+            def accept(self):
+                asked.append(1)
+                if len(asked) < 3:
+                    raise OSError(errno.EMFILE, "Too many open files")
+                return real.accept()
+
+            def __getattr__(self, name):
+                return getattr(real, name)
+
+        link._socket = Empty()
+        client = socket.create_connection(("127.0.0.1", real.getsockname()[1]))
+        client.send(frame_of(1))
+        await until(lambda: heard)
+        assert len(asked) == 3, "not asked again and again meanwhile"
+        client.close()
+        await link.close()
+
+    asyncio.run(story())
+
+
+def test_reading_goes_on_after_a_fault_of_reading():
+    async def story():
+        link, heard = make_link("udpin://127.0.0.1:0"), []
+        link.start(lambda data, *_: heard.append(data), lambda _: None, lambda: None)
+        real, faults = UdpLink._peer, []
+
+        def peer(self, address):
+            if not faults:
+                faults.append(1)
+                raise LookupError("once")
+            return real(self, address)
+
+        link._peer = peer.__get__(link)
+        vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        vehicle.connect(("127.0.0.1", link.local_port))
+        vehicle.send(b"lost by the fault")
+        await until(lambda: link.info().handler_errors == 1)
+        vehicle.send(b"heard")
+        await until(lambda: heard == [b"heard"])
+        vehicle.close()
+        await link.close()
+
+    asyncio.run(story())
+
+
+def test_a_million_faults_leave_a_bounded_log(caplog, monkeypatch):
+    now_s = [100.0]
+    monkeypatch.setattr("gcs_server.faults.time.monotonic", lambda: now_s[0])
+    faults = FaultLog("link x")
+    with caplog.at_level(logging.WARNING):
+        for number in range(1000):
+            try:
+                raise ValueError(f"{number} " * 200)
+            except ValueError as error:
+                faults.add(error, "handling HEARTBEAT")
+        assert len(caplog.records) == 2, "one traceback, one line"
+        now_s[0] += LOG_EVERY_S
+        for number in range(100):
+            try:
+                raise ValueError(number)
+            except ValueError as error:
+                faults.add(error, f"handling message {number}")
+    assert len(caplog.records) <= 2 + TRACEBACKS + 1
+    assert faults.count == 1100
+    assert max(len(r.getMessage()) for r in caplog.records) < 400
