@@ -3,12 +3,16 @@
 One operation at a time, as a PX4 has one session for each link. A request that goes unanswered is sent again
 with the same sequence number, upon which the vehicle repeats its answer instead of acting twice; nothing here
 writes. A burst brings most of a file; what it lost is read piece by piece.
+
+The vehicle's answers are foreign: a transfer has limits of bytes, answers and time, and ends with a reason
+where the vehicle goes past one of them.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
 
 from gcs_server.errors import Disconnected, NoReply
 from gcs_server.mavlink import dialect as d
@@ -30,6 +34,13 @@ BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
 """PX4 closes a session that nobody used for 10 s."""
 MAX_BYTES = 8_000_000
 MAX_ENTRIES = 10_000
+ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
+"""So many answers a file may take for each 239 bytes; with a fifth of the packets lost it takes two."""
+LEAST_BYTES_S, TIME_SPARE_S = 400, 60.0
+"""A file that arrives more slowly than this on the whole [bytes/s] is given up."""
+LIST_WITHIN_S = 120.0
+TURN_AFTER_ANSWERS = 32
+"""Answers that are waiting already are taken so many at a time, so that the event loop gets its turn."""
 
 Progress = Callable[[int, int], None]
 """(bytes received, bytes in all)."""
@@ -45,16 +56,18 @@ class FtpService:
         self._may_be_open = True
         """A session of ours (of this server or the one before it) may be left open."""
         self._has_burst = True
+        self._answers_left = 0
+        """Of the file that is being read."""
 
     async def list(self, path: str) -> list[Entry]:
         """What is in a folder.
 
         Raises:
-            FtpFailed: the vehicle refused.
+            FtpFailed: the vehicle refused, or sends an endless list.
             NoReply: it fell silent.
         """
         self._vehicle.require_commandable()
-        async with self._lock:
+        async with self._lock, _within(LIST_WITHIN_S, path, "Listing"):
             return await self._list(path)
 
     async def crc32(self, path: str) -> int:
@@ -75,7 +88,8 @@ class FtpService:
             progress: told as it grows.
 
         Raises:
-            FtpFailed: the vehicle refused, or the file is too large.
+            FtpFailed: the vehicle refused, the file is too large, or it arrives in too many pieces, too
+                slowly, or from another place than was asked for.
             NoReply: it fell silent.
         """
         self._vehicle.require_commandable()
@@ -88,7 +102,9 @@ class FtpService:
                     raise FtpFailed(
                         f"{path} has {size:,} bytes; more than {max_bytes:,} are not read.", path=path
                     )
-                return await self._transfer(path, opened.session, Pieces(size), progress)
+                self._answers_left = ANSWERS_SPARE + ANSWERS_PER_FULL_PIECE * (size // codec.DATA_BYTES)
+                async with _within(TIME_SPARE_S + size / LEAST_BYTES_S, path, "Reading"):
+                    return await self._transfer(path, opened.session, Pieces(size), progress)
             except Disconnected:
                 gone = True
                 raise
@@ -159,6 +175,12 @@ class FtpService:
         start, end = hole
         wanted = min(end - start, codec.DATA_BYTES)
         answer = await self._ask(Packet(0, Opcode.READ_FILE, session, wanted, offset=start), path, "Reading")
+        await self._count_answer(path)
+        if answer.offset != start:
+            raise FtpFailed(
+                f"Reading {path}: the vehicle answered with byte {answer.offset:,} instead of {start:,}.",
+                path=path,
+            )
         if not pieces.put(start, answer.data[:wanted]):
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
 
@@ -178,6 +200,7 @@ class FtpService:
                         answer = _packet(await waiter.next())
                 except TimeoutError:
                     break
+                await self._count_answer(path)
                 if answer is None or not 1 <= (answer.sequence - first) & 0xFFFF <= longest:
                     continue
                 if answer.opcode == Opcode.NAK:
@@ -202,6 +225,16 @@ class FtpService:
             raise error
         elif not news and answer.offset <= start < pieces.size:
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
+
+    async def _count_answer(self, path: str) -> None:
+        """One more answer of this file; now and then the event loop's turn."""
+        self._answers_left -= 1
+        if self._answers_left < 0:
+            raise FtpFailed(
+                f"Reading {path}: the vehicle sends it in too many pieces, so the server gave up.", path=path
+            )
+        if self._answers_left % TURN_AFTER_ANSWERS == 0:
+            await asyncio.sleep(0)
 
     # --- one request ------------------------------------------------------------------------------------
 
@@ -258,6 +291,24 @@ class FtpService:
         """Two apart: the answer's number lies between."""
         self._sequence = (self._sequence + 2) & 0xFFFF
         return self._sequence
+
+
+@asynccontextmanager
+async def _within(limit_s: float, path: str, doing: str) -> AsyncGenerator[None]:
+    """Ends what takes longer.
+
+    Raises:
+        FtpFailed: it did.
+    """
+    try:
+        async with asyncio.timeout(limit_s):
+            yield
+    except TimeoutError:
+        raise FtpFailed(
+            f"{doing} {path or '/'}: not finished within {limit_s:.0f} s, so the server gave up.",
+            path=path,
+            remedy="Check the link, then try again.",
+        ) from None
 
 
 def _packet(message: Reply) -> Packet | None:

@@ -15,6 +15,8 @@ from gcs_server.errors import GcsError
 
 DATA_BYTES = 239
 PAYLOAD_BYTES = 251
+LONGEST_SIZE = 10
+"""Digits of a file's size in a listing: offsets have 32 bits."""
 _header = struct.Struct("<HBBBBBxI")
 
 
@@ -166,7 +168,8 @@ def parse_listing(data: bytes) -> tuple[list[Entry], int]:
         kind, name = line[:1], line[1:].decode("utf-8", "replace")
         if kind == b"F":
             name, _, size = name.rpartition("\t") if "\t" in name else (name, "", "")
-            entries.append(Entry(name, int(size) if size.isascii() and size.isdigit() else 0))
+            fits = size.isascii() and size.isdigit() and len(size) <= LONGEST_SIZE
+            entries.append(Entry(name, int(size) if fits else 0))
         elif kind == b"D" and name not in (".", ".."):
             entries.append(Entry(name, None))
     return entries, len(lines)

@@ -1,15 +1,30 @@
-"""What has come of a file that arrives in pieces, and what is missing still; pure."""
+"""Which parts of a file have arrived and which are missing; pure.
+
+The work for one piece does not grow with the number of pieces before it: the missing parts stay sorted, and
+there are never more than `MOST_HOLES` of them.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_right
+
+MOST_HOLES = 2048
+"""A piece that would leave more missing parts is dropped, as if the link had lost it. A vehicle that sends
+its file in order and loses every second packet of half a megabyte leaves fewer."""
+
 
 class Pieces:
-    """A file of known size being put together."""
+    """A file of known size being put together.
+
+    Args:
+        size: of the file [bytes].
+    """
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._data = bytearray(size)
         self._missing: list[tuple[int, int]] = [(0, size)] if size else []
+        self._received = 0
 
     @property
     def complete(self) -> bool:
@@ -18,12 +33,12 @@ class Pieces:
 
     @property
     def received(self) -> int:
-        """Bytes that are there."""
-        return self.size - sum(end - start for start, end in self._missing)
+        """Bytes that have arrived."""
+        return self._received
 
     @property
     def content(self) -> bytes:
-        """All of it; zeros where something is missing."""
+        """The whole file; zeros where something is missing."""
         return bytes(self._data)
 
     @property
@@ -32,25 +47,34 @@ class Pieces:
         return self._missing[0] if self._missing else None
 
     @property
+    def holes(self) -> int:
+        """How many separate parts are missing."""
+        return len(self._missing)
+
+    @property
     def tail_missing(self) -> bool:
         """Whether the only missing part reaches to the end."""
         return len(self._missing) == 1 and self._missing[0][1] == self.size
 
     def put(self, offset: int, data: bytes) -> bool:
-        """Takes a piece; False where it brought nothing new or does not lie within the file."""
+        """Takes a piece; False where it is not new, does not fit, or leaves too many missing parts."""
         end = offset + len(data)
         if not data or offset < 0 or end > self.size:
             return False
-        before = self.received
+        missing = self._missing
+        first = bisect_right(missing, offset, key=lambda hole: hole[1])
+        past = first
+        before = 0
+        while past < len(missing) and missing[past][0] < end:
+            before += missing[past][1] - missing[past][0]
+            past += 1
+        if first == past:
+            return False
+        left = [(missing[first][0], offset)] if missing[first][0] < offset else []
+        right = [(end, missing[past - 1][1])] if missing[past - 1][1] > end else []
+        if len(missing) - (past - first) + len(left) + len(right) > MOST_HOLES:
+            return False
+        missing[first:past] = left + right
+        self._received += before - sum(last - start for start, last in left + right)
         self._data[offset:end] = data
-        missing: list[tuple[int, int]] = []
-        for first, last in self._missing:
-            if last <= offset or first >= end:
-                missing.append((first, last))
-                continue
-            if first < offset:
-                missing.append((first, offset))
-            if last > end:
-                missing.append((end, last))
-        self._missing = missing
-        return self.received > before
+        return True

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_server.vehicle.services import ftp_codec as codec
-from gcs_server.vehicle.services.ftp_pieces import Pieces
+from gcs_server.vehicle.services.ftp_pieces import MOST_HOLES, Pieces
+from tests.steps import lines_run
 
 packets = st.builds(
     lambda data, **more: codec.Packet(data=data, size=len(data), **more),
@@ -98,3 +99,28 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
 def test_a_path_that_no_packet_holds_is_refused(path):
     with pytest.raises(codec.FtpFailed, match="no path"):
         codec.request(codec.Opcode.OPEN_FILE_RO, 0, path=path)
+
+
+def every_second_byte(pieces):
+    for offset in range(0, pieces.size, 2):
+        pieces.put(offset, b"x")
+
+
+def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
+    few, many = (lines_run(lambda n=n: every_second_byte(Pieces(n))) for n in (1_000, 4_000))
+    assert many < 5 * few
+
+
+def test_missing_parts_are_limited_and_what_leaves_too_many_counts_as_lost():
+    pieces = Pieces(100_000)
+    every_second_byte(pieces)
+    assert pieces.holes <= MOST_HOLES
+    assert pieces.received == MOST_HOLES
+    while (hole := pieces.first_hole) is not None:
+        assert pieces.put(hole[0], bytes(hole[1] - hole[0]))
+    assert pieces.received == pieces.size
+
+
+def test_a_listed_size_that_no_file_can_have_is_not_believed():
+    entries, _ = codec.parse_listing(b"Fa\t" + b"9" * 200 + b"\0Fb\t4294967295")
+    assert [e.bytes for e in entries] == [0, 4294967295]

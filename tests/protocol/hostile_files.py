@@ -1,0 +1,57 @@
+"""A vehicle's file server that answers well framed nonsense: too small, from elsewhere, or without end."""
+
+import struct
+from collections.abc import Callable
+
+from gcs_server.mavlink.codec import encode_frame
+
+FTP_ID = 110
+HEAD = struct.Struct("<HBBBBBBI")
+OPEN, READ, BURST, LIST, ACK, NAK = 4, 5, 15, 3, 128, 129
+CRC, RESET, TERMINATE = 14, 2, 1
+Answer = Callable[[int, int], list[tuple[int, bytes]]]
+"""(offset, size asked for) → the answers: (offset, data) each."""
+
+
+class HostileFiles:
+    """Hooks itself into a FakeAutopilot; counts what it is asked."""
+
+    def __init__(
+        self,
+        pilot,
+        size: int,
+        *,
+        read: Answer | None = None,
+        burst: Answer | None = None,
+        every_s: float = 0.0,
+    ) -> None:
+        self.pilot, self.size, self.read, self.burst, self.every_s = pilot, size, read, burst, every_s
+        self.asked: dict[int, int] = {}
+        pilot.handlers.append(self.handle)
+
+    def handle(self, message) -> bool:
+        if message.get_type() != "FILE_TRANSFER_PROTOCOL":
+            return False
+        raw = bytes(message.payload)
+        sequence, _, opcode, size, _, _, _, offset = HEAD.unpack_from(raw)
+        self.asked[opcode] = self.asked.get(opcode, 0) + 1
+        if opcode == OPEN:
+            self.answer(sequence + 1, opcode, 0, struct.pack("<I", self.size))
+        elif opcode == BURST and self.burst is None:
+            self.answer(sequence + 1, opcode, 0, b"\x07", NAK)
+        elif opcode == BURST:
+            for n, (at, data) in enumerate(self.burst(offset, size)):
+                self.pilot.loop.call_later(n * self.every_s, self.answer, sequence + 1 + n, opcode, at, data)
+        elif opcode == READ:
+            for at, data in self.read(offset, size):
+                self.answer(sequence + 1, opcode, at, data)
+        elif opcode == LIST:
+            self.pilot.loop.call_later(self.every_s, self.answer, sequence + 1, opcode, offset, b"Fx\t1\0")
+        else:
+            self.answer(sequence + 1, opcode, 0, b"")
+        return True
+
+    def answer(self, sequence: int, to: int, offset: int, data: bytes, kind: int = ACK) -> None:
+        payload = HEAD.pack(sequence & 0xFFFF, 0, kind, len(data), to, 0, 0, offset) + data
+        body = struct.pack("<BBB", 0, 255, 190) + payload.ljust(251, b"\0")
+        self.pilot.send_raw(encode_frame(FTP_ID, body, self.pilot.mav.seq, self.pilot.system, 1))

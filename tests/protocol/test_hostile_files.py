@@ -1,0 +1,114 @@
+"""A vehicle's file server that lies, dribbles or never ends is given up, with a reason."""
+
+import pytest
+
+from gcs_server.errors import NoReply
+from gcs_server.vehicle.services.ftp import LEAST_BYTES_S, LIST_WITHIN_S, TIME_SPARE_S, FtpService
+from gcs_server.vehicle.services.ftp_codec import FtpFailed
+from tests.protocol.hostile_files import BURST, READ, HostileFiles
+from tests.protocol.one_vehicle import flight
+
+SIZE = 20_000
+
+
+def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
+    seen = {}
+
+    async def story(world, vehicle, pilot):
+        files = HostileFiles(pilot, size, **behaviour)
+        began_s = world.loop.time()
+        with pytest.raises(error, match=words):
+            await FtpService(vehicle).read("etc/file")
+        seen.update(files.asked)
+        limit_s = TIME_SPARE_S + size / LEAST_BYTES_S if within_s is None else within_s
+        assert world.loop.time() - began_s <= limit_s + 10
+
+    flight(kit, jump, story)
+    return seen
+
+
+def test_a_file_of_one_byte_pieces_is_given_up(kit, jump):
+    asked = reading(kit, jump, "too many pieces", read=lambda at, n: [(at, b"x")])
+    assert asked[READ] < SIZE / 8
+
+
+def test_a_burst_of_one_byte_pieces_is_given_up(kit, jump):
+    asked = reading(
+        kit,
+        jump,
+        "too many pieces",
+        burst=lambda at, n: [(at + 2 * i, b"x") for i in range(2000)],
+        read=lambda at, n: [(at, b"x")],
+    )
+    assert asked[BURST] < 20
+
+
+def test_pieces_from_another_place_are_not_taken(kit, jump):
+    asked = reading(
+        kit, jump, "answered with byte 1,000 instead of 0", read=lambda at, n: [(1000, b"x" * n)], within_s=10
+    )
+    assert asked[READ] == 1
+
+
+def test_a_burst_that_never_ends_and_brings_nothing_is_given_up(kit, jump):
+    reading(
+        kit,
+        jump,
+        "too many pieces|not finished within",
+        burst=lambda at, n: [(at, b"")] * 100_000,
+        every_s=0.3,
+    )
+
+
+def test_a_file_that_arrives_one_piece_a_second_is_given_up(kit, jump):
+    def slowly(at, n):
+        return [(at + 239 * i, b"x" * 239) for i in range(2000)]
+
+    reading(kit, jump, "not finished within", size=400_000, burst=slowly, every_s=0.58)
+
+
+def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(kit, jump):
+    asked = reading(kit, jump, "4,000,000,000 bytes; more than", size=4_000_000_000, within_s=10)
+    assert READ not in asked
+    assert BURST not in asked
+
+
+def test_a_vehicle_that_answers_only_the_opening_is_silent(kit, jump):
+    reading(kit, jump, "did not answer", error=NoReply, read=lambda at, n: [])
+
+
+def test_a_list_without_end_is_given_up(kit, jump):
+    async def story(world, vehicle, pilot):
+        HostileFiles(pilot, SIZE, every_s=0.2)
+        began_s = world.loop.time()
+        with pytest.raises(FtpFailed, match="not finished within"):
+            await FtpService(vehicle).list("etc")
+        assert world.loop.time() - began_s < LIST_WITHIN_S + 1
+
+    flight(kit, jump, story)
+
+
+def test_the_event_loop_gets_its_turn_between_the_pieces_of_a_burst(kit, jump):
+    """All pieces of a burst wait already when the reader gets its turn."""
+
+    async def story(world, vehicle, pilot):
+        HostileFiles(pilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)])
+        at_once, most, last = [0], [0], [0]
+
+        def told(received, _):
+            at_once[0] += (received - last[0]) // 239
+            last[0] = received
+            most[0] = max(most[0], at_once[0])
+
+        run_once = world.loop._run_once
+
+        def turn():
+            at_once[0] = 0
+            run_once()
+
+        world.loop._run_once = turn
+        content = await FtpService(vehicle).read("etc/file", progress=told)
+        assert len(content) == 239 * 1000
+        assert most[0] <= 64
+
+    flight(kit, jump, story)
