@@ -17,6 +17,7 @@ from starlette.types import Scope
 from gcs_server.api.access import Access
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
+from gcs_server.api.offboard_models import LimitsRequest
 from gcs_server.api.schema import bare_app
 from gcs_server.api.station import Station, client_of
 from gcs_server.clock import Clock, SystemClock
@@ -32,7 +33,9 @@ from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
+from gcs_server.storage.records import Records
 from gcs_server.streamer.group_status import GroupStatus
+from gcs_server.streamer.limit_store import LimitStore
 from gcs_server.streamer.offboard import Streamer
 from gcs_server.streamer.process import StreamProcess
 from gcs_server.supervise import Supervisor
@@ -78,7 +81,10 @@ class Server:
             (settings.system_id, STREAM_COMPONENT_ID),
             server_silent_limit_s=settings.server_silent_limit_s,
         )
-        self.streamer = Streamer(clock, streams)
+        limits = LimitStore(
+            Records(folder.limits), lambda kept: LimitsRequest.model_validate(kept).to_limits()
+        )
+        self.streamer = Streamer(clock, streams, limits)
         self.fleet.on_vehicle_added(self.streamer.attach)
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))
@@ -111,12 +117,14 @@ class Server:
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
         self.station.more_warnings.append(self._faults)
+        self.station.more_warnings.append(lambda: [Notice("limits", text) for text in limits.warnings()])
         if self._simulator is not None:
             self.station.more_warnings.append(self._simulator.warnings)
 
     async def start(self) -> None:
         """Everything that runs; a link that cannot be opened is a warning."""
         self.station.journal.start(self.supervisor)
+        await self.streamer.limits.load()
         self.router.start()
         self.fleet.start()
         for url in self._links:

@@ -30,15 +30,17 @@ async def show(vehicle: VehicleDep) -> Response:
     return answer(view)
 
 
-@router.post("/start", response_model=views.OffboardModel)
+@router.post("/start", response_model=views.OffboardStarted)
 async def start(v: str, body: models.StartRequest, station: StationDep, client: ClientDep) -> Response:
     """Streams the setpoint, asks for Offboard, and answers once the vehicle reports it.
 
-    `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop.
+    `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop, `limits`
+    what its setpoints are held to, and whether the operator's limits were restored after a restart.
     """
     with journaled(station, client, "offboard/start", v, arguments_of(body)):
         vehicle = station.fleet.get(v)
-        return answer(await vehicle.offboard.start(body.to_order(client), body.rate_hz))
+        status = await vehicle.offboard.start(body.to_order(client), body.rate_hz)
+        return answer(fields_of(status) | {"limits": vehicle.offboard.limits()})
 
 
 @router.post("/setpoint", response_model=views.OffboardModel)
@@ -63,10 +65,13 @@ async def show_limits(vehicle: VehicleDep) -> Response:
 
 @router.put("/limits", response_model=views.LimitsModel)
 async def set_limits(v: str, body: models.LimitsRequest, station: StationDep, client: ClientDep) -> Response:
-    """Replaces the operator's limits, for the stream that runs too; what is left out is no limit."""
+    """Replaces the operator's limits, for the stream that runs too; what is left out is no limit.
+
+    They are kept for this vehicle across restarts of the server; `origin.kept` and `origin.warning` say so.
+    """
     with journaled(station, client, "offboard/limits", v, body.model_dump(exclude_none=True)):
         offboard = station.fleet.get(v).offboard
-        offboard.set_limits(body.to_limits())  # in force at once
+        await offboard.operator.set(body.to_limits(), by=str(client))  # in force before it is kept
         await offboard.know()
         return answer(offboard.limits())
 

@@ -10,6 +10,7 @@ from gcs_server.api.offboard_models import HoldOnExpiry, LandOnExpiry, StopStrea
 from gcs_server.api.reflect import model_of
 from gcs_server.streamer import limit_values as values
 from gcs_server.streamer import status
+from gcs_server.streamer.operator_limits import LimitsOrigin
 from gcs_server.streamer.setpoints import Partial3, Quaternion, Vector3
 
 SetpointType = Literal[
@@ -53,12 +54,14 @@ class StreamedSetpoint(_Out):
     yaw_rate_ned_rad_s: float | None = Field(default=None, description="Turning rate, clockwise [rad/s].")
 
 
+LimitsOriginModel = model_of(LimitsOrigin, recognised_by=Literal["uid", "system_id"] | None)
 StreamHealthModel = model_of(status.StreamHealth, echo=model_of(status.Echo) | None)
 OffboardModel = model_of(
     status.OffboardStatus,
     ordered_type=SetpointType | None,
     setpoint=StreamedSetpoint | None,
     on_expiry=HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry | None,
+    limits_origin=LimitsOriginModel,
     health=StreamHealthModel,
 )
 
@@ -80,9 +83,18 @@ LimitsModel = model_of(
     "OffboardLimits",
     vehicle=model_of(values.VehicleLimits),
     operator=model_of(values.OperatorLimits, fence=FenceView | None),
+    origin=LimitsOriginModel,
 )
 FailsafeModel = model_of(status.FailsafeView, "OffboardFailsafe")
 AvailableModel = model_of(status.Available, needs=tuple[str, ...])
+
+
+class OffboardStarted(OffboardModel):  # type: ignore[misc,valid-type]
+    """The stream that has begun, and what it is held to."""
+
+    limits: LimitsModel = Field(  # type: ignore[valid-type]
+        description="What its setpoints are held to; `origin` says whether the operator's were restored."
+    )
 
 
 class OffboardView(OffboardModel):  # type: ignore[misc,valid-type]

@@ -57,6 +57,11 @@ class DataFolder:
         return self.path / "cache"
 
     @property
+    def limits(self) -> Path:
+        """The operator's limits and fences, a file a vehicle."""
+        return self.path / "limits"
+
+    @property
     def simulator_log(self) -> Path:
         """What the simulator says; that of the one before it ends in `.1`."""
         return self.path / "simulator.log"

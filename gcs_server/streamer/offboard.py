@@ -11,8 +11,10 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, UnknownVehicle
 from gcs_server.isolation import Isolation
 from gcs_server.streamer.groups import Groups
+from gcs_server.streamer.limit_store import LimitStore
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.offboard_control import OffboardControl
+from gcs_server.streamer.operator_limits import VehicleOperatorLimits
 from gcs_server.streamer.setpoints import Order, Vector3, complete
 from gcs_server.streamer.streams import Streams
 from gcs_server.supervise import Supervisor
@@ -40,19 +42,23 @@ class Streamer:
 
     Args:
         streams: what flies them: a process of its own, or rounds that a test runs.
+        limits: keeps the operator's limits; in memory only unless given.
     """
 
-    def __init__(self, clock: Clock, streams: Streams) -> None:
+    def __init__(self, clock: Clock, streams: Streams, limits: LimitStore | None = None) -> None:
         self._clock = clock
         self._streams = streams
         self._vehicles: dict[str, Vehicle] = {}
         self._isolation = Isolation(clock, log, "The setpoint streams")
+        self.limits = limits or LimitStore()
+        self._limit_owners: dict[str, str] = {}
         self.groups = Groups(clock, self._streams, self._find)
 
     def attach(self, vehicle: Vehicle) -> None:
         """Gives a vehicle its offboard control."""
         self._vehicles[vehicle.id] = vehicle
-        vehicle.offboard = OffboardControl(self._clock, vehicle, self._streams, self._find)
+        limits = VehicleOperatorLimits(vehicle, self.limits, self._limit_owners)
+        vehicle.offboard = OffboardControl(self._clock, vehicle, self._streams, self._find, limits)
 
     def start(self, supervisor: Supervisor) -> None:
         """Begins the streams and their beat."""
@@ -62,6 +68,7 @@ class Streamer:
     def close(self) -> None:
         """Stops all streams: the vehicles fail safe."""
         self._streams.close()
+        self.limits.close()
 
     def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
         """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is."""
@@ -123,7 +130,9 @@ class Streamer:
             await self._clock.sleep(BEAT_PERIOD_S)
 
     def beat_once(self) -> None:
-        """Shows that the loop lives, renews the snapshots and tells what they reported."""
+        """Shows that the loop lives, renews the snapshots, restores limits and tells what was reported."""
+        for vehicle in self._vehicles.values():
+            self._isolation.run(f"the limits of vehicle {vehicle.id}", vehicle.offboard.operator.recognise)
         to_come = self._streams.watched()
         seen = dict.fromkeys(self._streams.active()) | to_come
         self._streams.beat({vid: s for vid in seen if (s := self._snapshot(vid, seen[vid])) is not None})

@@ -14,9 +14,10 @@ from gcs_server.streamer.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.door import check_place
 from gcs_server.streamer.failsafe import ACTION_MODES, Failsafe
 from gcs_server.streamer.health import health_of
-from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS, OperatorLimits, vehicle_limits
+from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS, vehicle_limits
 from gcs_server.streamer.news import Leader, Snapshot
 from gcs_server.streamer.observe import Observer
+from gcs_server.streamer.operator_limits import VehicleOperatorLimits
 from gcs_server.streamer.rules import problem_of
 from gcs_server.streamer.setpoints import Follow, Order, Sendable
 from gcs_server.streamer.status import Available, FailsafeView, Limits, OffboardStatus, expiry_view
@@ -48,9 +49,17 @@ class OffboardControl:
         vehicle: whose.
         streams: what sends.
         find: other vehicles by id, for following them; raises UnknownVehicle.
+        limits: what the operator allows.
     """
 
-    def __init__(self, clock: Clock, vehicle: Vehicle, streams: Streams, find: FindVehicle) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        vehicle: Vehicle,
+        streams: Streams,
+        find: FindVehicle,
+        limits: VehicleOperatorLimits,
+    ) -> None:
         self._clock = clock
         self._vehicle = vehicle
         self._streams = streams
@@ -60,7 +69,7 @@ class OffboardControl:
         self._read: dict[str, float] = {}
         """Parameters that were asked for by name."""
         self._read_s: float | None = None
-        self._limits = OperatorLimits()
+        self.operator = limits
         self._bounds = UNBOUNDED
         self._bounds_of: tuple[object, ...] = ()
         self._asked = 0
@@ -90,6 +99,7 @@ class OffboardControl:
                 f"Vehicle {vehicle.id} already flies Offboard by somebody else's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
+        await self.operator.recognised()
         self.check(order)
         await self._streams.ready()
         number = self._streams.begin(vehicle.id, order, rate_hz, self.snapshot(order))
@@ -107,6 +117,7 @@ class OffboardControl:
             await vehicle.command.set_mode("offboard")
             if not self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._still_starting(number)
+            self.operator.tell_at_start()
         except BaseException as error:
             if self._asked == number and not isinstance(error, Rejected):
                 self._streams.abandon(vehicle.id, self.snapshot(), number)
@@ -281,12 +292,7 @@ class OffboardControl:
 
     def limits(self) -> Limits:
         """What setpoints are held to."""
-        return Limits(vehicle_limits(self._parameters()), self._limits)
-
-    def set_limits(self, limits: OperatorLimits) -> Limits:
-        """The operator's limits from now on, for the stream that runs too."""
-        self._limits = limits
-        return self.limits()
+        return Limits(vehicle_limits(self._parameters()), self.operator.limits, self.operator.origin())
 
     def failsafe(self) -> FailsafeView | None:
         """What the vehicle does by itself when the stream stops; None before it told."""
@@ -320,6 +326,7 @@ class OffboardControl:
             if_stream_stops=failsafe.words() if failsafe else None,
             sends_failed=state.sends_failed,
             ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
+            limits_origin=self.operator.origin(),
             health=health_of(state, self._observer, failsafe),
         )
 
@@ -356,7 +363,7 @@ class OffboardControl:
 
     def _current_bounds(self) -> Bounds:
         """Made anew only where their sources have changed: its stream is told of it then."""
-        made_of = (self._parameters(), self._limits, self._observer.home(), self._observer.origin())
+        made_of = (self._parameters(), self.operator.limits, self._observer.home(), self._observer.origin())
         if made_of != self._bounds_of:
             parameters, operator, home, origin = made_of
             gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))
@@ -384,7 +391,7 @@ class OffboardControl:
             setpoint,
             self._clock.monotonic_s(),
             self.snapshot(order),
-            limited_place=self._limits.bounds_a_place,
+            limited_place=self.operator.limits.bounds_a_place,
         )
 
     def _check_leader(self, follow: Follow) -> None:

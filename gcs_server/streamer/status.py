@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gcs_server.streamer.limit_values import OperatorLimits, VehicleLimits
+from gcs_server.streamer.operator_limits import LimitsOrigin
 from gcs_server.streamer.setpoints import OnExpiry, Partial3, Quaternion, Vector3
 
 
@@ -78,6 +79,9 @@ class OffboardStatus:
     """Setpoints that could not be handed to the link."""
     ended: str | None
     """Why the last stream ended; None while one runs or before the first."""
+    limits_origin: LimitsOrigin
+    """Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
+    them."""
     health: StreamHealth
 
 
@@ -98,6 +102,8 @@ class Limits:
 
     vehicle: VehicleLimits
     operator: OperatorLimits
+    origin: LimitsOrigin
+    """Of the operator's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -203,7 +203,7 @@ def test_a_path_is_flown_in_time_though_its_client_says_nothing_more(jump):
             await vehicle.offboard.start(order(Path(far)))
         with pytest.raises(Refused, match="m/s are allowed"):
             fast = (PathPoint(0.0, local(vehicle).position_ned_m), PathPoint(1.0, points[2].position_ned_m))
-            vehicle.offboard.set_limits(OperatorLimits(speed_max_m_s=5.0))
+            await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=5.0), by="me")
             await vehicle.offboard.start(order(Path(fast)))
 
     flown(jump, story)
@@ -213,8 +213,8 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
     async def story(world):
         vehicle = await world.in_the_air(height_m=8)
         home = vehicle.topic("home").value
-        vehicle.offboard.set_limits(
-            OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0)
+        await vehicle.offboard.operator.set(
+            OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="me"
         )
         with pytest.raises(Refused, match="outside the operator's fence"):
             await vehicle.offboard.start(order(Position((40.0, 0.0, -8.0))))

@@ -140,7 +140,10 @@ def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(j
         status = vehicle.offboard.status()
         assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
         assert status.limited == ("speed held to 4 m/s",)
-        limits = vehicle.offboard.set_limits(OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0))
+        await vehicle.offboard.operator.set(
+            OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0), by="me"
+        )
+        limits = vehicle.offboard.limits()
         assert limits.vehicle.tilt_max_rad == pytest.approx(0.5236, abs=1e-3)
         assert limits.vehicle.distance_max_m == 60.0
         await seconds(0.5)
@@ -157,7 +160,9 @@ def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(j
 def test_limits_of_place_that_cannot_be_kept_are_said_before_anything_flies(jump):
     async def story(world, vehicle, pilot, link):
         pilot.estimates = False
-        vehicle.offboard.set_limits(OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)))
+        await vehicle.offboard.operator.set(
+            OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
+        )
         await seconds(1.5)
         with pytest.raises(Refused, match="limits cannot be kept"):
             await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5)))

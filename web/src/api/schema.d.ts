@@ -628,7 +628,8 @@ export interface paths {
          * Start
          * @description Streams the setpoint, asks for Offboard, and answers once the vehicle reports it.
          *
-         *     `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop.
+         *     `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop, `limits`
+         *     what its setpoints are held to, and whether the operator's limits were restored after a restart.
          */
         post: operations["start_api_v1_vehicles__v__offboard_start_post"];
         delete?: never;
@@ -692,6 +693,8 @@ export interface paths {
         /**
          * Set Limits
          * @description Replaces the operator's limits, for the stream that runs too; what is left out is no limit.
+         *
+         *     They are kept for this vehicle across restarts of the server; `origin.kept` and `origin.warning` say so.
          */
         put: operations["set_limits_api_v1_vehicles__v__offboard_limits_put"];
         post?: never;
@@ -3099,6 +3102,53 @@ export interface components {
             action: "land";
         };
         /**
+         * LimitsOrigin
+         * @description Where the operator's limits come from, and what became of those set before a restart.
+         */
+        LimitsOrigin: {
+            /**
+             * Active
+             * @description Whether limits of the operator's are in force.
+             */
+            active: boolean;
+            /**
+             * Restored
+             * @description They were set before the server's last start and read back from its data folder.
+             */
+            restored: boolean;
+            /**
+             * Set By
+             * @description The client that set them; null where none was ever set.
+             */
+            set_by: string | null;
+            /**
+             * Set Unix S
+             * @description When it did [s since 1970 UTC].
+             */
+            set_unix_s: number | null;
+            /**
+             * Kept
+             * @description They are in the data folder: a restart brings them back.
+             */
+            kept: boolean;
+            /**
+             * Recognised By
+             * @description How a restarted server knows the vehicle: `uid` (its autopilot's), `system_id` (it has no uid of its
+             *     own); null before it told its identity.
+             */
+            recognised_by: ("uid" | "system_id") | null;
+            /**
+             * Warning
+             * @description Why limits that were set are not in force, or would be lost by a restart; null where all is well.
+             */
+            warning: string | null;
+            /**
+             * Text
+             * @description All of this in a sentence.
+             */
+            text: string;
+        };
+        /**
          * LimitsRequest
          * @description The operator's limits, all at once: what is left out (or null) is no limit of the operator's.
          * @example {
@@ -3706,6 +3756,96 @@ export interface components {
             vehicle: components["schemas"]["VehicleLimits"];
             /** @description Operator. */
             operator: components["schemas"]["OperatorLimits"];
+            /** @description Of the operator's. */
+            origin: components["schemas"]["LimitsOrigin"];
+        };
+        /**
+         * OffboardStarted
+         * @description The stream that has begun, and what it is held to.
+         */
+        OffboardStarted: {
+            /**
+             * Streaming
+             * @description Whether setpoints go out to the vehicle now.
+             */
+            streaming: boolean;
+            /**
+             * State
+             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
+             *     (the start failed, but the vehicle may yet take Offboard).
+             */
+            state: string;
+            /**
+             * Client
+             * @description Whose setpoint it is.
+             */
+            client: string | null;
+            /**
+             * Ordered Type
+             * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
+             */
+            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | null;
+            /** @description What goes out now: the client's within its limits, or the place held after it expired. */
+            setpoint: components["schemas"]["StreamedSetpoint"] | null;
+            /**
+             * Limited
+             * @description What the limits take away from the order now, in words; empty where nothing.
+             */
+            limited: string[];
+            /**
+             * Rate Hz
+             * @description Rate [Hz].
+             */
+            rate_hz: number;
+            /**
+             * Rate Achieved Hz
+             * @description Rate achieved [Hz].
+             */
+            rate_achieved_hz: number | null;
+            /**
+             * Age S
+             * @description Age [s].
+             */
+            age_s: number | null;
+            /**
+             * Valid For S
+             * @description Valid for [s].
+             */
+            valid_for_s: number | null;
+            /**
+             * Valid Left S
+             * @description Valid left [s].
+             */
+            valid_left_s: number | null;
+            /**
+             * On Expiry
+             * @description On expiry.
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
+            /**
+             * If Stream Stops
+             * @description What the vehicle will do by itself, in words; None before it was asked.
+             */
+            if_stream_stops: string | null;
+            /**
+             * Sends Failed
+             * @description Setpoints that could not be handed to the link.
+             */
+            sends_failed: number;
+            /**
+             * Ended
+             * @description Why the last stream ended; None while one runs or before the first.
+             */
+            ended: string | null;
+            /**
+             * @description Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
+             *     them.
+             */
+            limits_origin: components["schemas"]["LimitsOrigin"];
+            /** @description Health. */
+            health: components["schemas"]["StreamHealth"];
+            /** @description What its setpoints are held to; `origin` says whether the operator's were restored. */
+            limits: components["schemas"]["OffboardLimits"];
         };
         /**
          * OffboardStatus
@@ -3785,6 +3925,11 @@ export interface components {
              * @description Why the last stream ended; None while one runs or before the first.
              */
             ended: string | null;
+            /**
+             * @description Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
+             *     them.
+             */
+            limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Health. */
             health: components["schemas"]["StreamHealth"];
         };
@@ -3866,6 +4011,11 @@ export interface components {
              * @description Why the last stream ended; None while one runs or before the first.
              */
             ended: string | null;
+            /**
+             * @description Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
+             *     them.
+             */
+            limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Health. */
             health: components["schemas"]["StreamHealth"];
             /**
@@ -8306,7 +8456,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["OffboardStatus"];
+                    "application/json": components["schemas"]["OffboardStarted"];
                 };
             };
             /** @description No such vehicle, group, link or recording. */

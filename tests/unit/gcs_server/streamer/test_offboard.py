@@ -26,7 +26,7 @@ PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
 class Vehicle:
     def __init__(self, clock):
         self.id = "1"
-        self.identity = SimpleNamespace(system_id=1, component_id=1)
+        self.identity = SimpleNamespace(system_id=1, component_id=1, replayed=False, firmware=None)
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
         self.isolation = Isolation(clock, logging.getLogger("test"), "Vehicle 1")

@@ -1,0 +1,304 @@
+"""The operator's limits outlive the server: kept by vehicle, restored, and told; no other inherits them."""
+
+import asyncio
+import json
+import os
+import threading
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs_server.api import offboard_routes
+from gcs_server.api.offboard_models import LimitsRequest, StartRequest
+from gcs_server.storage.records import MOST_BYTES, Records
+from gcs_server.streamer.limit_store import LimitRecord, LimitStore, VehicleKey
+from gcs_server.streamer.limit_values import CircleFence, OperatorLimits, PolygonFence
+from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.rounds import Rounds
+from tests.protocol.offboard_world import OffboardWorld, codes, order, seconds
+from tests.protocol.test_dangerous_calls import station_of
+
+SITL_UID = 0x4954414C44494E4F
+START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_ned_m_s": [9, 0, 0]}})
+LIMITS = OperatorLimits(speed_max_m_s=4.0, height_max_m=30.0, fence=CircleFence(47.397742, 8.545594, 60.0))
+
+
+def parse(kept):
+    return LimitsRequest.model_validate(kept).to_limits()
+
+
+def run_of_the_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
+    """One life of a server with that data folder, and a vehicle of system 1 in the air."""
+
+    async def run():
+        world = OffboardWorld()
+        store = LimitStore(Records(folder), parse)
+        await store.load()
+        await world.supervisor.close()  # the rooms of another store
+        world.streamer = Streamer(world.clock, Rounds(world.clock), store)
+        world.fleet._on_added.clear()
+        world.fleet.on_vehicle_added(world.streamer.attach)
+        for name, work in (("beat", world.streamer._beat), ("rounds", world._rounds)):
+            world.supervisor.start(name, work)
+        world.router.start()
+        world.fleet.start()
+        pilot = world.offboard_pilot(world.link(), uid=uid)
+        pilot.version = version
+        pilot.fly()
+        if twin_uid is not None:
+            twin = world.offboard_pilot(world.link("two"), uid=twin_uid, boot_s=500.0)
+            twin.fly()
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            await story(world, vehicle, store)
+        finally:
+            await world.close()
+            store.close()
+
+    jump(run)
+
+
+def set_once(jump, folder, **options):
+    async def story(world, vehicle, store):
+        await vehicle.offboard.operator.set(LIMITS, by="anna")
+        assert vehicle.offboard.operator.origin().kept
+
+    run_of_the_server(jump, folder, story, **options)
+
+
+@pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
+def test_limits_come_back_after_a_restart_and_are_told(jump, tmp_path, uid, known_by):
+    set_once(jump, tmp_path, uid=uid)
+
+    async def after(world, vehicle, store):
+        origin = vehicle.offboard.status().limits_origin
+        assert vehicle.offboard.limits().operator == LIMITS
+        assert (origin.active, origin.restored, origin.kept) == (True, True, True)
+        assert (origin.set_by, origin.recognised_by, origin.warning) == ("anna", known_by, None)
+        assert origin.set_unix_s > 0
+        assert "restored after a restart, set by anna" in origin.text
+        assert codes(vehicle) == ["limits_restored"]
+        answer = json.loads((await offboard_routes.start("1", START, station_of(world), "bob")).body)
+        assert answer["limits"]["operator"]["speed_max_m_s"] == 4.0
+        told = answer["limits"]["origin"]
+        assert (told["restored"], told["set_by"], told["set_unix_s"]) == (True, "anna", origin.set_unix_s)
+        assert codes(vehicle).count("limits_restored") == 2  # to who begins a stream, too
+        await seconds(0.3)
+        assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
+
+    run_of_the_server(jump, tmp_path, after, uid=uid)
+
+
+@pytest.mark.parametrize(("before", "after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
+def test_another_vehicle_with_the_same_system_id_inherits_nothing(jump, tmp_path, before, after):
+    set_once(jump, tmp_path, uid=before)
+
+    async def story(world, vehicle, store):
+        assert vehicle.offboard.limits().operator == OperatorLimits()
+        assert not vehicle.offboard.status().limits_origin.active
+        assert codes(vehicle) == []
+
+    run_of_the_server(jump, tmp_path, story, uid=after)
+
+
+def test_a_twin_inherits_nothing_and_one_without_a_uid_is_told_that_its_limits_are_not_kept(jump, tmp_path):
+    set_once(jump, tmp_path, uid=7)
+
+    async def unlike(world, vehicle, store):
+        twins = {v.identity.uid: v for v in world.fleet.all()}
+        assert len(twins) == 2
+        assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
+        assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
+
+    run_of_the_server(jump, tmp_path, unlike, uid=7, twin_uid=8)
+
+    async def alike(world, vehicle, store):
+        first, second = world.fleet.all()
+        await first.offboard.operator.set(LIMITS, by="anna")
+        await second.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
+        assert first.offboard.operator.origin().kept
+        assert not second.offboard.operator.origin().kept
+        assert "not kept" in second.offboard.operator.origin().warning
+        assert second.offboard.limits().operator.speed_max_m_s == 1.0  # in force all the same
+
+    run_of_the_server(jump, tmp_path / "other", alike, uid=SITL_UID, twin_uid=SITL_UID)
+
+
+def test_a_vehicle_that_turns_out_to_be_another_loses_the_limits_of_the_one_before(jump, tmp_path):
+    set_once(jump, tmp_path, uid=7)
+
+    async def story(world, vehicle, store):
+        assert vehicle.offboard.limits().operator == LIMITS
+        pilot = next(iter(world.router._connections.values())).link.pilots["peer"]
+        pilot.uid = 8
+        pilot.autopilot_version()
+        await seconds(0.3)
+        assert vehicle.offboard.limits().operator == OperatorLimits()
+        assert "limits_other_vehicle" in codes(vehicle)
+
+    run_of_the_server(jump, tmp_path, story, uid=7)
+
+
+def test_a_vehicle_that_does_not_tell_who_it_is_says_so_when_a_stream_begins(jump, tmp_path):
+    set_once(jump, tmp_path, uid=7)
+
+    async def story(world, vehicle, store):
+        await vehicle.offboard.start(order())
+        origin = vehicle.offboard.status().limits_origin
+        assert "has not told its identity" in origin.warning
+        assert codes(vehicle) == ["limits_warning"]
+        await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
+        assert "once the vehicle has told its identity" in vehicle.offboard.operator.origin().warning
+
+    run_of_the_server(jump, tmp_path, story, version=False)
+
+
+def test_limits_that_were_taken_away_stay_away(jump, tmp_path):
+    set_once(jump, tmp_path)
+
+    async def clear(world, vehicle, store):
+        await vehicle.offboard.operator.set(OperatorLimits(), by="bob")
+
+    run_of_the_server(jump, tmp_path, clear)
+
+    async def story(world, vehicle, store):
+        assert not vehicle.offboard.status().limits_origin.active
+        assert codes(vehicle) == []
+
+    run_of_the_server(jump, tmp_path, story)
+
+
+def good(tmp_path):
+    return json.loads((tmp_path / f"uid-{7:016x}.json").read_text())
+
+
+CORRUPTIONS = {
+    "empty": lambda good: b"",
+    "torn": lambda good: json.dumps(good).encode()[:60],
+    "no text": lambda good: bytes(range(256)),
+    "deep": lambda good: b"[" * 50_000,
+    "a list": lambda good: b"[1, 2]",
+    "long": lambda good: json.dumps({**good, "more": "x" * MOST_BYTES}).encode(),
+    "another format": lambda good: json.dumps({**good, "format": 2}).encode(),
+    "another vehicle's": lambda good: json.dumps({**good, "uid": "8" * 16}).encode(),
+    "no time": lambda good: json.dumps({**good, "set_unix_s": "yesterday"}).encode(),
+    "NaN": lambda good: json.dumps({**good, "limits": {"speed_max_m_s": float("nan")}}).encode(),
+    "out of range": lambda good: json.dumps({**good, "limits": {"speed_max_m_s": 900}}).encode(),
+    "unknown limit": lambda good: json.dumps({**good, "limits": {"colour": "red"}}).encode(),
+    "half a fence": lambda good: json.dumps({**good, "limits": {"fence": {"kind": "circle"}}}).encode(),
+}
+
+
+@pytest.mark.parametrize("name", list(CORRUPTIONS))
+def test_a_file_that_cannot_be_read_is_a_warning_everywhere_and_no_crash(jump, tmp_path, name):
+    set_once(jump, tmp_path)
+    path = tmp_path / f"uid-{7:016x}.json"
+    path.write_bytes(CORRUPTIONS[name](good(tmp_path)))
+
+    async def story(world, vehicle, store):
+        origin = vehicle.offboard.status().limits_origin
+        assert not origin.active
+        assert "not in force" in origin.warning
+        assert str(path) in origin.warning
+        assert len(store.warnings()) == 1
+        await vehicle.offboard.start(order())
+        assert codes(vehicle) == ["limits_warning"] * 2
+        await vehicle.offboard.operator.set(LIMITS, by="bob")  # replaces the file
+        assert vehicle.offboard.operator.origin().warning is None
+        assert store.warnings() == []
+
+    run_of_the_server(jump, tmp_path, story)
+    set_once(jump, tmp_path)
+
+
+def test_a_named_pipe_or_a_folder_in_a_files_place_holds_nothing_up(jump, tmp_path):
+    os.mkfifo(tmp_path / f"uid-{7:016x}.json")
+    (tmp_path / f"uid-{8:016x}.json").mkdir()
+
+    async def story(world, vehicle, store):
+        assert "no file" in vehicle.offboard.status().limits_origin.warning
+
+    run_of_the_server(jump, tmp_path, story)
+
+
+def test_a_folder_that_cannot_be_read_is_said_for_every_vehicle(jump, tmp_path):
+    folder = tmp_path / "limits"
+    folder.write_text("a file")
+
+    async def story(world, vehicle, store):
+        assert "cannot be read" in vehicle.offboard.status().limits_origin.warning
+        await vehicle.offboard.operator.set(LIMITS, by="anna")
+        assert vehicle.offboard.limits().operator == LIMITS  # in force, not kept
+        assert "A restart forgets these limits" in vehicle.offboard.operator.origin().warning
+        assert len(store.warnings()) == 2
+
+    run_of_the_server(jump, folder, story)
+
+
+def test_the_disk_is_never_waited_for_by_the_loop_and_a_write_is_whole_or_nothing(tmp_path, monkeypatch):
+    key, written = VehicleKey(1, "ab"), threading.Event()
+    real = os.fsync
+
+    def slow(descriptor):
+        written.wait(5)
+        real(descriptor)
+
+    async def run():
+        store = LimitStore(Records(tmp_path), parse)
+        await store.keep(key, LimitRecord(OperatorLimits(speed_max_m_s=1.0), 1.0, "a"))
+        monkeypatch.setattr(os, "fsync", slow)
+        keeping = asyncio.ensure_future(store.keep(key, LimitRecord(LIMITS, 2.0, "b")))
+        ticks = 0
+        while not keeping.done():
+            await asyncio.sleep(0.01)
+            ticks += 1
+            if ticks == 20:  # the loop ran on; the file is still the whole one before
+                kept = json.loads((tmp_path / "uid-ab.json").read_text())
+                assert kept["limits"] == {"speed_max_m_s": 1.0}
+                written.set()
+        assert await keeping is None
+        store.close()
+
+    asyncio.run(run())
+    assert json.loads((tmp_path / "uid-ab.json").read_text())["set_by"] == "b"
+    assert [path.name for path in tmp_path.iterdir()] == ["uid-ab.json"]
+
+
+speeds = st.none() | st.floats(0.1, 20)
+heights = st.none() | st.floats(-1000, 4000)
+corners = st.tuples(st.floats(-90, 90), st.floats(-180, 180))
+fences = (
+    st.none()
+    | st.builds(CircleFence, st.floats(-90, 90), st.floats(-180, 180), st.floats(5, 10_000))
+    | st.lists(corners, min_size=3, max_size=200).map(lambda points: PolygonFence(tuple(points)))
+)
+
+
+@settings(max_examples=40)
+@given(
+    st.builds(
+        OperatorLimits,
+        speed_max_m_s=speeds,
+        climb_max_m_s=speeds,
+        sink_max_m_s=speeds,
+        height_min_m=heights,
+        distance_max_m=st.none() | st.floats(5, 10_000),
+        fence=fences,
+    )
+)
+def test_what_is_read_back_is_what_was_set(tmp_path_factory, limits):
+    folder = tmp_path_factory.mktemp("limits")
+    key = VehicleKey(3, None)
+
+    async def run():
+        store = LimitStore(Records(folder), parse)
+        assert await store.keep(key, LimitRecord(limits, 12.5, "anna")) is None
+        store.close()
+        again = LimitStore(Records(folder), parse)
+        await again.load()
+        return again.find(key)
+
+    found = asyncio.run(run())
+    assert found == (None if limits == OperatorLimits() else LimitRecord(limits, 12.5, "anna"))
