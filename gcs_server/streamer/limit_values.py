@@ -57,6 +57,10 @@ class VehicleLimits:
     """Above home: GF_MAX_VER_DIST [m]; None too where it is off (0)."""
 
 
+SMALLEST_FENCE_M = 1e-3
+"""PX4 takes a fence of zero for none; one of less than a millimetre is no fence either."""
+
+
 def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
     """From parameters; those that are missing stay unknown."""
 
@@ -65,7 +69,8 @@ def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
         return None if value is None else math.radians(value)
 
     def unless_off(name: str) -> float | None:
-        return values.get(name) or None
+        value = values.get(name)
+        return None if value is None or value < SMALLEST_FENCE_M else value
 
     return VehicleLimits(
         speed_max_m_s=values.get("MPC_XY_VEL_MAX"),

@@ -231,13 +231,20 @@ class OffboardControl:
         return self._failsafe_of(self._parameters())
 
     def _parameters(self) -> dict[str, float]:
-        """As the vehicle last told them: whoever changes one changes what holds here. Finite."""
+        """As the vehicle last told them: whoever changes one changes what holds here.
+
+        What is not finite, and a limit below zero, counts as not told.
+        """
         values = dict(self._read)
         for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
             known = self._vehicle.params.known(name)
             if known is not None:
                 values[name] = known.value
-        return {name: value for name, value in values.items() if number(value) is not None}
+        return {
+            name: value
+            for name, value in values.items()
+            if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
+        }
 
     def _failsafe_of(self, parameters: dict[str, float]) -> Failsafe:
         action = parameters.get("COM_OBL_RC_ACT")

@@ -1,0 +1,252 @@
+"""Every message of the dialect with each field at its extremes, through the whole path.
+
+Frames go in at the link and are looked at where anybody looks: the REST views, the history, the telemetry,
+the streams' snapshots, the 3D view. Nothing may fail (what is isolated and left out counts as failed), all
+that is said must be JSON, and the values of the innocent vehicle beside stay as they are.
+"""
+
+import itertools
+import json
+import math
+import re
+import struct
+from typing import Any
+
+import pytest
+
+from gcs_server.api.responses import answer, history_view, vehicle_view
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
+from gcs_server.mavlink.tables import LAYOUTS
+from gcs_server.scene.labels import height_words
+from gcs_server.scene.tracks import Tracks
+from gcs_server.scene.views import world_pose
+from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS
+from gcs_server.streamer.offboard_control import FAILSAFE_PARAMETERS
+from gcs_server.telemetry.hub import ALL_TOPICS, Encoded
+from gcs_server.vehicle import decoders
+from gcs_server.vehicle.samples import TOPICS
+from tests.jump_time import in_jumps
+from tests.protocol.fake_autopilot import OFFBOARD
+from tests.protocol.offboard_world import OffboardWorld, order
+
+FLOATS = [math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 1e15, 0.0, 1e-45, -1.0]
+DECODED = sorted(
+    {
+        *decoders.FORMATS,
+        d.MAVLINK_MSG_ID_HEARTBEAT,
+        d.MAVLINK_MSG_ID_CURRENT_MODE,
+        d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        d.MAVLINK_MSG_ID_STATUSTEXT,
+        d.MAVLINK_MSG_ID_EVENT,
+        d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE,
+        d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR,
+        d.MAVLINK_MSG_ID_PARAM_VALUE,
+        d.MAVLINK_MSG_ID_COMMAND_ACK,
+        d.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+        d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
+    }
+)
+BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
+
+
+def values_of(code: str) -> list[Any]:
+    """What a field of this type is set to."""
+    if code in "fd":
+        return FLOATS
+    if code == "c":
+        return [b"\0", b"\xff", b"<"]
+    bits = BITS[code]
+    if code.isupper():
+        return [0, 1, 2**bits - 1, 2 ** (bits - 1)]
+    return [0, -1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1))]
+
+
+def codes_of(msg_id: int) -> list[str]:
+    """The type of each element of a payload, in wire order; texts are bytes."""
+    found: list[str] = []
+    for count, code in re.findall(r"(\d*)([a-zA-Z])", LAYOUTS[msg_id].unpacker.format):
+        found += ["s" + (count or "1")] if code == "s" else [code] * int(count or 1)
+    return found
+
+
+def payloads_of(msg_id: int, good: bytes, *, each: bool) -> list[bytes]:
+    """The good payload with one field after the other at each of its extremes, and all of them together."""
+    packer, codes = LAYOUTS[msg_id].unpacker, codes_of(msg_id)
+    base = list(packer.unpack(good))
+    texts = [b"", b"\xff\xfe\xc3(\xed\xa0\x80", b"<script>", b"\x1b[2J"]
+    sets = [texts if code[0] == "s" else values_of(code) for code in codes]
+    made = [packer.pack(*(some[n % len(some)] for some in sets)) for n in range(len(FLOATS))]
+    if each:
+        for index, some in enumerate(sets):
+            for value in some:
+                made.append(packer.pack(*base[:index], value, *base[index + 1 :]))
+    return made
+
+
+class Look:
+    """Everybody who looks at the two vehicles, by hand and on simulated time."""
+
+    def __init__(self, world: OffboardWorld, link: Any) -> None:
+        self.world, self.link = world, link
+        self.bad, self.good = (world.fleet.get(v) for v in ("1", "2"))
+        self.encoded = Encoded(world.clock, world.fleet)
+        self.tracks = Tracks(world.fleet, None, world.clock)
+        self.seq = itertools.count()
+        latest = self.good._state.latest.values()
+        self.usual = [(f.msg_id, full_payload(f)) for f in latest if f.msg_id in decoders.FORMATS]
+        self.usual.append((d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.good._state.latest[0])))
+        self.innocent = self.values()
+
+    def hear(self, msg_id: int, payload: bytes, system: int = 1, component: int = 1) -> None:
+        raw = encode_frame(msg_id, payload, next(self.seq) & 0xFF, system, component)
+        self.link.inject(raw, "ab"[system - 1])
+
+    def both_as_usual(self) -> None:
+        self.world.loop.now_s += 0.02
+        for system, (msg_id, payload) in itertools.product((2, 1), self.usual):
+            self.hear(msg_id, payload, system)
+
+    def values(self) -> dict[str, Any]:
+        topics = self.views()[1]["topics"]
+        return {name: sample["value"] for name, sample in topics.items() if name != "status"}
+
+    def views(self) -> list[Any]:
+        def refused(word: str) -> None:
+            raise AssertionError(f"{word} is no JSON")
+
+        body = answer([vehicle_view(vehicle) for vehicle in self.world.fleet.all()]).body
+        json.dumps(views := json.loads(body, parse_constant=refused), allow_nan=False)
+        return views
+
+    def everywhere(self) -> None:
+        world, streams = self.world, self.world.streamer._streams
+        assert self.values() == self.innocent
+        for vehicle in (self.bad, self.good):
+            for topic in ALL_TOPICS:
+                newest = self.encoded.newest(vehicle, topic)
+                assert newest is None or b"NaN" not in newest[1]
+            vehicle.offboard.available()
+        world.streamer.beat_once()
+        streams.step()
+        assert streams.state("2").phase == "streaming", streams.state("2").last_end
+        now_s = world.loop.time()
+        drawn = self.tracks.look(now_s, 0.03)
+        assert list(drawn) == ["1", "2"]
+        for mode, track in itertools.product(("chase", "top", "gimbal"), drawn.values()):
+            at = world_pose(mode, track.smoother.pose, track.smoother.heading_enu_rad)
+            assert all(map(math.isfinite, (*at.position_m, *at.q)))
+            height_words(track.smoother.pose.position_enu_m[2])
+        self.no_fault()
+
+    def no_fault(self) -> None:
+        for vehicle in (self.bad, self.good):
+            assert vehicle.isolation.faults == []
+            assert not [why for why in vehicle.unusable().values() if "could not be decoded" in why]
+        assert self.tracks.isolation.faults == []
+        assert self.world.streamer.faults() == []
+        assert self.good.unusable() == {}
+
+    def stream(self) -> None:
+        """Setpoints go to both, again where the bad one's mode or heartbeat ended it."""
+        streams = self.world.streamer._streams
+        for vehicle in (self.bad, self.good):
+            if streams.state(vehicle.id).phase == "idle":
+                number = streams.begin(
+                    vehicle.id, order(valid_for_s=600.0), 50.0, vehicle.offboard.snapshot()
+                )
+                streams.engage(vehicle.id, vehicle.offboard.snapshot(), number)
+
+
+def looked_at(story: Any) -> None:
+    async def run() -> None:
+        world = OffboardWorld()
+        try:
+            link = world.link()
+            pilots = [world.offboard_pilot(link, peer="ab"[n], system=n + 1) for n in range(2)]
+            for pilot in pilots:
+                pilot.fly()
+            await world.ready("1")
+            await world.ready("2")
+            for pilot in pilots:
+                pilot.mode = pilot.asked_mode = OFFBOARD
+                pilot.has_stream = lambda: True
+                pilot.heartbeat()
+                pilot.autopilot_version()
+            await world.clock.sleep(0.2)
+            for pilot in pilots:
+                pilot.alive = False
+            more = [
+                d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300),
+                d.MAVLink_sys_status_message(1, 1, 1, 250, 16200, 1234, 77, 0, 0, 0, 0, 0, 0),
+                d.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 100, 100, 0, 0, 12),
+                d.MAVLink_vfr_hud_message(1, 1, 0, 50, 1, 1),
+                d.MAVLink_estimator_status_message(0, 0xFFFF, 0, 0, 0, 0, 0, 0, 1, 1),
+                d.MAVLink_servo_output_raw_message(0, 0, *[1500] * 8),
+                d.MAVLink_attitude_target_message(0, 0, [1, 0, 0, 0], 0, 0, 0, 0.5),
+                d.MAVLink_gimbal_device_attitude_status_message(0, 0, 0, 12, [1, 0, 0, 0], 0, 0, 0, 0),
+            ]
+            for system, message in itertools.product((1, 2), more):
+                raw = encode_frame(message.get_msgId(), encode_payload(message), 0, system, 1)
+                link.inject(raw, "ab"[system - 1])
+            assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
+            look = Look(world, link)
+            look.stream()
+            story(look)
+        finally:
+            await world.close()
+
+    in_jumps(run)
+
+
+@pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)
+def test_every_field_of_what_is_decoded_at_its_extremes_hurts_nobody(msg_id):
+    def story(look: Look) -> None:
+        good = dict(look.usual).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
+        component = 154 if msg_id in decoders.GIMBAL_IDS else 1
+        for n, payload in enumerate(payloads_of(msg_id, good, each=True)):
+            look.both_as_usual()
+            look.stream()
+            look.hear(msg_id, payload)
+            look.hear(msg_id, payload, component=component)
+            look.everywhere()
+            if n % 25 == 0:
+                look.world.fleet.tick()
+        look.world.fleet.tick()
+        for vehicle in (look.bad, look.good):
+            past = answer(history_view(vehicle, vehicle.history(tuple(TOPICS), 0.0))).body
+            assert len(json.loads(past)["samples"]) > 10
+        look.world.fleet.warnings()
+        look.no_fault()
+
+    looked_at(story)
+
+
+def test_messages_that_are_not_decoded_hurt_nobody_either():
+    def story(look: Look) -> None:
+        for msg_id in sorted(set(LAYOUTS) - set(DECODED)):
+            look.both_as_usual()
+            look.stream()
+            for payload in payloads_of(msg_id, bytes(LAYOUTS[msg_id].unpacker.size), each=False):
+                look.hear(msg_id, payload)
+            look.everywhere()
+        look.world.fleet.tick()
+        look.no_fault()
+
+    looked_at(story)
+
+
+def test_parameters_that_limits_and_failsafes_are_read_from_may_be_anything():
+    def story(look: Look) -> None:
+        name_and_type = struct.Struct("<fHH16sB")
+        for name, value in itertools.product((*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS), FLOATS):
+            look.both_as_usual()
+            look.stream()
+            for kind in (9, 6, 0, 255):
+                payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
+                look.hear(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
+            look.bad.offboard._read[name] = value
+            look.bad.offboard.limits()
+            look.everywhere()
+
+    looked_at(story)
