@@ -60,7 +60,7 @@ async def setpoints(g: str, body: models.GroupSetpoints, station: StationDep, cl
     }
     with together(station, client, "offboard/setpoint", arguments):
         orders = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
-        return answer(station.groups.setpoints(g, orders, body.valid_for_s, body.expiry(), client))
+        return answer(await station.groups.setpoints(g, orders, body.valid_for_s, body.expiry(), client))
 
 
 @router.post("/{g}/hold", response_model=models.GroupModel)

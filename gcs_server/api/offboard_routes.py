@@ -46,7 +46,7 @@ async def start(v: str, body: models.StartRequest, station: StationDep, client: 
 @router.post("/setpoint", response_model=views.OffboardModel)
 async def setpoint(v: str, body: models.AnyOrder, station: StationDep, client: ClientDep) -> Response:
     """A new target, sent at once; refused (409) where no stream runs."""
-    return answer(apply(station, client, v, body))
+    return answer(await apply(station, client, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)

@@ -100,7 +100,7 @@ class OrderSocket:
                 if applied:
                     self._answer(_superseded(text))
                 else:
-                    answer = self._take(text)
+                    answer = await self._take(text)
                     applied = "error" not in answer
                     self._answer(answer)
             period_s = 1.0 / MOST_HZ
@@ -117,7 +117,7 @@ class OrderSocket:
         self._answers.append(answer)
         self._answered.set()
 
-    def _take(self, text: str) -> Answer:
+    async def _take(self, text: str) -> Answer:
         try:
             seq, data = _parsed(text)
         except ValueError as error:
@@ -136,17 +136,17 @@ class OrderSocket:
             }
             return {**head, "error": wrong}
         try:
-            status = apply(self._station, self._client, self._vehicle_id, body)
+            status = await apply(self._station, self._client, self._vehicle_id, body)
         except GcsError as error:
             refused = {"code": error.code, "detail": error.message, "remedy": error.remedy, **error.details()}
             return {**head, "error": {name: value for name, value in refused.items() if value is not None}}
         return {**head, "applied": status.setpoint, "limited": status.limited}
 
 
-def apply(station: Station, client: str, vehicle_id: str, body: models.AnyOrder) -> OffboardStatus:
+async def apply(station: Station, client: str, vehicle_id: str, body: models.AnyOrder) -> OffboardStatus:
     """One order, by whichever way it came."""
     with journaled(station, client, "offboard/setpoint", vehicle_id, arguments_of(body)):
-        return station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(client))
+        return await station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(client))
 
 
 def arguments_of(body: BaseModel) -> dict[str, object]:

@@ -181,6 +181,10 @@ class GroupGuard:
             self._begin(now_s, actions)
         return actions
 
+    def look_later(self, now_s: float) -> None:
+        """A look failed: the next is due when it would have been."""
+        self._next_look_s = now_s + LOOK_PERIOD_S
+
     def fault(self, now_s: float, why: str) -> Actions:
         """Something unforeseen: all stop."""
         actions = Actions()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -30,6 +31,8 @@ class Group:
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
     numbers: dict[str, int] = field(default_factory=dict[str, int])
     """Of the streams that are this group's: a member that left may be flown by one of its own later."""
+    changing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while new setpoints are checked and taken."""
     ending: str | None = None
     ended: str | None = None
 

@@ -100,7 +100,7 @@ class Groups:
         self._set_off(group, waits, orders)
         return self._status(group)
 
-    def setpoints(
+    async def setpoints(
         self,
         group_id: str,
         changed: Mapping[str, Setpoint],
@@ -115,7 +115,18 @@ class Groups:
             NotTogether: two would come too near; all fly on as they did.
         """
         group = self._get(group_id)
-        guard = self._guard(group)
+        async with group.changing:  # each is checked against what the one before has changed
+            return await self._change(group, changed, valid_for_s, on_expiry, client)
+
+    async def _change(
+        self,
+        group: Group,
+        changed: Mapping[str, Setpoint],
+        valid_for_s: float,
+        on_expiry: OnExpiry,
+        client: str,
+    ) -> GroupStatus:
+        group_id, guard = group.id, self._guard(group)
         if guard is None or group.state not in ("flying", "holding") or guard.phase != "flying":
             raise Refused(
                 f"Group {group_id} is {group.state}: it takes no setpoints.",
@@ -144,7 +155,7 @@ class Groups:
         )
         until_s = self._clock.monotonic_s() + left_s + valid_for_s
         snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
-        if not self._streams.change_together(group_id, orders, snapshots, until_s):
+        if not await self._streams.change_together(group_id, orders, snapshots, until_s):
             raise Refused(
                 f"Group {group_id} is just ending, or its setpoints have expired.",
                 remedy="While the places are held, setpoints for all members fly it on; else start it anew.",
@@ -298,7 +309,9 @@ class Groups:
 
     def _collect(self) -> None:
         for name, finding in self._streams.take_findings():
-            self._found(self._groups[name], finding)
+            group = self._groups.get(name)
+            if group is not None:
+                self._found(group, finding)
 
     def _found(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s

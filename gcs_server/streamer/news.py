@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from gcs_server.streamer.bounds import UNBOUNDED, Bounds
 from gcs_server.streamer.setpoints import Quaternion, Vector3
@@ -10,6 +11,10 @@ from gcs_server.streamer.setpoints import Quaternion, Vector3
 WARNING, NOTICE, INFO = 4, 5, 6
 LONGEST_EXTRAPOLATION_S = 1.0
 """An estimate older than this says nothing of where the vehicle is."""
+FARTHEST_M = 1e6
+"""A local position beyond this is no position."""
+FASTEST_M_S = 500.0
+"""A velocity beyond this is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,30 @@ class Snapshot:
         """When the position was heard."""
         return self.taken_s if self.estimate_s is None else self.estimate_s
 
+    def plausible(self) -> Snapshot:
+        """Without numbers that cannot be: they count as not known, as if the vehicle had not told them."""
+        position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
+        numbers = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, *(self.q_ned_frd or ()))
+        moves = velocity is None or _within(velocity, FASTEST_M_S)
+        here = position is None or (moves and _within(position, FARTHEST_M))
+        led = leader is None or (
+            _within(leader.position_ned_m, FARTHEST_M)
+            and _within(leader.velocity_ned_m_s, FASTEST_M_S)
+            and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
+        )
+        if moves and here and led and all(number is None or math.isfinite(number) for number in numbers):
+            return self
+        return replace(
+            self,
+            position_ned_m=position if here else None,
+            velocity_ned_m_s=velocity if moves else None,
+            yaw_ned_rad=_finite(self.yaw_ned_rad),
+            home_alt_amsl_m=_finite(self.home_alt_amsl_m),
+            hover_thrust=_finite(self.hover_thrust),
+            q_ned_frd=self.q_ned_frd if _within(self.q_ned_frd or (), 2.0) else None,
+            leader=leader if led else None,
+        )
+
     def position_at(self, now_s: float) -> Vector3 | None:
         """The estimate carried on with its velocity over its age; None where it is too old for that."""
         age_s = max(now_s - self.heard_s, 0.0)
@@ -81,3 +110,12 @@ class Report:
     server_silent, not_confirmed, fault, separation, group."""
     severity: int
     text: str
+
+
+def _within(values: tuple[float, ...], most: float) -> bool:
+    """Whether all are numbers of at most this size; infinity and NaN are not."""
+    return all(-most <= value <= most for value in values)
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value

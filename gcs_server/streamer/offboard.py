@@ -70,6 +70,10 @@ class Streamer:
         self._streams.close()
         self.limits.close()
 
+    def links_changed(self) -> None:
+        """A link was opened or closed: what streams gives the sockets of closed ones back."""
+        self._streams.links_changed()
+
     def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
         """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is."""
         sent = self._streams.state(vehicle_id).sent

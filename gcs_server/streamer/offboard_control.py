@@ -102,7 +102,10 @@ class OffboardControl:
         await self.operator.recognised()
         self.check(order)
         await self._streams.ready()
-        number = self._streams.begin(vehicle.id, order, rate_hz, self.snapshot(order))
+        try:
+            number = await self._streams.begin(vehicle.id, order, rate_hz, self.snapshot(order))
+        except ValueError as error:
+            raise _cannot_fly(error) from error
         if not number:
             raise Refused(
                 f"Vehicle {vehicle.id} is streamed to already.",
@@ -115,7 +118,7 @@ class OffboardControl:
             vehicle.command.require_no_kill("start Offboard")
             self._asked = number
             await vehicle.command.set_mode("offboard")
-            if not self._streams.engage(vehicle.id, self.snapshot(), number):
+            if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._still_starting(number)
             self.operator.tell_at_start()
         except BaseException as error:
@@ -162,8 +165,8 @@ class OffboardControl:
                 remedy=f"Stream at {math.ceil(2.0 / max(patience_s, 0.02)):d} Hz or more.",
             )
 
-    def setpoint(self, order: Order) -> OffboardStatus:
-        """A new target, sent at once.
+    async def setpoint(self, order: Order) -> OffboardStatus:
+        """A new target, handed to the stream before anything is waited for, and sent at once.
 
         Raises:
             Refused: no stream runs, an estimate is missing, or the target is too far.
@@ -177,7 +180,11 @@ class OffboardControl:
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
             )
         self.check(order)
-        if not self._streams.change(self._vehicle.id, order, self.snapshot(order)):
+        try:
+            taken = await self._streams.change(self._vehicle.id, order, self.snapshot(order))
+        except ValueError as error:
+            raise _cannot_fly(error) from error
+        if not taken:
             raise Refused(
                 "The stream is just ending (the vehicle is being put into Hold or Land).",
                 remedy="Wait for it to end, then call offboard/start again.",
@@ -411,6 +418,12 @@ class OffboardControl:
                 f"Vehicle {follow.vehicle} is not heard, or does not know where it is.",
                 remedy="It needs a global position, fresh within a second, to be followed.",
             )
+
+
+def _cannot_fly(error: ValueError) -> Refused:
+    return Refused(
+        f"The setpoint cannot be flown now: {error}.", remedy="Send another, or wait for what is missing."
+    )
 
 
 def setpoint_view(sent: Sendable | None) -> dict[str, object] | None:

@@ -7,26 +7,20 @@ holds the interpreter lock may itself wait for a processor; a process with real-
 
 from __future__ import annotations
 
-import logging
 import sys
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
-from gcs_server.faults import FaultLog
-from gcs_server.streamer.child import STARTS_WITHIN_S, Child, Gone
+from gcs_server.streamer import worker_messages as to
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
-from gcs_server.streamer.news import WARNING, Report, Snapshot
+from gcs_server.streamer.news import NOTICE, WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order
 from gcs_server.streamer.streams import PayloadSender, Streams, StreamState
-from gcs_server.streamer.worker import Route
+from gcs_server.streamer.worker_calls import WorkerCalls, WorkerDied
 
-log = logging.getLogger(__name__)
-
-STATES_FRESH_S = 0.05
+STARTS_WITHIN_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
 """What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
 the loop: Python's own 5 ms are a quarter of a stream's period."""
@@ -48,8 +42,28 @@ class _Known:
     """Of its newest stream."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """A stream as the process last told it."""
+
+    state: StreamState
+    at_s: float
+
+
+@dataclass(slots=True)
+class _Group:
+    """What the server keeps of a group that is watched."""
+
+    orders: Mapping[str, Order | None]
+    """By member: what it begins with at the instant."""
+    state: GuardState | None
+
+
 class StreamProcess(Streams):
     """See `Streams`. Should the process end, it is started again; no stream is.
+
+    It says by itself how the streams stand (`worker_messages.Update`): what is read here is what it said
+    last, at most 50 ms old, and no older than the last answer. Nothing here waits for it but a coroutine.
 
     Args:
         clock: the machine's: the process has the same.
@@ -60,25 +74,24 @@ class StreamProcess(Streams):
 
     def __init__(self, clock: Clock, own_ids: tuple[int, int], *, server_silent_limit_s: float = 1.5) -> None:
         self._clock = clock
-        self._own_ids = own_ids
-        self._silent_limit_s = server_silent_limit_s
+        self._calls = WorkerCalls(
+            clock, own_ids, server_silent_limit_s, self._updated, self._gone, self._send_for_it
+        )
         self._wanted = False
-        self._child: Child | None = None
         self._vehicles: dict[str, _Known] = {}
         self._begun: set[str] = set()
         """Who may be streamed to; of all others it is known that nobody does."""
-        self._groups: set[str] = set()
-        self._may_report = False
+        self._beginning: list[str] = []
+        """Whose begin is not answered yet."""
+        self._told: dict[str, _Told] = {}
+        self._groups: dict[str, _Group] = {}
         self._reports: list[tuple[str, Report]] = []
-        """Of the process's own end."""
-        self._states: dict[str, StreamState] = {}
-        self._states_s = float("-inf")
-        self._faults = FaultLog("setpoint streams")
+        self._findings: list[tuple[str, Finding]] = []
 
     @property
     def pid(self) -> int | None:
         """Of the process; None where there is none."""
-        return None if self._child is None else self._child.pid
+        return None if self._calls.worker is None else self._calls.worker.pid
 
     def start(self) -> None:
         """The process itself begins with the first vehicle."""
@@ -88,216 +101,210 @@ class StreamProcess(Streams):
 
     def close(self) -> None:
         self._wanted = False
-        if self._child is not None:
-            self._child.end()
-            self._child = None
-        self._begun.clear()
-        self._groups.clear()
+        self._calls.close()
+        self._forget()
 
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
-        if self._child is not None and self._child.dead:
-            self._gone()
+        self._calls.judge()
         self._spawn()
-        if self._begun:
-            self._ask("routes", self._routes(self._begun))
-            self._ask("beat", dict(snapshots))
-        elif self._child is not None and self._child.holds_sockets:
-            self._ask("routes", self._routes(set()))  # a closed link's port is free for whoever wants it
+        if self._begun or self._beginning:
+            self._post_routes()
+            self._post(to.Beat.of(snapshots))
+        else:
+            self.links_changed()
+
+    def links_changed(self) -> None:
+        worker = self._calls.worker
+        idle = not self._begun and not self._beginning
+        if worker is not None and (worker.holds_closed_sockets or (idle and worker.holds_sockets)):
+            self._post_routes()
 
     # --- one vehicle's stream ---------------------------------------------------------------------
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
         self._vehicles[vehicle_id] = _Known(sender, target)
+        if self._calls.worker is not None and vehicle_id not in self._begun:
+            self._calls.worker.attached.discard(vehicle_id)  # it may have another component now
         self._spawn()
 
     def active(self) -> list[str]:
         return [vehicle_id for vehicle_id in sorted(self._begun) if self.state(vehicle_id).phase != "idle"]
 
     def state(self, vehicle_id: str) -> StreamState:
-        if vehicle_id not in self._begun:
+        told = self._told.get(vehicle_id) if vehicle_id in self._begun else None
+        if told is None:
             return self._vehicles[vehicle_id].last
-        now_s = self._clock.monotonic_s()
-        if now_s - self._states_s > STATES_FRESH_S:
-            self._states = self._ask("states", otherwise={})
-            self._states_s = now_s
-        state = self._states.get(vehicle_id)
-        if state is None:  # the process has ended
-            return self._vehicles[vehicle_id].last
-        if state.phase == "idle":
-            self._begun.discard(vehicle_id)
-            self._vehicles[vehicle_id].last = state
-            return state
-        return _older(state, now_s - self._states_s)
+        return _older(told.state, self._clock.monotonic_s() - told.at_s)
 
     async def ready(self) -> None:
         until_s = self._clock.monotonic_s() + STARTS_WITHIN_S
-        while not self._is_up():
+        while self._calls.worker is None or not self._calls.worker.up:
+            self._spawn()
             if not self._wanted or self._clock.monotonic_s() >= until_s:
                 raise Refused(NOT_UP, remedy="Try again in a second.")
             await self._clock.sleep(LOOK_EVERY_S)
 
-    def _is_up(self) -> bool:
-        try:
-            return self._child is not None and self._child.is_up()
-        except Gone:
-            self._gone()
-            return False
+    async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        await self.ready()
+        worker, known = self._calls.worker, self._vehicles[vehicle_id]
+        if worker is not None and vehicle_id not in worker.attached:
+            self._post(to.Attach(vehicle_id, known.target, known.number))
+            worker.attached.add(vehicle_id)
+        self._beginning.append(vehicle_id)
 
-    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
-        """See `Streams`. Raises Refused where the process is just being started again."""
-        child, known = self._child, self._vehicles[vehicle_id]
+        def begun(number: int) -> None:
+            if number:
+                self._begun.add(vehicle_id)
+                known.number = max(known.number, number)
+            if number and asked.cancelled():
+                self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
+
+        self._post_routes()
+        asked = self._calls.request(to.Begin(vehicle_id, order, rate_hz, snapshot), begun)
+        asked.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
-            if child is None:
-                raise Gone
-            if vehicle_id not in child.known:
-                child.call("attach", vehicle_id, known.target, known.number)
-                child.known.add(vehicle_id)
-            child.call("routes", self._routes(self._begun | {vehicle_id}))
-            number: int = child.call("begin", vehicle_id, order, rate_hz, snapshot)
-        except Gone:
-            self._gone()
+            return await self._calls.answer(asked)
+        except WorkerDied:
             raise Refused(NOT_UP, remedy="Try again in a second.") from None
-        self._begun.add(vehicle_id)
-        known.number = max(known.number, number)
-        self._changed()
-        return number
 
     def starting(self, vehicle_id: str, number: int) -> bool:
-        return vehicle_id in self._begun and self._ask("starting", vehicle_id, number, otherwise=False)
+        state = self.state(vehicle_id)
+        return state.number == number and state.phase == "starting"
 
-    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
-        return vehicle_id in self._begun and self._tell("engage", vehicle_id, snapshot, number) is True
+    async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        return vehicle_id in self._begun and await self._ask(to.Engage(vehicle_id, snapshot, number))
 
     def abandon(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
         if vehicle_id in self._begun:
-            self._tell("abandon", vehicle_id, snapshot, number)
+            self._post(to.Abandon(vehicle_id, snapshot, number))
 
-    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        if vehicle_id not in self._begun:
-            return False
-        self._may_report = True
-        taken, states = self._ask("changed", vehicle_id, order, snapshot, otherwise=(False, {}))
-        self._states, self._states_s = states, self._clock.monotonic_s()
-        return taken
+    async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        return vehicle_id in self._begun and await self._ask(to.Change(vehicle_id, order, snapshot))
 
     def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
         if vehicle_id in self._begun:
-            self._tell("wind_down", vehicle_id, snapshot)
+            self._post(to.WindDown(vehicle_id, snapshot))
 
     def refrain(self, vehicle_id: str) -> None:
         if vehicle_id in self._begun:
-            self._tell("refrain", vehicle_id)
+            self._post(to.Refrain(vehicle_id))
 
     def call_off(self, vehicle_id: str, why: str) -> None:
         if vehicle_id in self._begun:
-            self._tell("call_off", vehicle_id, why)
+            self._post(to.CallOff(vehicle_id, why))
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
-        if vehicle_id in self._begun:
-            self._tell("end", vehicle_id, code, text, number)
+        if vehicle_id not in self._begun:
+            return
+        self._post(to.End(vehicle_id, code, text, number))
+        state = self.state(vehicle_id)
+        if state.phase != "idle" and number in (None, state.number):  # known here before the process says so
+            self._begun.discard(vehicle_id)
+            self._vehicles[vehicle_id].last = StreamState(
+                rate_hz=state.rate_hz,
+                sends_failed=state.sends_failed,
+                last_end=Report(code, NOTICE, text),
+                number=state.number,
+            )
 
     def take_reports(self) -> list[tuple[str, Report]]:
         taken, self._reports = self._reports, []
-        if self._may_report:
-            self._may_report = bool(self._begun)  # whoever is idle by now has reported why
-            taken += self._ask("take_reports", otherwise=[])
         return taken
 
     # --- groups -----------------------------------------------------------------------------------
 
     def watch(self, guard: GroupGuard) -> None:
-        self._groups.add(guard.name)
-        self._tell("watch", guard)
+        orders = {vehicle_id: guard.order_to_come(vehicle_id) for vehicle_id in guard.members}
+        self._groups[guard.name] = _Group(orders, guard.state())
+        self._post(to.Watch(guard))
 
     def unwatch(self, name: str) -> None:
-        if name in self._groups:
-            self._tell("unwatch", name)
-            self._groups.discard(name)
+        if self._groups.pop(name, None) is not None:
+            self._post(to.Unwatch(name))
 
     def stand_down(self, name: str) -> None:
         if name in self._groups:
-            self._tell("stand_down", name)
+            self._post(to.StandDown(name))
 
     def guard(self, name: str) -> GuardState | None:
-        return self._ask("guard", name) if name in self._groups else None
+        group = self._groups.get(name)
+        return None if group is None else group.state
 
-    def change_together(
+    async def change_together(
         self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
     ) -> bool:
-        return self._tell("change_together", name, dict(orders), dict(snapshots), until_s) is True
+        if name not in self._groups:
+            return False
+        return await self._ask(to.ChangeTogether(name, dict(orders), dict(snapshots), until_s))
 
     def watched(self) -> dict[str, Order | None]:
-        return self._ask("watched", otherwise={}) if self._groups else {}
+        return {
+            vehicle_id: order if group.state is not None and group.state.phase == "waiting" else None
+            for group in self._groups.values()
+            for vehicle_id, order in group.orders.items()
+        }
 
     def take_findings(self) -> list[tuple[str, Finding]]:
-        return self._ask("take_findings", otherwise=[]) if self._groups else []
+        taken, self._findings = self._findings, []
+        return taken
 
     # --- the process ------------------------------------------------------------------------------
 
     def _spawn(self) -> None:
-        if self._child is not None or not self._wanted or not self._vehicles:
-            return
-        child = self._child = Child(self._own_ids, self._silent_limit_s)
-        threading.Thread(target=self._pass_on, args=(child,), name="offboard-mail", daemon=True).start()
+        if self._wanted and self._vehicles:
+            self._calls.spawn()
 
-    def _routes(self, vehicles: set[str]) -> dict[str, Route | None]:
-        assert self._child is not None
-        return self._child.routes({v: self._vehicles[v].sender for v in vehicles})
+    def _post(self, message: to.Post) -> None:
+        self._calls.post(message)
 
-    def _tell(self, name: str, *arguments: object) -> Any:
-        """A call after which the streams may stand otherwise."""
-        result = self._ask(name, *arguments)
-        self._changed()
-        return result
+    def _post_routes(self) -> None:
+        worker = self._calls.worker
+        if worker is not None:
+            streamed = {*self._begun, *self._beginning}
+            self._post(to.Routes(worker.routes({v: self._vehicles[v].sender for v in streamed})))
 
-    def _ask(self, name: str, *arguments: object, otherwise: Any = None) -> Any:
-        """What the process answers; `otherwise` where it has ended."""
-        if self._child is None:
-            return otherwise
+    async def _ask(self, message: to.Request[bool]) -> bool:
+        """What the process answers; False where it has ended."""
         try:
-            return self._child.call(name, *arguments)
-        except Gone:
-            self._gone()
-            return otherwise
+            return await self._calls.answer(self._calls.request(message))
+        except WorkerDied:
+            return False
 
-    def _changed(self) -> None:
-        self._states_s = float("-inf")
-        self._may_report = True
+    def _updated(self, update: to.Update) -> None:
+        for vehicle_id, told in update.states.items():
+            before, state = self._told.get(vehicle_id), told
+            if vehicle_id in update.same_order and before is not None:
+                state = replace(told, order=before.state.order)
+            self._told[vehicle_id] = _Told(state, update.at_s)
+            known = self._vehicles[vehicle_id]
+            if vehicle_id in self._begun and state.phase == "idle" and state.number >= known.number:
+                self._begun.discard(vehicle_id)
+                known.last = state
+        for name, guard in update.guards.items():
+            group = self._groups.get(name)
+            if group is not None:
+                group.state = guard
+        self._reports += update.reports
+        self._findings += update.findings
 
     def _gone(self) -> None:
-        """It ended, or does not answer: nothing is streamed any more, and who was is told."""
-        child, self._child = self._child, None
-        if child is None:
-            return
-        log.error("the process that flies setpoint streams (%d) ended", child.pid)
-        child.end()
+        """The process ended: nothing is streamed any more, and who was is told."""
         report = Report("fault", WARNING, ENDED)
         for vehicle_id in sorted(self._begun):
             known = self._vehicles[vehicle_id]
             known.last = StreamState(last_end=report, number=known.number)
             self._reports.append((vehicle_id, report))
-        self._begun.clear()
-        self._groups.clear()
-        self._states = {}
+        self._forget()
         self._spawn()
 
-    def _pass_on(self, child: Child) -> None:
-        """A thread of its own: sends what the process cannot, records what it sent."""
-        while (mail := child.mail()) is not None:
-            try:
-                self._take_mail(child, mail)
-            except Exception as error:  # the thread goes on: other vehicles' setpoints pass through it
-                self._faults.add(error, "passing on what the process sends")
+    def _forget(self) -> None:
+        self._begun.clear()
+        self._groups.clear()
+        self._told.clear()
 
-    def _take_mail(self, child: Child, mail: tuple[Any, ...]) -> None:
-        if mail[0] == "relay":
-            _, vehicle_id, msg_id, payload = mail
-            self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
-        else:
-            for number, time_us, raw in mail[1]:
-                connection = child.connections.get(number)
-                if connection is not None:
-                    connection.sent_elsewhere(time_us, raw)
+    def _send_for_it(self, vehicle_id: str, msg_id: int, payload: bytes) -> None:
+        """In a thread: what is no datagram."""
+        self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
 
 
 def _older(state: StreamState, by_s: float) -> StreamState:

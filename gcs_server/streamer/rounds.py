@@ -14,7 +14,7 @@ from gcs_server.streamer.core import StreamCore
 from gcs_server.streamer.group_guard import Actions, Finding, GroupGuard, GuardState, Seen
 from gcs_server.streamer.news import WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order
-from gcs_server.streamer.streams import PayloadSender, Streams, StreamState
+from gcs_server.streamer.streams import PayloadSender, StreamState
 
 log = logging.getLogger(__name__)
 
@@ -29,8 +29,11 @@ class _Stream:
     """Of the newest `begin`: whoever began an earlier stream has no say in this one."""
 
 
-class Rounds(Streams):
-    """See `Streams`; whoever calls anything here calls `step` soon afterwards.
+class Rounds:
+    """What `Streams` says, done at once; whoever calls anything here calls `step` soon afterwards.
+
+    Whatever fails is one vehicle's or one group's: its stream ends (the vehicle fails safe), a group's
+    members are held, and all others go on.
 
     Args:
         clock: `monotonic_s` alone is used.
@@ -45,9 +48,10 @@ class Rounds(Streams):
         self._beat_s = clock.monotonic_s()
 
     def start(self) -> None:
-        pass
+        """See `Streams`."""
 
     def close(self) -> None:
+        """See `Streams`."""
         self._streams.clear()
         self._guards.clear()
 
@@ -65,7 +69,7 @@ class Rounds(Streams):
                 for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._beat_s):
                     if not stream.sender.send_payload(out.msg_id, out.payload):
                         stream.sends_failed += 1
-            except Exception as error:  # one vehicle's fault must not take the others' stream with it
+            except Exception as error:
                 self._failed(vehicle_id, error)
             due_s = min(due_s, core.due_s(self._beat_s))
         return due_s
@@ -74,8 +78,12 @@ class Rounds(Streams):
         self._alive(self._clock.monotonic_s())
         for vehicle_id, snapshot in snapshots.items():
             stream = self._streams.get(vehicle_id)
-            if stream is not None:
-                stream.snapshot = snapshot
+            if stream is None:
+                continue
+            try:
+                stream.snapshot = snapshot.plausible()
+            except Exception as error:  # the others' are taken
+                self._failed(vehicle_id, error)
 
     # --- one vehicle's stream ---------------------------------------------------------------------
 
@@ -109,22 +117,40 @@ class Rounds(Streams):
             cadence.steady_s if core.streaming else 0.0,
         )
 
-    def states(self) -> dict[str, StreamState]:
-        """Of all vehicles that are known here."""
-        return {vehicle_id: self.state(vehicle_id) for vehicle_id in self._streams}
+    def phases(self) -> dict[str, tuple[str, int]]:
+        """Phase and number of each vehicle's newest stream."""
+        return {
+            vehicle_id: (stream.core.phase, stream.number) for vehicle_id, stream in self._streams.items()
+        }
 
-    async def ready(self) -> None:
-        pass
+    def guard_states(self) -> dict[str, GuardState]:
+        """Of all groups that are watched."""
+        return {name: guard.state() for name, guard in self._guards.items()}
+
+    def guard_phases(self) -> list[tuple[str, str, int]]:
+        """Name, phase and number of those held of each group that is watched."""
+        return [(name, guard.phase, len(guard.held)) for name, guard in self._guards.items()]
+
+    @property
+    def has_news(self) -> bool:
+        """Whether reports or findings wait to be taken."""
+        return any(stream.core.reports for stream in self._streams.values()) or any(
+            guard.findings for guard in self._guards.values()
+        )
 
     def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
         if stream.core.streaming:
             return 0
-        stream.snapshot = snapshot
+        stream.snapshot = snapshot.plausible()
         stream.number += 1
         stream.sends_failed = 0
         self._alive(now_s)  # the loop is here
-        stream.core.begin(now_s, order, rate_hz, snapshot)
+        try:
+            stream.core.begin(now_s, order, rate_hz, stream.snapshot)
+        except Exception as error:
+            stream.core.end("refused", f"The setpoint stream did not begin: {error}", tell=False)
+            raise
         return stream.number
 
     def starting(self, vehicle_id: str, number: int) -> bool:
@@ -135,24 +161,24 @@ class Rounds(Streams):
         stream = self._streams[vehicle_id]
         if number not in (None, stream.number):
             return False
-        stream.snapshot = snapshot
+        stream.snapshot = snapshot.plausible()
         return stream.core.engage(self._clock.monotonic_s())
 
     def abandon(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
         stream = self._streams[vehicle_id]
         if stream.number == number:
-            stream.snapshot = snapshot
-            stream.core.abandon(self._clock.monotonic_s(), snapshot)
+            stream.snapshot = snapshot.plausible()
+            stream.core.abandon(self._clock.monotonic_s(), stream.snapshot)
 
     def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
         stream = self._streams[vehicle_id]
-        stream.snapshot = snapshot
-        return stream.core.change(self._clock.monotonic_s(), order, snapshot)
+        stream.snapshot = snapshot.plausible()
+        return stream.core.change(self._clock.monotonic_s(), order, stream.snapshot)
 
     def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
         stream = self._streams[vehicle_id]
-        stream.snapshot = snapshot
-        stream.core.wind_down(self._clock.monotonic_s(), snapshot)
+        stream.snapshot = snapshot.plausible()
+        stream.core.wind_down(self._clock.monotonic_s(), stream.snapshot)
 
     def refrain(self, vehicle_id: str) -> None:
         self._streams[vehicle_id].core.refrain(self._clock.monotonic_s())
@@ -213,7 +239,7 @@ class Rounds(Streams):
         if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
             return False  # what has expired is not revived unasked: a path would begin again
         for vehicle_id in orders:
-            self._streams[vehicle_id].snapshot = snapshots[vehicle_id]
+            self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
         self._obey(guard, now_s, Actions(take=dict(orders)), until_s)
         return True
 
@@ -224,8 +250,10 @@ class Rounds(Streams):
         try:
             actions = guard.look(now_s, {v: self._seen(v) for v in guard.members})
         except Exception as error:  # what keeps them apart must not fail in silence
-            log.exception("the guard of group %s failed", guard.name)
+            guard.look_later(now_s)
             actions = guard.fault(now_s, f"What keeps the group apart failed ({error})")
+            if actions.hold:
+                log.exception("the guard of group %s failed", guard.name)
         self._obey(guard, now_s, actions, guard.until_s)
 
     def _seen(self, vehicle_id: str) -> Seen:
@@ -257,13 +285,14 @@ class Rounds(Streams):
             stream = self._streams[vehicle_id]
             try:
                 stream.core.call_off(now_s, stream.snapshot, actions.code, why)
-            except Exception as error:
+            except Exception as error:  # the others are to be held all the same
                 self._failed(vehicle_id, error)
 
     def _failed(self, vehicle_id: str, error: Exception) -> None:
-        """Ends one stream; its vehicle fails safe."""
-        log.error("the stream to vehicle %s failed", vehicle_id, exc_info=error)
-        self._streams[vehicle_id].core.end("fault", f"The setpoint stream failed: {error}", WARNING)
+        """One vehicle's fault ends its stream and nobody else's."""
+        log.exception("the stream to vehicle %s failed", vehicle_id)
+        text = f"The setpoint stream failed: {error}"
+        self._streams[vehicle_id].core.end("fault", text, WARNING)
 
     def _alive(self, now_s: float) -> None:
         """The loop lives; streams that its silence should have ended (the process stood still) end first."""

@@ -62,7 +62,8 @@ class Streams(Protocol):
     """All streams of the server.
 
     In a running server they are a process of their own (`process.py`); tests run its rounds themselves
-    (`rounds.py`). The event loop alone calls this; no call waits for anything but that process.
+    (`rounds.py`). The event loop alone calls this. What is a plain method returns at once, whatever that
+    process does; what needs its answer is a coroutine.
     """
 
     def start(self) -> None:
@@ -75,6 +76,10 @@ class Streams(Protocol):
 
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
         """The loop lives, and this is what it knows of the vehicles that are streamed to."""
+        ...
+
+    def links_changed(self) -> None:
+        """A link was opened or closed: no socket of a closed one is kept."""
         ...
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
@@ -97,15 +102,20 @@ class Streams(Protocol):
         """
         ...
 
-    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
-        """Starts a stream and numbers it; 0 where there is one already."""
+    async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        """Starts a stream and numbers it; 0 where there is one already.
+
+        Raises:
+            Refused: what streams is just being started again.
+            ValueError: the order cannot be flown.
+        """
         ...
 
     def starting(self, vehicle_id: str, number: int) -> bool:
         """Whether that stream is still being started."""
         ...
 
-    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+    async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
         """The vehicle reports Offboard; False: that stream has ended meanwhile."""
         ...
 
@@ -113,8 +123,12 @@ class Streams(Protocol):
         """That stream's start failed after Offboard had been asked for."""
         ...
 
-    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        """A new setpoint, sent at once; False where there is no stream to change."""
+    async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        """A new setpoint, sent at once; False where there is no stream to change.
+
+        Raises:
+            ValueError: the order cannot be flown; what was flown is flown on.
+        """
         ...
 
     def wind_down(self, vehicle_id: str, snapshot: Snapshot) -> None:
@@ -153,7 +167,7 @@ class Streams(Protocol):
         """How a group's guard stands; None where it is watched no more."""
         ...
 
-    def change_together(
+    async def change_together(
         self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
     ) -> bool:
         """New setpoints for some of a group, sent at once and expiring with all others; False: none taken."""

@@ -1,8 +1,9 @@
 """The process that flies all setpoint streams, so that nothing the server does can delay one.
 
-`process.py` starts it with two sockets: one by which the server calls `Rounds` and waits for the answer, and
-one by which it hands over its links' sockets and is told, later, what went out by them (for the recordings).
-What a link without datagrams is to carry goes back to the server, where a thread of its own passes it on.
+`worker_handle.py` starts it with two sockets. By one the server's messages come (`worker_messages.py`) and
+answers and news go back; by the other the server hands over its links' sockets and is told, later, what went
+out by them (for the recordings). What a link without datagrams is to carry goes back to the server, where a
+thread of its own passes it on. Neither side ever waits for the other to read.
 
 It ends with the server: when the first socket closes, nothing is sent any more.
 """
@@ -20,39 +21,36 @@ import signal
 import socket
 import sys
 from collections import deque
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
 
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.mavlink.codec import encode_frame
-from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import Order
 from gcs_server.streamer.streams import StreamState
+from gcs_server.streamer.worker_messages import Answer, Hello, Numbered, Request, Route, Update
+
+log = logging.getLogger(__name__)
 
 SENT_EVERY_S = 0.01
 """What went out is told no more often than this."""
 SENT_AT_ONCE = 100
 SENT_WAITING = 20_000
 """So many frames wait for a server that stands still; more are missing from its recording."""
+UPDATE_EVERY_S = 0.05
+"""How the streams stand is told so often while there are any, and at once when a phase changes."""
+MOST_WAITING_BYTES = 8_000_000
+"""For a server that stands still; answers alone wait, so that this is never reached by one that lives."""
 LONGEST_RUN_US = 1_000_000
 """With real-time priority: of processor time without a pause, after which the system ends the process."""
 LONGEST_SPELL_S, REST_S = 0.05, 0.005
 """Streams that want more than a processor are late rather than leave nothing to the server."""
 LONGEST_HANDOVER = 64
 
-Address = tuple[str, int]
 Sent = tuple[int, int, bytes]
 """Number of the link's socket, time since 1970 [us], frame."""
-
-
-@dataclass(frozen=True, slots=True)
-class Route:
-    """Where a vehicle's datagrams go."""
-
-    socket_number: int
-    address: Address
 
 
 class Mail:
@@ -76,7 +74,7 @@ class Mail:
         """The server shall send it. False where it takes nothing more."""
         try:
             self._way.send(pickle.dumps(("relay", vehicle_id, msg_id, payload)))
-        except BlockingIOError:
+        except OSError:  # it does not read, or is gone
             return False
         return True
 
@@ -89,7 +87,7 @@ class Mail:
             some = [self._sent.popleft() for _ in range(min(SENT_AT_ONCE, len(self._sent)))]
             try:
                 self._way.send(pickle.dumps(("sent", some)))
-            except BlockingIOError:
+            except OSError:
                 self._sent.extendleft(reversed(some))
                 return
 
@@ -123,22 +121,28 @@ class Outlet:
 
 
 class Worker:
-    """The loop: a round when one is due, an answer when the server calls.
+    """The loop: a round when one is due, the server's messages when they come, news when there are any.
 
     Args:
-        calls: the server's calls.
+        messages: from and to the server.
         way: for sockets in, and for what went out by them.
         own_ids: system and component id of the frames.
         rounds: what is run.
     """
 
     def __init__(
-        self, calls: Connection, way: socket.socket, own_ids: tuple[int, int], clock: Clock, rounds: Rounds
+        self,
+        messages: MessagePipe,
+        way: socket.socket,
+        own_ids: tuple[int, int],
+        clock: Clock,
+        rounds: Rounds,
     ) -> None:
-        self._calls = calls
+        self._messages = messages
         self._way = way
-        self._rounds = rounds
         self._outlets: dict[str, Outlet] = {}
+        self._news = News(rounds)
+        self.rounds = rounds
         self.clock = clock
         self.own_ids = own_ids
         self.mail = Mail(way)
@@ -146,63 +150,140 @@ class Worker:
 
     def run(self) -> None:
         """Returns when the server has gone."""
-        calls = self._calls.fileno()
         rested_s = self.clock.monotonic_s()
-        while True:
-            due_s = self._rounds.step()
-            now_s = self.clock.monotonic_s()
-            self.mail.tell(now_s)
-            wait_s = due_s - now_s
-            if self.mail.waits:
-                wait_s = min(wait_s, SENT_EVERY_S)
-            if now_s - rested_s > LONGEST_SPELL_S:
-                wait_s = max(wait_s, REST_S)
-            if wait_s > 0:
-                rested_s = now_s + wait_s
-            timeout_s = None if wait_s == float("inf") else max(0.0, wait_s)
-            if select.select([calls], [], [], timeout_s)[0]:
-                try:
-                    answer = self._answer(*pickle.loads(self._calls.recv_bytes()))
-                    self._calls.send_bytes(pickle.dumps(answer))
-                except (EOFError, OSError):
-                    return
-
-    def _answer(self, name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
-        """Carries a call out, and sends what it has made due before the server hears of it."""
-        own = {"attach": self._attach, "routes": self._routes, "changed": self._changed}
         try:
-            result = (own.get(name) or getattr(self._rounds, name))(*arguments)
-        except Exception as error:
-            logging.getLogger(__name__).exception("%s failed", name)
-            return type(error).__name__, str(error)
-        if name in ("begin", "change_together"):
-            self._rounds.step()
-        return "", result
+            while True:
+                due_s = self.rounds.step()
+                now_s = self.clock.monotonic_s()
+                self.mail.tell(now_s)
+                if self._news.is_due(now_s) and not self._messages.waits:
+                    self._messages.send((self._news.update(now_s),))
+                news_due_s = float("inf") if self._messages.waits else self._news.due_s
+                wait_s = min(due_s, news_due_s) - now_s
+                if self.mail.waits:
+                    wait_s = min(wait_s, SENT_EVERY_S)
+                if now_s - rested_s > LONGEST_SPELL_S:
+                    wait_s = max(wait_s, REST_S)
+                if wait_s > 0:
+                    rested_s = now_s + wait_s
+                self._wait(None if wait_s == float("inf") else max(0.0, wait_s))
+        except (EOFError, PipeFull):
+            return
 
-    def _changed(
-        self, vehicle_id: str, order: Order, snapshot: Snapshot
-    ) -> tuple[bool, dict[str, StreamState]]:
-        """A changed setpoint, sent, and how all streams stand then."""
-        taken = self._rounds.change(vehicle_id, order, snapshot)
-        self._rounds.step()
-        return taken, self._rounds.states()
+    def _wait(self, timeout_s: float | None) -> None:
+        pipe = [self._messages.fileno()]
+        readable, writable, _ = select.select(pipe, pipe if self._messages.waits else [], [], timeout_s)
+        if writable:
+            self._messages.flush()
+        if readable:
+            for numbered in self._messages.receive():
+                assert isinstance(numbered, Numbered)
+                self._take(numbered)
 
-    def _attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
+    def _take(self, numbered: Numbered) -> None:
+        """Carries a message out, and sends what it has made due before the server hears of it."""
+        message, error, result = numbered.message, None, None
+        try:
+            result = message.apply(self)
+        except Exception as problem:
+            log.exception("%s failed", type(message).__name__)
+            error = (type(problem).__name__, str(problem))
+        self._news.handled(numbered.number)
+        if isinstance(message, Request):
+            self.rounds.step()
+            update = self._news.update(self.clock.monotonic_s(), message.vehicles())
+            self._messages.send((update, Answer(numbered.number, result, error)))
+
+    def attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
+        """A vehicle becomes known."""
         outlet = self._outlets[vehicle_id] = Outlet(vehicle_id, self)
-        self._rounds.attach(vehicle_id, outlet, target, number)
+        self.rounds.attach(vehicle_id, outlet, target, number)
 
-    def _routes(self, routes: dict[str, Route | None]) -> None:
+    def set_routes(self, routes: Mapping[str, Route | None]) -> None:
         """Ways out of the vehicles that are streamed to; sockets of no other are kept."""
         with contextlib.suppress(BlockingIOError):  # all that were handed over are here
             while True:
                 head, descriptors, _, _ = socket.recv_fds(self._way, LONGEST_HANDOVER, 1)
+                if not descriptors:
+                    break
                 self.sockets[int(head)] = socket.socket(fileno=descriptors[0])
-        for vehicle_id, route in routes.items():
-            here = route is not None and route.socket_number in self.sockets
-            self._outlets[vehicle_id].route = route if here else None
+        for vehicle_id, outlet in self._outlets.items():
+            route = routes.get(vehicle_id)
+            outlet.route = route if route is not None and route.socket_number in self.sockets else None
         used = {route.socket_number for route in routes.values() if route is not None}
         for number in [n for n in self.sockets if n not in used]:
             self.sockets.pop(number).close()
+
+
+class News:
+    """What the server is yet to be told of the streams, and when.
+
+    Args:
+        rounds: whose.
+    """
+
+    def __init__(self, rounds: Rounds) -> None:
+        self._rounds = rounds
+        self._handled = self._told_handled = 0
+        self._told_s = 0.0
+        self._phases: dict[str, tuple[str, int]] = {}
+        self._guards: list[tuple[str, str, int]] = []
+        self._orders: dict[str, Order | None] = {}
+        self.due_s = float("inf")
+        """When the next update is due if nothing happens until then."""
+
+    def handled(self, number: int) -> None:
+        """A message of the server's was taken."""
+        self._handled = number
+
+    def is_due(self, now_s: float) -> bool:
+        """Whether something has happened, or it is time."""
+        rounds = self._rounds
+        phases = rounds.phases()
+        going = any(phase != "idle" for phase, _ in phases.values())
+        self.due_s = self._told_s + UPDATE_EVERY_S if going else float("inf")
+        changed = (
+            phases != self._phases
+            or rounds.guard_phases() != self._guards
+            or rounds.has_news
+            or (self._handled != self._told_handled and not going)  # else the next one says so
+        )
+        return changed or now_s >= self.due_s
+
+    def update(self, now_s: float, only: tuple[str, ...] | None = None) -> Update:
+        """Of these vehicles, or of all that are streamed to or have just ended."""
+        rounds = self._rounds
+        phases = rounds.phases()
+        if only is None:
+            told = [v for v, at in phases.items() if at[0] != "idle" or at != self._phases.get(v)]
+            self._phases, self._guards = phases, rounds.guard_phases()
+            self._told_handled, self._told_s = self._handled, now_s
+            self.due_s = max(self.due_s, now_s + UPDATE_EVERY_S)
+        else:
+            told = [v for v in only if v in phases]
+        states: dict[str, StreamState] = {}
+        same: set[str] = set()
+        for vehicle_id in told:
+            try:
+                state = rounds.state(vehicle_id)
+            except Exception:  # of one; the others are to be told
+                log.exception("how the stream to vehicle %s stands cannot be told", vehicle_id)
+                continue
+            if state.order is not None and state.order is self._orders.get(vehicle_id):
+                same.add(vehicle_id)
+                states[vehicle_id] = replace(state, order=None)
+            else:
+                self._orders[vehicle_id] = state.order
+                states[vehicle_id] = state
+        return Update(
+            self._handled,
+            now_s,
+            states,
+            frozenset(same),
+            rounds.guard_states(),
+            tuple(rounds.take_reports()),
+            tuple(rounds.take_findings()),
+        )
 
 
 def take_priority() -> bool:
@@ -219,18 +300,19 @@ def take_priority() -> bool:
 
 
 def main(arguments: list[str]) -> None:
-    """`worker CALLS_FD WAY_FD SYSTEM_ID COMPONENT_ID SILENT_LIMIT_S`."""
+    """`worker MESSAGES_FD WAY_FD SYSTEM_ID COMPONENT_ID SILENT_LIMIT_S`."""
     for number in (signal.SIGINT, signal.SIGTERM):  # the server's: it puts the vehicles into Hold first
         signal.signal(number, signal.SIG_IGN)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
-    calls, way = Connection(int(arguments[0])), socket.socket(fileno=int(arguments[1]))
+    messages = MessagePipe(socket.socket(fileno=int(arguments[0])), MOST_WAITING_BYTES)
+    way = socket.socket(fileno=int(arguments[1]))
     way.setblocking(False)
     clock = SystemClock()
     rounds = Rounds(clock, server_silent_limit_s=float(arguments[4]))
-    worker = Worker(calls, way, (int(arguments[2]), int(arguments[3])), clock, rounds)
+    worker = Worker(messages, way, (int(arguments[2]), int(arguments[3])), clock, rounds)
     gc.collect()
     gc.freeze()
-    calls.send_bytes(pickle.dumps(take_priority()))
+    messages.send((Hello(take_priority()),))
     worker.run()
 
 

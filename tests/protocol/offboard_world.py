@@ -11,8 +11,8 @@ import itertools
 from typing import Any
 
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
+from tests.loop_streams import LoopStreams
 from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot
 from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -103,7 +103,7 @@ class OffboardWorld(World):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.streamer = Streamer(self.clock, Rounds(self.clock))
+        self.streamer = Streamer(self.clock, LoopStreams(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.supervisor.start("offboard-beat", self.streamer._beat)
         self.supervisor.start("stream", self._rounds)

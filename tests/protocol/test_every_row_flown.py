@@ -53,7 +53,7 @@ def order(setpoint, valid_for_s=60.0, **expiry):
 
 async def fly(vehicle, setpoint, duration_s):
     """Sends it on the stream that runs, and lets it be flown."""
-    vehicle.offboard.setpoint(order(setpoint))
+    await vehicle.offboard.setpoint(order(setpoint))
     await seconds(duration_s)
     status = vehicle.offboard.status()
     assert status.state == "streaming", (setpoint, status.ended, codes(vehicle))
@@ -132,7 +132,7 @@ def test_attitude_and_rates_rows_and_how_they_expire(jump):
         await fly(vehicle, Rates((0.0, 0.0, 0.6), thrust), 1.0)
         assert attitude(vehicle).rates_frd_rad_s[2] == pytest.approx(0.6, abs=0.1)
         short = order(Attitude((1.0, 0.0, 0.0, 0.0), thrust), 0.5, action="hold", hold_for_s=4.0)
-        vehicle.offboard.setpoint(short)
+        await vehicle.offboard.setpoint(short)
         await seconds(0.8)
         status = vehicle.offboard.status()
         assert (status.state, status.setpoint["type"]) == ("holding", "position")
@@ -234,7 +234,7 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
         assert "limited" in codes(vehicle)
         # back, then by attitude, which steers no place: taken over in time
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
-        vehicle.offboard.setpoint(order(Attitude(quaternion_of(0.0, math.radians(-12), 0.0), 0.505)))
+        await vehicle.offboard.setpoint(order(Attitude(quaternion_of(0.0, math.radians(-12), 0.0), 0.505)))
         farthest = 0.0
         for _ in range(120):
             await seconds(0.1)
@@ -254,7 +254,7 @@ def test_one_vehicle_follows_another_until_that_is_not_heard(jump):
         beside = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
         await follower.offboard.start(order(beside, valid_for_s=300, hold_for_s=2.0))
         await seconds(4)
-        leader.offboard.setpoint(order(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
+        await leader.offboard.setpoint(order(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
         await seconds(8)
         lead, own = leader.topic("global_position").value, follower.topic("global_position").value
         north = (own.lat_deg - lead.lat_deg) * 111_195

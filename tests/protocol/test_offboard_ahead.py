@@ -148,11 +148,11 @@ def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(j
         assert limits.vehicle.distance_max_m == 60.0
         await seconds(0.5)
         assert pilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
-        vehicle.offboard.setpoint(order(velocity=(-2.0, 0.0, 0.0)))
+        await vehicle.offboard.setpoint(order(velocity=(-2.0, 0.0, 0.0)))
         await seconds(1.0)
         assert pilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slewed at 1 m/s²
         with pytest.raises(Refused, match="limit of 60 m from home"):
-            vehicle.offboard.setpoint(order(position=(70.0, 0.0, -5.0)))
+            await vehicle.offboard.setpoint(order(position=(70.0, 0.0, -5.0)))
 
     flight(jump, story)
 
@@ -241,6 +241,6 @@ def test_an_order_after_the_expiry_is_told_that_it_was_one(jump):
         with pytest.raises(
             Refused, match=r"no setpoint stream.*in Hold.*the setpoint of anna expired after 0.5 s"
         ):
-            vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(order())
 
     flight(jump, story)

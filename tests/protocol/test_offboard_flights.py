@@ -43,7 +43,7 @@ def test_twenty_percent_loss_start_setpoints_and_stop(jump, seed):
         await vehicle.offboard.start(order())
         assert world.loop.time() - began < 12
         for north in range(5):
-            vehicle.offboard.setpoint(order(position=(float(north), 0.0, -5.0)))
+            await vehicle.offboard.setpoint(order(position=(float(north), 0.0, -5.0)))
             await seconds(0.2)
         began = world.loop.time()
         await vehicle.offboard.stop()
@@ -317,12 +317,13 @@ def test_a_setpoint_while_holding_resumes_and_while_hold_mode_is_asked_for_is_re
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
         assert vehicle.offboard.status().state == "holding"
-        assert vehicle.offboard.setpoint(order(valid_for_s=0.5, hold_for_s=0.2)).state == "streaming"
+        resumed = await vehicle.offboard.setpoint(order(valid_for_s=0.5, hold_for_s=0.2))
+        assert resumed.state == "streaming"
         pilot.silent_commands.add(176)
         await seconds(1.0)
         assert vehicle.offboard.status().state == "to_hold"
         with pytest.raises(Refused, match="ending"):
-            vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(order())
 
     flight(jump, story)
 
@@ -372,12 +373,12 @@ def test_the_last_of_two_clients_wins_and_either_may_stop(jump):
         for number in range(10):
             client = "ab"[number % 2]
             place = (float(number), 0.0, -5.0)
-            status = vehicle.offboard.setpoint(order(position=place, client=client))
+            status = await vehicle.offboard.setpoint(order(position=place, client=client))
             assert (status.client, status.setpoint["position_ned_m"]) == (client, place)
             await seconds(0.05)
             assert pilot.setpoints[-1][1].x == number
         await vehicle.offboard.stop()
         with pytest.raises(Refused, match="stopped"):
-            vehicle.offboard.setpoint(order(client="a"))
+            await vehicle.offboard.setpoint(order(client="a"))
 
     flight(jump, story)

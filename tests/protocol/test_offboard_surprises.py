@@ -33,7 +33,7 @@ def test_an_origin_that_moves_ends_a_position_setpoint_in_hold(jump):
         await seconds(2)
         assert pilot.mode == HOLD
         with pytest.raises(Refused):
-            vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(order())
 
     flight(jump, story)
 
@@ -53,7 +53,7 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_revive_the
         assert "Position" in status.ended or "position" in status.ended
         await silent(pilot, link)
         with pytest.raises(Refused, match="no setpoint stream"):
-            vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(order())
 
     flight(jump, story)
 

@@ -11,13 +11,13 @@ from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.isolation import Isolation
 from gcs_server.streamer import offboard
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import Order, Position
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import Asked
 from tests.jump_time import in_jumps
+from tests.loop_streams import LoopStreams
 
 UP = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
@@ -83,7 +83,7 @@ class Vehicle:
 
 def streaming(clock, stalls=()):
     """A streamer whose rounds the loop runs; but from `stalls[n][0]` to `[1]` [s] they stand still."""
-    supervisor, rounds = Supervisor(clock), Rounds(clock)
+    supervisor, rounds = Supervisor(clock), LoopStreams(clock)
     began_s = clock.monotonic_s()
 
     async def run():
@@ -158,7 +158,7 @@ def test_a_refusal_stops_the_stream_and_is_passed_on():
             await vehicle.offboard.start(Order(UP, 60.0))
         assert not vehicle.offboard.status().streaming
         with pytest.raises(Refused, match="no setpoint stream"):
-            vehicle.offboard.setpoint(Order(UP, 60.0))
+            await vehicle.offboard.setpoint(Order(UP, 60.0))
 
     told(story)
 

@@ -2,12 +2,15 @@
 
 import asyncio
 import contextlib
+import functools
+import inspect
 import os
 import signal
 import socket
 import struct
 import threading
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -16,6 +19,7 @@ from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.links.base import Peer
 from gcs_server.streamer.failsafe import Failsafe
+from gcs_server.streamer.group_guard import GroupGuard
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.process import StreamProcess
 from gcs_server.streamer.setpoints import Follow, OnExpiry, Order, Position, Velocity
@@ -31,12 +35,13 @@ VELOCITY_ONLY = 2503
 class Vehicle:
     """Somebody at the other end of a UDP link (or of another kind), and the link as the server has it."""
 
-    def __init__(self, *, datagrams=True):
+    def __init__(self):
         self.heard = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.heard.bind(("127.0.0.1", 0))
         self.frames, self.recorded, self.relayed = [], [], []
         self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        link = SimpleNamespace(datagrams=lambda: self.link_socket if datagrams else None)
+        self.datagrams = True
+        link = SimpleNamespace(datagrams=lambda: self.link_socket if self.datagrams else None)
         self.way = SimpleNamespace(
             connection=SimpleNamespace(link=link, sent_elsewhere=self._record),
             peer=Peer("peer", self.heard.getsockname()),
@@ -63,31 +68,38 @@ class Vehicle:
         self.link_socket.close()
 
 
-@pytest.fixture
-def streams():
-    process = StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5)
-    process.start()
-    yield process
-    process.close()
+def flown(story):
+    """A test of the process and one vehicle, in a loop of its own."""
 
+    @functools.wraps(story, assigned=("__name__", "__doc__"))
+    def test(**more):
+        async def run():
+            process, vehicle = StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5), Vehicle()
+            process.start()
+            try:
+                await story(process, vehicle, **more)
+            finally:
+                process.close()
+                vehicle.close()
 
-@pytest.fixture
-def vehicle():
-    vehicle = Vehicle()
-    yield vehicle
-    vehicle.close()
+        asyncio.run(run())
+
+    names = list(inspect.signature(story).parameters.values())[2:]
+    test.__signature__ = inspect.Signature(names)
+    del test.__wrapped__
+    return test
 
 
 def snapshot():
     return Snapshot(time.monotonic(), "offboard", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
 
-def begin(streams, name, vehicle, rate_hz=50.0, order=None, attach=True):
+async def begin(streams, name, vehicle, rate_hz=50.0, order=None, attach=True):
     if attach:
         streams.attach(name, vehicle, (7, 1))
-    number = streams.begin(name, order or Order(HOVER, 60.0), rate_hz, snapshot())
+    number = await streams.begin(name, order or Order(HOVER, 60.0), rate_hz, snapshot())
     assert number
-    assert streams.engage(name, snapshot(), number)
+    assert await streams.engage(name, snapshot(), number)
     return number
 
 
@@ -103,31 +115,38 @@ def type_mask(raw):
     return struct.unpack_from("<H", raw, 10 + 48)[0]
 
 
-def soon(condition, within_s=3.0):
+def stall(seconds):
+    """The loop, which the test is, stands still."""
+    time.sleep(seconds)
+
+
+async def soon(condition, within_s=3.0):
     until_s = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < until_s
-        time.sleep(0.005)
+        await asyncio.sleep(0.005)
 
 
-def test_streams_while_the_loop_is_stalled_and_stops_when_it_stays_silent(streams, vehicle):
-    begin(streams, "1", vehicle)
+@flown
+async def test_streams_while_the_loop_is_stalled_and_stops_when_it_stays_silent(streams, vehicle):
+    await begin(streams, "1", vehicle)
     streams.beat({"1": snapshot()})
-    soon(lambda: len(vehicle.frames) >= 15)  # nobody beats meanwhile
-    soon(lambda: streams.active() == [])
+    stall(0.8)
+    await soon(lambda: streams.active() == [])
     assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 a second, and the moment of the start"
     count = len(vehicle.frames)
-    time.sleep(0.2)
+    await asyncio.sleep(0.2)
     assert len(vehicle.frames) == count
     assert [report.code for _, report in streams.take_reports()] == ["server_silent"]
     assert streams.take_reports() == []
 
 
-def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams, vehicle):
-    begin(streams, "1", vehicle)
-    soon(lambda: len(vehicle.frames) >= 10)
+@flown
+async def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.frames) >= 10)
     streams.end("1", "stopped", "")
-    soon(lambda: len(vehicle.recorded) == len(vehicle.frames))
+    await soon(lambda: len(vehicle.recorded) == len(vehicle.frames))
     frames = [frame for _, frame in vehicle.frames]
     assert [raw for _, raw in vehicle.recorded] == frames
     assert {(frame[5], frame[6]) for frame in frames} == {OWN_IDS}
@@ -137,61 +156,68 @@ def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams, vehic
     assert vehicle.relayed == []
 
 
-def test_a_change_is_sent_at_once(streams, vehicle):
-    begin(streams, "1", vehicle, rate_hz=2.0)
-    soon(lambda: vehicle.recorded)
+@flown
+async def test_a_change_is_sent_at_once(streams, vehicle):
+    await begin(streams, "1", vehicle, rate_hz=2.0)
+    await soon(lambda: vehicle.recorded)
     count = len(vehicle.recorded)
-    assert streams.change("1", Order(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
+    assert await streams.change("1", Order(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
     changed_us = time.clock_gettime(time.CLOCK_REALTIME) * 1e6
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
-    soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
+    await soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
     sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
     assert sent_us <= changed_us, "before the call returned, not when the next was due"
 
 
-def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_stalls(streams):
-    vehicle = Vehicle(datagrams=False)
-    begin(streams, "1", vehicle)
-    soon(lambda: len(vehicle.relayed) >= 10)  # the loop, which this test is, does nothing
+@flown
+async def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_stalls(streams, vehicle):
+    vehicle.datagrams = False
+    await begin(streams, "1", vehicle)
+    stall(0.4)
+    assert len(vehicle.relayed) >= 10
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
 
 
-def test_a_new_way_is_taken_with_the_next_beat_and_the_server_sends_where_there_is_none(streams, vehicle):
-    begin(streams, "1", vehicle)
-    soon(lambda: vehicle.frames)
+@flown
+async def test_a_new_way_is_taken_with_the_next_beat_and_the_server_sends_where_there_is_none(
+    streams, vehicle
+):
+    await begin(streams, "1", vehicle)
+    await soon(lambda: vehicle.frames)
     other = Vehicle()
     vehicle.way = other.way
     streams.beat({"1": snapshot()})
-    soon(lambda: len(other.frames) >= 3)
+    await soon(lambda: len(other.frames) >= 3)
     count = len(vehicle.frames)
-    time.sleep(0.1)
+    await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
     vehicle.way = None
     streams.beat({"1": snapshot()})
-    soon(lambda: len(vehicle.relayed) >= 3)
+    await soon(lambda: len(vehicle.relayed) >= 3)
     other.close()
 
 
-def test_a_closed_links_port_is_free_although_the_process_sent_by_its_socket(streams, vehicle):
+@flown
+async def test_a_closed_links_port_is_free_although_the_process_sent_by_its_socket(streams, vehicle):
     vehicle.link_socket.bind(("127.0.0.1", 0))
-    begin(streams, "1", vehicle)
-    soon(lambda: len(vehicle.frames) >= 2)
+    address = vehicle.link_socket.getsockname()
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.frames) >= 2)
     streams.end("1", "stopped", "That is all.")
     assert streams.active() == []
-    port = vehicle.link_socket.getsockname()[1]
     vehicle.link_socket.close()
     streams.beat({})
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
-        again.bind(("127.0.0.1", port))
-    begin(streams, "2", second := Vehicle())  # the process still takes sockets
-    soon(lambda: len(second.frames) >= 2)
+    await soon(lambda: bindable(address), 1.0)
+    await begin(streams, "2", second := Vehicle())  # the process still takes sockets
+    await soon(lambda: len(second.frames) >= 2)
     second.close()
 
 
-def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_passes_on(streams):
-    on_serial = Vehicle(datagrams=False)
-    real, faults = on_serial.send_payload, []
+@flown
+async def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_passes_on(streams, vehicle):
+    vehicle.datagrams = False
+    real, faults = vehicle.send_payload, []
 
     def send_payload(msg_id, payload):
         if len(faults) < 3:
@@ -199,115 +225,288 @@ def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_passes
             raise TypeError("a fault of the link")
         return real(msg_id, payload)
 
-    on_serial.send_payload = send_payload
-    begin(streams, "1", on_serial)
-    soon(lambda: len(on_serial.relayed) >= 5)
-    on_serial.close()
+    vehicle.send_payload = send_payload
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.relayed) >= 5)
 
 
-def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_and_again(streams, vehicle):
+@flown
+async def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_and_again(streams, vehicle):
     other = Vehicle()
     streams.attach("2", other, (8, 1))
-    begin(streams, "1", vehicle)
+    await begin(streams, "1", vehicle)
     for name, one in (("2", other), ("1", vehicle), ("2", other), ("1", vehicle)):
         streams.end("1" if name == "2" else "2", "stopped", "")
         streams.take_reports()
         assert len(streams.active()) <= 1
         count, recorded = len(one.frames), len(one.recorded)
-        begin(streams, name, one, attach=False)
+        await begin(streams, name, one, attach=False)
         streams.beat({name: snapshot()})
-        soon(lambda one=one, count=count: len(one.frames) >= count + 3)
-        soon(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
+        await soon(lambda one=one, count=count: len(one.frames) >= count + 3)
+        await soon(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
     assert vehicle.relayed == other.relayed == []
     other.close()
 
 
-def test_a_killed_process_is_told_and_started_again_but_no_stream_is(streams, vehicle):
-    number = begin(streams, "1", vehicle)
+@flown
+async def test_a_killed_process_is_told_and_started_again_but_no_stream_is(streams, vehicle):
+    number = await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGKILL)
-    soon(lambda: ended(pid) or streams.beat({"1": snapshot()}) or streams.pid != pid)
+    await soon(lambda: streams.pid != pid)
     count = len(vehicle.frames)
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
     state = streams.state("1")
     assert (state.phase, state.last_end.code) == ("idle", "fault")
-    assert not streams.change("1", Order(HOVER), snapshot())
+    assert not await streams.change("1", Order(HOVER), snapshot())
     assert streams.active() == []
     streams.beat({})
-    time.sleep(0.1)
+    await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
-    assert begin(streams, "1", vehicle, attach=False) > number
-    soon(lambda: len(vehicle.frames) > count)
+    assert await begin(streams, "1", vehicle, attach=False) > number
+    await soon(lambda: len(vehicle.frames) > count)
 
 
-def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
-    monkeypatch.setattr("gcs_server.streamer.child.ANSWERS_WITHIN_S", 0.2)
-    begin(streams, "1", vehicle)
-    os.kill(streams.pid, signal.SIGSTOP)
+@flown
+async def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.worker_calls.ANSWERS_WITHIN_S", 0.2)
+    await begin(streams, "1", vehicle)
     pid = streams.pid
+    os.kill(pid, signal.SIGSTOP)
+    streams.attach("2", vehicle, (8, 1))
     with pytest.raises(Refused, match="started again"):
-        streams.attach("2", vehicle, (8, 1))
-        streams.begin("2", Order(HOVER), 50.0, snapshot())
-    assert ended(pid)
+        await streams.begin("2", Order(HOVER), 50.0, snapshot())
+    await soon(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
 
-def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams, vehicle, monkeypatch):
+@flown
+async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.worker_calls.ANSWERS_WITHIN_S", 0.3)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    os.kill(pid, signal.SIGSTOP)
+    await soon(lambda: streams.beat({"1": snapshot()}) or streams.pid != pid)
+    await soon(lambda: ended(pid))
+    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+
+
+@flown
+async def test_a_loop_that_stood_still_takes_no_living_process_for_a_hanging_one(
+    streams, vehicle, monkeypatch
+):
+    monkeypatch.setattr("gcs_server.streamer.worker_calls.ANSWERS_WITHIN_S", 0.3)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    streams.beat({"1": snapshot()})
+    os.kill(pid, signal.SIGSTOP)  # both stand still, as on a machine that was suspended
+    streams.beat({"1": snapshot()})
+    stall(0.6)
+    streams.beat({"1": snapshot()})
+    os.kill(pid, signal.SIGCONT)
+    for _ in range(5):
+        await asyncio.sleep(0.05)
+        streams.beat({"1": snapshot()})
+    assert streams.pid == pid
+
+
+@flown
+async def test_whatever_the_process_does_nothing_in_the_loop_waits_for_it(streams, vehicle):
+    """It hangs: each plain call returns at once, and the loop turns while a coroutine waits for an answer."""
+    await begin(streams, "1", vehicle)
+    os.kill(streams.pid, signal.SIGSTOP)
+    guard = GroupGuard(
+        "g", {"1": Order(HOVER)}, {"1": Order(HOVER)}, minimum_m=3.0, start_s=time.monotonic() + 9, lasts_s=9
+    )
+    calls = (
+        lambda: streams.beat({"1": snapshot()}),
+        streams.links_changed,
+        lambda: streams.attach("2", vehicle, (8, 1)),
+        streams.active,
+        lambda: streams.state("1"),
+        lambda: streams.starting("1", 1),
+        lambda: streams.abandon("1", snapshot(), 1),
+        lambda: streams.wind_down("1", snapshot()),
+        lambda: streams.refrain("1"),
+        lambda: streams.call_off("1", "why"),
+        lambda: streams.watch(guard),
+        lambda: streams.guard("g"),
+        streams.watched,
+        lambda: streams.stand_down("g"),
+        lambda: streams.unwatch("g"),
+        streams.take_reports,
+        streams.take_findings,
+        lambda: streams.end("1", "stopped", "", 77),
+    )
+    changing = asyncio.ensure_future(streams.change("1", Order(HOVER), snapshot()))
+    await asyncio.sleep(0)
+    slowest_s, until_s = 0.0, time.thread_time() + 60
+    while not changing.done():
+        for call in calls:
+            began_s = time.thread_time()
+            call()
+            slowest_s = max(slowest_s, time.thread_time() - began_s)
+        turn_s = time.monotonic()
+        await asyncio.sleep(0.01)
+        assert time.monotonic() - turn_s < 1.0, "the loop turns"
+        assert time.thread_time() < until_s
+    assert not await changing
+    assert slowest_s < 0.1
+    assert streams.active() == []
+
+
+@flown
+async def test_a_process_that_reads_nothing_is_ended_at_a_bound(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.worker_handle.MOST_WAITING_BYTES", 2_000_000)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    os.kill(pid, signal.SIGSTOP)
+    big = replace(snapshot(), mode="x" * 300_000)
+    began_s = time.monotonic()
+    for _ in range(12):
+        streams.beat({"1": big})
+    assert time.monotonic() - began_s < 1.0, "without a wait"
+    await soon(lambda: ended(pid))
+    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+
+
+@flown
+async def test_a_closed_links_port_is_free_at_once_whoever_streams(streams, vehicle):
+    """Its descriptor lives in the process, too: a link deleted and added again would find its port taken."""
+    other = Vehicle()
+    other.link_socket.bind(("127.0.0.1", 0))
+    await begin(streams, "1", vehicle)
+    await begin(streams, "2", other)
+    await soon(lambda: other.frames)
+    address = other.link_socket.getsockname()
+    other.link_socket.close()
+    other.way = None
+    streams.links_changed()  # and no beat
+    await soon(lambda: bindable(address), 1.0)
+    assert streams.state("1").phase == "streaming"
+    other.close()
+
+
+@flown
+async def test_a_link_closed_after_its_stream_has_ended_leaves_its_port_free(streams, vehicle):
+    vehicle.link_socket.bind(("127.0.0.1", 0))
+    address = vehicle.link_socket.getsockname()
+    await begin(streams, "1", vehicle)
+    streams.end("1", "stopped", "")
+    vehicle.link_socket.close()
+    streams.links_changed()
+    await soon(lambda: bindable(address), 1.0)
+
+
+def bindable(address):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as another:
+        try:
+            another.bind(address)
+        except OSError:
+            return False
+        return True
+
+
+@flown
+async def test_a_snapshot_that_cannot_be_handed_over_costs_its_own_vehicle_only(streams, vehicle):
+    other = Vehicle()
+    await begin(streams, "1", vehicle)
+    await begin(streams, "2", other)
+    for _ in range(8):  # longer than the server may be silent
+        bad = replace(snapshot(), mode_asked_by=lambda: "cannot be pickled")
+        streams.beat({"1": bad, "2": snapshot()})
+        await asyncio.sleep(0.1)
+    count = len(other.frames)
+    await soon(lambda: len(other.frames) > count)
+    assert streams.state("2").phase == "streaming"
+    other.close()
+
+
+@flown
+async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_stream(streams, vehicle):
+    streams.attach("1", vehicle, (7, 1))
+    await streams.ready()
+    starting = asyncio.ensure_future(streams.begin("1", Order(HOVER, 60.0), 50.0, snapshot()))
+    await asyncio.sleep(0)  # sent, and not answered
+    starting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    await soon(lambda: streams.state("1").last_end is not None)
+    await asyncio.sleep(0.1)
+    count = len(vehicle.frames)
+    await asyncio.sleep(0.1)
+    assert (len(vehicle.frames), streams.active()) == (count, [])
+    assert await begin(streams, "1", vehicle, attach=False) == 2
+
+
+@flown
+async def test_ended_here_it_is_idle_before_the_process_says_so(streams, vehicle):
+    number = await begin(streams, "1", vehicle)
+    streams.end("1", "stopped", "The stream was stopped.", number)
+    state = streams.state("1")
+    assert (state.phase, state.last_end.code, state.number) == ("idle", "stopped", number)
+    assert not streams.starting("1", number)
+    again = await streams.begin("1", Order(HOVER, 60.0), 50.0, snapshot())
+    assert (again, streams.state("1").phase) == (number + 1, "starting")
+
+
+@flown
+async def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams, vehicle, monkeypatch):
     """The moment after its end: a server that waited with its loop would hear no vehicle meanwhile."""
     turns = []
 
-    async def story():
-        async def turn():
-            while True:
-                turns.append(streams.pid)
-                await asyncio.sleep(0.005)
+    async def turn():
+        while True:
+            turns.append(streams.pid)
+            await asyncio.sleep(0.005)
 
-        turning = asyncio.ensure_future(turn())
-        streams.attach("1", vehicle, (7, 1))
-        os.kill(streams.pid, signal.SIGSTOP)
-        pid, began_s = streams.pid, time.monotonic()
-        waiting = asyncio.ensure_future(streams.ready())
-        await asyncio.sleep(0.2)
-        assert not waiting.done()
-        assert len(turns) > 5
-        os.kill(pid, signal.SIGCONT)
-        await waiting
-        assert time.monotonic() - began_s >= 0.2
-        os.kill(pid, signal.SIGKILL)
-        await asyncio.sleep(0.1)
-        streams.beat({})
-        os.kill(streams.pid, signal.SIGSTOP)
-        monkeypatch.setattr("gcs_server.streamer.process.STARTS_WITHIN_S", 0.1)
-        with pytest.raises(Refused, match="started again"):
-            await streams.ready()
-        os.kill(streams.pid, signal.SIGCONT)
-        monkeypatch.setattr("gcs_server.streamer.process.STARTS_WITHIN_S", 10.0)
+    turning = asyncio.ensure_future(turn())
+    streams.attach("1", vehicle, (7, 1))
+    await soon(lambda: streams.pid)
+    os.kill(streams.pid, signal.SIGSTOP)
+    pid, began_s = streams.pid, time.monotonic()
+    waiting = asyncio.ensure_future(streams.ready())
+    await asyncio.sleep(0.2)
+    assert not waiting.done()
+    assert len(turns) > 5
+    os.kill(pid, signal.SIGCONT)
+    await waiting
+    assert time.monotonic() - began_s >= 0.2
+    os.kill(pid, signal.SIGKILL)
+    await soon(lambda: streams.beat({}) or streams.pid not in (None, pid))
+    os.kill(streams.pid, signal.SIGSTOP)
+    monkeypatch.setattr("gcs_server.streamer.process.STARTS_WITHIN_S", 0.1)
+    with pytest.raises(Refused, match="started again"):
         await streams.ready()
-        assert begin(streams, "1", vehicle, attach=False)
-        turning.cancel()
-
-    asyncio.run(story())
+    os.kill(streams.pid, signal.SIGCONT)
+    monkeypatch.setattr("gcs_server.streamer.process.STARTS_WITHIN_S", 10.0)
+    await streams.ready()
+    assert await begin(streams, "1", vehicle, attach=False)
+    turning.cancel()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_for_the_server_leave_it_streaming(streams, vehicle, number):
-    begin(streams, "1", vehicle)
+@flown
+async def test_signals_for_the_server_leave_it_streaming(streams, vehicle, number):
+    await begin(streams, "1", vehicle)
     os.kill(streams.pid, number)
-    time.sleep(0.1)
+    await asyncio.sleep(0.1)
     count = len(vehicle.frames)
-    soon(lambda: len(vehicle.frames) >= count + 3)
+    await soon(lambda: len(vehicle.frames) >= count + 3)
 
 
-def test_an_order_that_cannot_be_flown_is_an_error_here_and_ends_nothing(streams, vehicle):
-    begin(streams, "1", vehicle)
+@flown
+async def test_an_order_that_cannot_be_flown_is_an_error_here_and_ends_nothing(streams, vehicle):
+    await begin(streams, "1", vehicle)
     with pytest.raises(ValueError, match="vehicle 2 is not heard"):
-        streams.change("1", Order(Follow("2"), 60.0), snapshot())
+        await streams.change("1", Order(Follow("2"), 60.0), snapshot())
     assert streams.active() == ["1"]
 
 
-def test_expiry_is_brought_about_and_told_there(streams, vehicle):
-    begin(streams, "1", vehicle, order=Order(HOVER, 0.1, OnExpiry("stop_stream")))
-    soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
+@flown
+async def test_expiry_is_brought_about_and_told_there(streams, vehicle):
+    await begin(streams, "1", vehicle, order=Order(HOVER, 0.1, OnExpiry("stop_stream")))
+    await soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]
 
 
@@ -327,11 +526,21 @@ def test_streams_that_want_more_than_a_processor_still_let_others_run(monkeypatc
         def step(self):
             return self.now_s
 
-    class Calls:
+        def phases(self):
+            return {}
+
+        def guard_phases(self):
+            return []
+
+        has_news = False
+
+    class Messages:
+        waits = False
+
         def fileno(self):
             return 0
 
-        def recv_bytes(self):
+        def receive(self):
             raise EOFError
 
     def select(read, _write, _errors, timeout_s):
@@ -342,21 +551,22 @@ def test_streams_that_want_more_than_a_processor_still_let_others_run(monkeypatc
     hurrying = Hurrying()
     monkeypatch.setattr("gcs_server.streamer.worker.select.select", select)
     with socket.socket() as sender:
-        Worker(Calls(), sender, OWN_IDS, hurrying, hurrying).run()
+        Worker(Messages(), sender, OWN_IDS, hurrying, hurrying).run()
     assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20
 
 
-def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
-    begin(streams, "1", vehicle)
-    assert not streams.begin("1", Order(HOVER), 50.0, snapshot())
+@flown
+async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    assert not await streams.begin("1", Order(HOVER), 50.0, snapshot())
     pid = streams.pid
     streams.close()
     count = len(vehicle.frames)
-    time.sleep(0.1)
+    await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
     assert ended(pid)
     with pytest.raises(Refused):
-        asyncio.run(streams.ready())
+        await streams.ready()
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,23 @@
 """Rounds run by hand, time is a number: a server that is late, and a vehicle whose stream fails."""
 
+import math
+import struct
 import threading
+from dataclasses import replace
 
 import pytest
 
 from gcs_server.links.base import Peer
 from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.connection import FrameSender
+from gcs_server.streamer.bounds import Bounds
+from gcs_server.streamer.group_guard import GroupGuard
+from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.rounds import Rounds
-from gcs_server.streamer.setpoints import Order, Position
+from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
 
+MSG_SET_POSITION_TARGET_LOCAL_NED = 84
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 
 
@@ -109,6 +116,138 @@ def test_one_vehicles_fault_leaves_the_others_stream():
     reports = bench.streams.take_reports()
     assert [(who, report.code) for who, report in reports] == [("bad", "fault")]
     assert len(bench.sent) - count == pytest.approx(50, abs=2)
+
+
+def two():
+    """A bench with a second vehicle, "bad", that is streamed to."""
+    bench = Bench()
+    bench.streams.attach("bad", bench, (2, 1))
+    assert bench.streams.begin("bad", Order(HOVER, 60.0), 50.0, bench.snapshot())
+    assert bench.streams.engage("bad", bench.snapshot())
+    return bench
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"position_ned_m": ("north", 0.0, 0.0)},
+        {"velocity_ned_m_s": 5},
+        {"yaw_ned_rad": "east"},
+    ],
+)
+def test_one_vehicles_senseless_snapshot_leaves_the_others_stream(bad):
+    bench = two()
+    bench.streams.beat({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
+    bench.run(1.0, beats=True)
+    assert bench.streams.active() == ["1"]
+    assert [(who, report.code) for who, report in bench.streams.take_reports()] == [("bad", "fault")]
+
+
+def test_a_fault_in_the_look_after_a_stall_leaves_the_others(monkeypatch):
+    """What the loop's silence should have ended is ended when it is back: all of it."""
+    bench = two()
+    bench.run(0.5, beats=True)
+    core = bench.streams._streams["bad"].core
+
+    def broken(*_):
+        raise ValueError("broken")
+
+    monkeypatch.setattr(core, "tick", broken)
+    bench.clock.now_s += 3.0
+    bench.beat()
+    reports = dict(bench.streams.take_reports())
+    assert (reports["1"].code, reports["bad"].code) == ("server_silent", "fault")
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e38, 1e300])
+def test_numbers_that_cannot_be_are_not_known_and_never_sent(wrong):
+    """Its velocity setpoint expires while its estimate says nonsense: no place can be held, so it is
+    asked for Land, and what goes out meanwhile is finite."""
+    bench = Bench()
+    frames = []
+    bench.send_payload = lambda msg_id, payload: frames.append((msg_id, payload)) or True
+    order = Order(Velocity((1.0, 0.0, 0.0)), 0.5, OnExpiry("hold"))
+    assert bench.streams.change("1", order, bench.snapshot())
+    for field in ("position_ned_m", "velocity_ned_m_s"):
+        now = replace(bench.snapshot(), **{field: (0.0, wrong, 0.0)})
+        assert getattr(now.plausible(), field) is None
+        assert now.plausible().position_at(bench.clock.now_s) is None
+    for _ in range(100):
+        bench.clock.now_s += 0.01
+        nonsense = replace(bench.snapshot(), position_ned_m=(0.0, wrong, 0.0), yaw_ned_rad=0.0)
+        bench.streams.beat({"1": nonsense})
+        bench.streams.step()
+    assert bench.streams.state("1").phase == "landing"
+    sent = [payload for msg_id, payload in frames if msg_id == MSG_SET_POSITION_TARGET_LOCAL_NED]
+    assert all(abs(value) < 100 for payload in sent for value in struct.unpack_from("<9f", payload, 4))
+
+
+def in_group(bench, *ids):
+    """All of them in a group, ten metres apart."""
+    now_s = bench.clock.now_s
+    orders = dict.fromkeys(ids, Order(HOVER, 60.0))
+    guard = GroupGuard(
+        "g", orders, {v: Order(Velocity((1.0, 0.0, 0.0)), 60.0) for v in ids}, minimum_m=3.0,
+        start_s=now_s, lasts_s=60.0,
+    )  # fmt: skip
+    bench.streams.watch(guard)
+    return {v: Bounds(origin=Origin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}
+
+
+def test_one_that_cannot_be_held_does_not_keep_the_others_of_its_group_from_it(monkeypatch):
+    bench = two()
+    bounds = in_group(bench, "bad", "1")
+
+    def beat(**more):
+        bench.clock.now_s += 0.05
+        bench.streams.beat({v: replace(bench.snapshot(), bounds=b, **more) for v, b in bounds.items()})
+        bench.streams.step()
+
+    beat()
+    beat()
+    assert bench.streams.guard("g").phase == "flying"
+
+    def broken(*_):
+        raise ValueError("broken")
+
+    monkeypatch.setattr(bench.streams._streams["bad"].core, "call_off", broken)
+    beat(position_ned_m=None)
+    assert bench.streams.guard("g").held == {"bad", "1"}
+    assert bench.streams.state("bad").phase == "idle"
+    assert bench.streams.state("1").phase in ("to_hold", "landing")
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
+def test_a_member_whose_numbers_cannot_be_holds_its_group_and_no_other(wrong):
+    bench = two()
+    bounds = in_group(bench, "bad")
+    for _ in range(3):
+        bench.clock.now_s += 0.05
+        lost = replace(bench.snapshot(), position_ned_m=(wrong, 0.0, 0.0), bounds=bounds["bad"])
+        bench.streams.beat({"bad": lost, "1": bench.snapshot()})
+        bench.streams.step()
+    assert [(name, finding.code) for name, finding in bench.streams.take_findings()] == [
+        ("g", "place_unknown")
+    ]
+    assert bench.streams.state("1").phase == "streaming"
+
+
+def test_a_guard_that_fails_holds_its_group_and_the_streams_go_on(monkeypatch):
+    bench = two()
+    bounds = in_group(bench, "bad")
+
+    def broken(*_):
+        raise ZeroDivisionError("broken")
+
+    monkeypatch.setattr(bench.streams._guards["g"], "look", broken)
+    for _ in range(10):
+        bench.clock.now_s += 0.05
+        bench.streams.beat({"bad": replace(bench.snapshot(), bounds=bounds["bad"]), "1": bench.snapshot()})
+        assert bench.streams.step() > bench.clock.now_s
+    findings = bench.streams.take_findings()
+    assert [(name, finding.code) for name, finding in findings] == [("g", "fault")]
+    assert bench.streams.state("bad").phase == "to_hold"
+    assert bench.streams.state("1").phase == "streaming"
 
 
 def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():

@@ -1,0 +1,327 @@
+"""All that the server and the process of the streams say to each other, one frozen class a message.
+
+The server's are `Post` (nobody waits for an answer) or `Request` (a coroutine awaits it); each says itself
+which method of the process it means, so that a type checker sees every call. They are taken in the order in
+which they were sent. The process sends tuples of `Hello`, `Update` and `Answer`.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
+from gcs_server.streamer.news import Report, Snapshot
+from gcs_server.streamer.rounds import Rounds
+from gcs_server.streamer.setpoints import Order
+from gcs_server.streamer.streams import StreamState
+
+log = logging.getLogger(__name__)
+
+Address = tuple[str, int]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Where a vehicle's datagrams go."""
+
+    socket_number: int
+    address: Address
+
+
+class WorkerSide(Protocol):
+    """What the messages find in the process."""
+
+    @property
+    def rounds(self) -> Rounds: ...
+
+    def attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
+        """See `Attach`."""
+        ...
+
+    def set_routes(self, routes: Mapping[str, Route | None]) -> None:
+        """See `Routes`."""
+        ...
+
+
+class Message:
+    """From the server."""
+
+    __slots__ = ()
+
+
+class Post(Message):
+    """Nobody waits for an answer."""
+
+    __slots__ = ()
+
+    def apply(self, worker: WorkerSide) -> None:
+        """In the process."""
+        raise NotImplementedError
+
+
+class Request(Message, Generic[T]):
+    """A coroutine of the server's awaits the answer."""
+
+    __slots__ = ()
+
+    def apply(self, worker: WorkerSide) -> T:
+        """In the process."""
+        raise NotImplementedError
+
+    def vehicles(self) -> tuple[str, ...]:
+        """Whose state the server shall know before it has the answer."""
+        return ()
+
+
+# --- posts ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Attach(Post):
+    """A vehicle becomes known by its (system, component) id; `number` is that of its last stream."""
+
+    vehicle_id: str
+    target: tuple[int, int]
+    number: int
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.attach(self.vehicle_id, self.target, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class Routes(Post):
+    """Where the datagrams of all streamed vehicles go (None: by the server); no other socket is kept."""
+
+    routes: Mapping[str, Route | None]
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.set_routes(self.routes)
+
+
+@dataclass(frozen=True, slots=True)
+class Beat(Post):
+    """The event loop lives; the snapshots are pickled each by itself, so that a bad one costs itself only."""
+
+    snapshots: Mapping[str, bytes]
+
+    @staticmethod
+    def of(snapshots: Mapping[str, Snapshot]) -> Beat:
+        """Leaves out, with a word in the log, what cannot be pickled."""
+        packed: dict[str, bytes] = {}
+        for vehicle_id, snapshot in snapshots.items():
+            try:
+                packed[vehicle_id] = pickle.dumps(snapshot, pickle.HIGHEST_PROTOCOL)
+            except Exception:
+                log.exception("the snapshot of vehicle %s cannot be handed over", vehicle_id)
+        return Beat(packed)
+
+    def apply(self, worker: WorkerSide) -> None:
+        snapshots: dict[str, Snapshot] = {}
+        for vehicle_id, packed in self.snapshots.items():
+            try:
+                snapshots[vehicle_id] = pickle.loads(packed)
+            except Exception:
+                log.exception("the snapshot of vehicle %s cannot be read", vehicle_id)
+        worker.rounds.beat(snapshots)
+
+
+@dataclass(frozen=True, slots=True)
+class Abandon(Post):
+    """See `Streams.abandon`."""
+
+    vehicle_id: str
+    snapshot: Snapshot
+    number: int
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.abandon(self.vehicle_id, self.snapshot, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class WindDown(Post):
+    """See `Streams.wind_down`."""
+
+    vehicle_id: str
+    snapshot: Snapshot
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.wind_down(self.vehicle_id, self.snapshot)
+
+
+@dataclass(frozen=True, slots=True)
+class Refrain(Post):
+    """See `Streams.refrain`."""
+
+    vehicle_id: str
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.refrain(self.vehicle_id)
+
+
+@dataclass(frozen=True, slots=True)
+class CallOff(Post):
+    """See `Streams.call_off`."""
+
+    vehicle_id: str
+    why: str
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.call_off(self.vehicle_id, self.why)
+
+
+@dataclass(frozen=True, slots=True)
+class End(Post):
+    """See `Streams.end`."""
+
+    vehicle_id: str
+    code: str
+    text: str
+    number: int | None
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.end(self.vehicle_id, self.code, self.text, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class Watch(Post):
+    """See `Streams.watch`."""
+
+    guard: GroupGuard
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.watch(self.guard)
+
+
+@dataclass(frozen=True, slots=True)
+class Unwatch(Post):
+    """See `Streams.unwatch`."""
+
+    name: str
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.unwatch(self.name)
+
+
+@dataclass(frozen=True, slots=True)
+class StandDown(Post):
+    """See `Streams.stand_down`."""
+
+    name: str
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.rounds.stand_down(self.name)
+
+
+# --- requests -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Begin(Request[int]):
+    """See `Streams.begin`."""
+
+    vehicle_id: str
+    order: Order
+    rate_hz: float
+    snapshot: Snapshot
+
+    def apply(self, worker: WorkerSide) -> int:
+        return worker.rounds.begin(self.vehicle_id, self.order, self.rate_hz, self.snapshot)
+
+    def vehicles(self) -> tuple[str, ...]:
+        return (self.vehicle_id,)
+
+
+@dataclass(frozen=True, slots=True)
+class Engage(Request[bool]):
+    """See `Streams.engage`."""
+
+    vehicle_id: str
+    snapshot: Snapshot
+    number: int | None
+
+    def apply(self, worker: WorkerSide) -> bool:
+        return worker.rounds.engage(self.vehicle_id, self.snapshot, self.number)
+
+    def vehicles(self) -> tuple[str, ...]:
+        return (self.vehicle_id,)
+
+
+@dataclass(frozen=True, slots=True)
+class Change(Request[bool]):
+    """See `Streams.change`."""
+
+    vehicle_id: str
+    order: Order
+    snapshot: Snapshot
+
+    def apply(self, worker: WorkerSide) -> bool:
+        return worker.rounds.change(self.vehicle_id, self.order, self.snapshot)
+
+    def vehicles(self) -> tuple[str, ...]:
+        return (self.vehicle_id,)
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeTogether(Request[bool]):
+    """See `Streams.change_together`."""
+
+    name: str
+    orders: Mapping[str, Order]
+    snapshots: Mapping[str, Snapshot]
+    until_s: float
+
+    def apply(self, worker: WorkerSide) -> bool:
+        return worker.rounds.change_together(self.name, self.orders, self.snapshots, self.until_s)
+
+    def vehicles(self) -> tuple[str, ...]:
+        return tuple(self.orders)
+
+
+# --- from the process -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """A message of the server's as it travels."""
+
+    number: int
+    message: Post | Request[object]
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """It has started."""
+
+    real_time: bool
+    """Whether the system granted it real-time priority."""
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """How streams and groups stand, and what has happened since the last update."""
+
+    handled: int
+    """Number of the last message that was taken."""
+    at_s: float
+    states: Mapping[str, StreamState]
+    """Of those that are streamed to or have just ended."""
+    same_order: frozenset[str]
+    """Of these the order, left out here, is as last told."""
+    guards: Mapping[str, GuardState]
+    """Of all groups that are watched."""
+    reports: tuple[tuple[str, Report], ...] = ()
+    findings: tuple[tuple[str, Finding], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """To the request of that number; an error is its class's name and text."""
+
+    number: int
+    result: object
+    error: tuple[str, str] | None = None
