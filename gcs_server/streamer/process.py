@@ -233,9 +233,11 @@ class StreamProcess(Streams):
     async def change_together(
         self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
     ) -> bool:
-        if name not in self._groups:
+        group = self._groups.get(name)
+        if group is None:
             return False
-        return await self._ask(to.ChangeTogether(name, dict(orders), dict(snapshots), until_s))
+        members = tuple(group.orders)
+        return await self._ask(to.ChangeTogether(name, dict(orders), dict(snapshots), until_s, members))
 
     def watched(self) -> dict[str, Order | None]:
         return {

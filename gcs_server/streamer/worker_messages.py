@@ -274,12 +274,14 @@ class ChangeTogether(Request[bool]):
     orders: Mapping[str, Order]
     snapshots: Mapping[str, Snapshot]
     until_s: float
+    members: tuple[str, ...]
+    """All of the group: those without a new setpoint are renewed."""
 
     def apply(self, worker: WorkerSide) -> bool:
         return worker.rounds.change_together(self.name, self.orders, self.snapshots, self.until_s)
 
     def vehicles(self) -> tuple[str, ...]:
-        return tuple(self.orders)
+        return self.members
 
 
 # --- from the process -----------------------------------------------------------------------------

@@ -127,6 +127,7 @@ def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_o
 
 def stream_process(server_pid: int) -> int:
     """The child of the server's that sends the setpoints."""
-    children = Path(f"/proc/{server_pid}/task/{server_pid}/children").read_text().split()
+    tasks = Path(f"/proc/{server_pid}/task").iterdir()  # a thread starts it
+    children = [child for task in tasks for child in (task / "children").read_text().split()]
     commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
     return next(child for child, line in commands.items() if "gcs_server.streamer.worker" in line)

@@ -18,8 +18,10 @@ import pytest
 from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.links.base import Peer
+from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.failsafe import Failsafe
 from gcs_server.streamer.group_guard import GroupGuard
+from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.process import StreamProcess
 from gcs_server.streamer.setpoints import Follow, OnExpiry, Order, Position, Velocity
@@ -292,9 +294,7 @@ async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehi
 
 
 @flown
-async def test_a_loop_that_stood_still_takes_no_living_process_for_a_hanging_one(
-    streams, vehicle, monkeypatch
-):
+async def test_a_loop_that_stood_still_does_not_end_a_living_process(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.worker_calls.ANSWERS_WITHIN_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -437,6 +437,25 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
     await asyncio.sleep(0.1)
     assert (len(vehicle.frames), streams.active()) == (count, [])
     assert await begin(streams, "1", vehicle, attach=False) == 2
+
+
+@flown
+async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    order, now_s = Order(HOVER, 5.0), time.monotonic()
+
+    def known():
+        return replace(snapshot(), bounds=Bounds(origin=Origin(47.0, 8.0, 500.0)))
+
+    assert await streams.change("1", order, known())
+    streams.watch(
+        GroupGuard("g", {"1": order}, {"1": order}, minimum_m=3.0, start_s=now_s + 0.1, lasts_s=5.0)
+    )
+    await soon(lambda: streams.beat({"1": known()}) or streams.guard("g").phase == "flying")
+    assert streams.state("1").valid_left_s < 5.2
+    assert await streams.change_together("g", {}, {}, time.monotonic() + 50.0)
+    assert streams.state("1").valid_left_s > 45.0
+    assert streams.guard("g").until_s > time.monotonic() + 45.0
 
 
 @flown
