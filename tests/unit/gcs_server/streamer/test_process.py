@@ -580,6 +580,7 @@ async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehi
     assert not await streams.begin("1", Order(HOVER), 50.0, snapshot())
     pid = streams.pid
     streams.close()
+    await asyncio.sleep(0.1)  # what was sent is heard
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
