@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.lease import OnControlLost
 
 
-class _Body(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class LandNowRequest(_Body):
+class LandNowRequest(StrictBody):
     """Says in words what is about to happen."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"confirm": "vehicle 1 lands now"}]})
@@ -21,7 +18,7 @@ class LandNowRequest(_Body):
     )
 
 
-class TakeControl(_Body):
+class TakeControl(StrictBody):
     """How to take control."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"on_expiry": "hold"}]})
@@ -39,7 +36,7 @@ class TakeControl(_Body):
     )
 
 
-class RequestControl(_Body):
+class RequestControl(StrictBody):
     """Why control is asked for."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "I see it better from here"}]})
@@ -47,7 +44,7 @@ class RequestControl(_Body):
     reason: str | None = Field(default=None, max_length=200, description="Shown to the holder.")
 
 
-class AnswerControl(_Body):
+class AnswerControl(StrictBody):
     """To whom."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"client": "bob"}]})

@@ -9,8 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gcs_server.api.offboard_models import AnyOnExpiry, HoldOnExpiry
 from gcs_server.api.reflect import model_of
-from gcs_server.api.setpoint_fields import Body, example
+from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer import group_status as status
 from gcs_server.streamer import setpoints as s
 from gcs_server.streamer.group_checks import GroupOrder
@@ -19,14 +20,14 @@ MOST_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]
 
 
-class MemberBody(Body):
+class MemberBody(StrictBody):
     """One vehicle of the group and what it flies, in its own local frame."""
 
     vehicle: VehicleId
     setpoint: AnySetpoint
 
 
-class _Together(Body):
+class _Together(StrictBody):
     valid_for_s: float = Field(
         default=1.0,
         allow_inf_nan=False,

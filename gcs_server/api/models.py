@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import ConfigDict, Field, JsonValue, model_validator
 
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.links.names import MAX_NAME_LENGTH, NAME_IN_WORDS
 from gcs_server.replay.playback import FASTEST, SLOWEST
 
@@ -20,11 +21,7 @@ def _example(**fields: JsonValue) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": examples})
 
 
-class _Body(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class TakeoffRequest(_Body):
+class TakeoffRequest(StrictBody):
     """How high to climb."""
 
     model_config = _example(alt_home_m=10)
@@ -34,7 +31,7 @@ class TakeoffRequest(_Body):
     )
 
 
-class ModeRequest(_Body):
+class ModeRequest(StrictBody):
     """Which flight mode to ask for."""
 
     model_config = _example(mode="position")
@@ -44,7 +41,7 @@ class ModeRequest(_Body):
     )
 
 
-class GotoRequest(_Body):
+class GotoRequest(StrictBody):
     """Where to fly; exactly one of the two altitudes."""
 
     model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15)
@@ -75,7 +72,7 @@ class GotoRequest(_Body):
         return self
 
 
-class KillRequest(_Body):
+class KillRequest(StrictBody):
     """Says in words what is about to happen."""
 
     model_config = _example(confirm="motors stop, vehicle 1 falls")
@@ -86,7 +83,7 @@ class KillRequest(_Body):
     )
 
 
-class GimbalAngles(_Body):
+class GimbalAngles(StrictBody):
     """Where the camera is to look."""
 
     model_config = _example(pitch_deg=-30, yaw_deg=0)
@@ -99,7 +96,7 @@ class GimbalAngles(_Body):
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
 
 
-class GimbalRates(_Body):
+class GimbalRates(StrictBody):
     """How fast the camera is to turn; zero stops both axes."""
 
     model_config = _example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
@@ -109,7 +106,7 @@ class GimbalRates(_Body):
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
 
 
-class GimbalRoi(_Body):
+class GimbalRoi(StrictBody):
     """A place to keep looking at."""
 
     model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_amsl_m=488)
@@ -121,7 +118,7 @@ class GimbalRoi(_Body):
     )
 
 
-class LinkRequest(_Body):
+class LinkRequest(StrictBody):
     """A link to open."""
 
     model_config = _example(url="udpin://127.0.0.1:14551", name="second")
@@ -140,7 +137,7 @@ class LinkRequest(_Body):
     )
 
 
-class ReplayRequest(_Body):
+class ReplayRequest(StrictBody):
     """Which recording to play, and how."""
 
     model_config = _example(recording="20260711-093000-udpin-127.0.0.1-14550.tlog")
@@ -152,7 +149,7 @@ class ReplayRequest(_Body):
     playing: bool = Field(default=True, description="Whether it plays at once.")
 
 
-class ReplayChange(_Body):
+class ReplayChange(StrictBody):
     """What to change of a replay; what is left out stays."""
 
     model_config = _example(playing=True, speed=4, position_unix_s=1783762200)

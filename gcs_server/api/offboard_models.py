@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from gcs_server.api.setpoint_fields import Body, Latitude, Longitude, SetpointBody, example
+from gcs_server.api.setpoint_fields import Latitude, Longitude, SetpointBody, example
 from gcs_server.api.setpoint_models import (
     AccelerationSetpoint,
     ActuatorsSetpoint,
@@ -23,11 +23,12 @@ from gcs_server.api.setpoint_models import (
     VelocityBodySetpoint,
     VelocitySetpoint,
 )
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer import limit_values as values
 from gcs_server.streamer import setpoints as s
 
 
-class HoldOnExpiry(Body):
+class HoldOnExpiry(StrictBody):
     """Hold the place reached by position setpoints, then PX4's Hold mode; without an estimate, land."""
 
     action: Literal["hold"]
@@ -36,13 +37,13 @@ class HoldOnExpiry(Body):
     )
 
 
-class LandOnExpiry(Body):
+class LandOnExpiry(StrictBody):
     """Land where it is."""
 
     action: Literal["land"]
 
 
-class StopStreamOnExpiry(Body):
+class StopStreamOnExpiry(StrictBody):
     """Stop sending: the vehicle's own failsafe decides."""
 
     action: Literal["stop_stream"]
@@ -51,7 +52,7 @@ class StopStreamOnExpiry(Body):
 AnyOnExpiry = Annotated[HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry, Field(discriminator="action")]
 
 
-class _Lasting(Body):
+class _Lasting(StrictBody):
     valid_for_s: float = Field(
         default=1.0,
         allow_inf_nan=False,
@@ -162,7 +163,7 @@ AnyOrder = Annotated[
 ]
 
 
-class PolygonFenceBody(Body):
+class PolygonFenceBody(StrictBody):
     """Stay inside."""
 
     kind: Literal["polygon"]
@@ -175,7 +176,7 @@ class PolygonFenceBody(Body):
         return values.PolygonFence(self.points_deg)
 
 
-class CircleFenceBody(Body):
+class CircleFenceBody(StrictBody):
     """Stay inside."""
 
     kind: Literal["circle"]
@@ -195,7 +196,7 @@ def _limit(words: str, low: float, high: float) -> Any:
     return Field(default=None, allow_inf_nan=False, ge=low, le=high, description=words)
 
 
-class LimitsRequest(Body):
+class LimitsRequest(StrictBody):
     """The operator's limits, all at once: what is left out (or null) is no limit of the operator's."""
 
     model_config = example(speed_max_m_s=5, height_max_m=30, distance_max_m=100)
@@ -229,7 +230,7 @@ class LimitsRequest(Body):
 FAILSAFE_ACTIONS = Literal["position", "altitude", "stabilized", "rtl", "land", "hold"]
 
 
-class FailsafeRequest(Body):
+class FailsafeRequest(StrictBody):
     """What the vehicle shall do by itself when the stream stops; what is left out stays."""
 
     model_config = example(action="hold", after_s=1)

@@ -11,6 +11,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
 from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.vehicle.param_facts import Choice, ParamFacts, is_default
 from gcs_server.vehicle.param_table import Param
 from gcs_server.vehicle.services.params import ParamList
@@ -51,7 +52,7 @@ class ParametersView(_Out):
     params: tuple[ParameterView, ...] = Field(description="By name.")
 
 
-class RefreshRequest(BaseModel):
+class RefreshRequest(StrictBody):
     """How to read them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -60,7 +61,7 @@ class RefreshRequest(BaseModel):
     wait: bool = Field(default=False, description="Answer once they are there.")
 
 
-class ParamRequest(BaseModel):
+class ParamRequest(StrictBody):
     """A parameter's new value."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"example": {"value": 5}})

@@ -6,8 +6,9 @@ import math
 from abc import ABC, abstractmethod
 from typing import Annotated, Any, cast
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import ConfigDict, Field, JsonValue, model_validator
 
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer import setpoints as s
 from gcs_server.streamer.rules import FOREIGN, axes_problem
 
@@ -41,13 +42,7 @@ def example(**fields: JsonValue) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": examples})
 
 
-class Body(BaseModel):
-    """A body that knows no fields but its own."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SetpointBody(Body, ABC):
+class SetpointBody(StrictBody, ABC):
     """One of the types of setpoints."""
 
     @model_validator(mode="before")

@@ -14,7 +14,6 @@ from gcs_server.api.setpoint_fields import (
     POSITION_WORDS,
     VELOCITY_WORDS,
     Angle,
-    Body,
     Latitude,
     Longitude,
     MetresPerSecond,
@@ -31,6 +30,7 @@ from gcs_server.api.setpoint_fields import (
     check_axes,
     example,
 )
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer import setpoints as s
 from gcs_server.vehicle.gimbal_decoder import quaternion_of
 
@@ -277,7 +277,7 @@ class ActuatorsSetpoint(SetpointBody):
         return s.Actuators(self.motors, self.servos)
 
 
-class PathPointBody(Body):
+class PathPointBody(StrictBody):
     """Where to be, and when."""
 
     t_s: float = Field(allow_inf_nan=False, ge=0, le=3600, description="Since the path began [s].")

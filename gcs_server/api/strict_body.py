@@ -1,0 +1,42 @@
+"""What every request body is made of: no field but its own, and a number is a number.
+
+Pydantic would take `true` for 1.0 and `"30"` for 30, and a vehicle would climb to it. Here floats take whole
+numbers too, and nothing else takes anything but its own JSON type; NaN and infinities are no numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
+from pydantic_core import CoreSchema
+
+_SCALARS = ("float", "int", "bool", "str")
+
+
+def _make_strict(node: object) -> None:
+    """Marks every scalar below a node of a core schema."""
+    if isinstance(node, dict):
+        schema = cast(dict[str, Any], node)
+        if schema.get("type") in _SCALARS:
+            schema["strict"] = True
+        if schema.get("type") == "float":
+            schema["allow_inf_nan"] = False
+        for part in schema.values():
+            _make_strict(part)
+    elif isinstance(node, list | tuple):
+        for part in cast(list[object], node):
+            _make_strict(part)
+
+
+class StrictBody(BaseModel):
+    """Base of all request bodies."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        # Not `strict=True` of the whole model: that refuses a JSON list for a tuple as well.
+        schema = handler(source)
+        _make_strict(schema)
+        return schema

@@ -1,0 +1,176 @@
+"""In every request body a number is a number: no true, no "30", no NaN and no infinity flies a vehicle."""
+
+import copy
+import json
+import sys
+
+import pytest
+from fastapi.routing import APIRoute
+from fastapi.testclient import TestClient
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from gcs_server.api.offboard_models import AnyOrder
+from gcs_server.api.strict_body import StrictBody
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+
+WRONG = {
+    "true": True,
+    "false": False,
+    "text": "5",
+    "empty text": "",
+    "list": [5],
+    "NaN": float("nan"),
+    "Infinity": float("inf"),
+    "-Infinity": float("-inf"),
+    "1e400": json.loads("1e400"),
+    "400 digits": 10**400,
+}
+
+
+ROUTERS = [
+    module.router
+    for name, module in sorted(sys.modules.items())
+    if name.startswith("gcs_server.api.") and name.endswith("_routes")
+]
+"""Of the API: `schema.py` imports all of them."""
+
+
+def bodies():
+    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
+    return [
+        (route.path, TypeAdapter(route.body_field.field_info.annotation))
+        for route in routes
+        if route.body_field is not None
+    ]
+
+
+def models_of(schema, seen):
+    """Every model class below a core schema."""
+    if isinstance(schema, dict):
+        kind = schema.get("cls")
+        if schema.get("type") == "model" and isinstance(kind, type) and issubclass(kind, BaseModel):
+            seen.add(kind)
+        for part in schema.values():
+            models_of(part, seen)
+    elif isinstance(schema, list | tuple):
+        for part in schema:
+            models_of(part, seen)
+    return seen
+
+
+def scalars(schema):
+    if isinstance(schema, dict):
+        if schema.get("type") in ("float", "int", "bool"):
+            yield schema
+        for part in schema.values():
+            yield from scalars(part)
+    elif isinstance(schema, list | tuple):
+        for part in schema:
+            yield from scalars(part)
+
+
+ADAPTERS = [*bodies(), ("WS …/offboard/stream", TypeAdapter(AnyOrder))]
+
+
+def all_models():
+    found = set()
+    for _, adapter in ADAPTERS:
+        models_of(adapter.core_schema, found)
+    return sorted(found, key=lambda kind: kind.__name__)
+
+
+def test_every_body_is_strict_in_every_number_that_it_holds():
+    assert len(ADAPTERS) > 20
+    models = all_models()
+    assert len(models) > 40
+    assert [m.__name__ for m in models if not issubclass(m, StrictBody)] == []
+    numbers = [node for _, adapter in ADAPTERS for node in scalars(adapter.core_schema)]
+    assert len(numbers) > 100
+    assert [node for node in numbers if node.get("strict") is not True] == []
+    floats = [node for node in numbers if node["type"] == "float"]
+    assert [node for node in floats if node.get("allow_inf_nan") is not False] == []
+
+
+def leaves(value, path=()):
+    """Where numbers stand in an example."""
+    if isinstance(value, bool):
+        return
+    if isinstance(value, int | float):
+        yield path
+    elif isinstance(value, dict):
+        for key, part in value.items():
+            yield from leaves(part, (*path, key))
+    elif isinstance(value, list):
+        for index, part in enumerate(value):
+            yield from leaves(part, (*path, index))
+
+
+def examples():
+    for kind in all_models():
+        extra = kind.model_config.get("json_schema_extra")
+        if isinstance(extra, dict):
+            for example in extra.get("examples", [extra.get("example")]):
+                yield kind, example
+
+
+def put(example, path, value):
+    changed = copy.deepcopy(example)
+    at = changed
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = value
+    return changed
+
+
+@pytest.mark.parametrize("name", list(WRONG))
+def test_what_is_no_number_is_refused_in_every_place_of_every_example(name):
+    tried = 0
+    for kind, example in examples():
+        kind.model_validate(example)
+        for path in leaves(example):
+            if "t_s" not in path:
+                kind.model_validate(put(example, path, example_number(example, path)))
+            tried += 1
+            with pytest.raises(ValidationError):
+                kind.model_validate(put(example, path, WRONG[name]))
+    assert tried > 40
+
+
+def example_number(example, path):
+    """The same number as a float: whole numbers and floats are one."""
+    value = example
+    for key in path:
+        value = value[key]
+    return float(value)
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
+    app = create_app(settings, static=data / "none")
+    with TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.mark.parametrize(
+    "text", ["true", '"30"', "NaN", "Infinity", "-Infinity", "1e400", "9" * 400, "9" * 5000, "[" * 5000]
+)
+@pytest.mark.parametrize(
+    ("path", "body", "field"),
+    [
+        ("takeoff", '{"alt_home_m": %s}', "alt_home_m"),
+        ("goto", '{"lat_deg": 47, "lon_deg": 8, "alt_home_m": %s}', "alt_home_m"),
+        ("gimbal/angles", '{"pitch_deg": %s, "yaw_deg": 0}', "pitch_deg"),
+        ("offboard/setpoint", '{"type": "position", "position_ned_m": [0, %s, -5]}', "position_ned_m.1"),
+    ],
+)
+def test_over_http_it_is_refused_and_named(client, path, body, field, text):
+    answer = client.post(
+        f"/api/v1/vehicles/1/{path}", content=body % text, headers={"Content-Type": "application/json"}
+    )
+    assert answer.status_code in (400, 422)
+    if text[:2] not in ("99", "[["):  # those two are no JSON that can be read
+        assert answer.status_code == 422
+        assert answer.json()["field"] == field
