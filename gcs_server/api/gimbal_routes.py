@@ -42,9 +42,9 @@ async def release(v: str, station: StationDep, client: ClientDep) -> Response:
     return await carry_out(station, client, "gimbal/release", v, {}, lambda x: x.gimbal.release_control())
 
 
-@router.post("/angles", response_model=responses.CommandDone)
+@router.post("/angles", response_model=responses.GimbalPointed)
 async def angles(v: str, body: models.GimbalAngles, station: StationDep, client: ClientDep) -> Response:
-    """Points the camera."""
+    """Points the camera; answers once it is there or has stopped: `limited` says where it stopped short."""
     return await carry_out(
         station,
         client,
@@ -54,6 +54,7 @@ async def angles(v: str, body: models.GimbalAngles, station: StationDep, client:
         lambda x: x.gimbal.set_angles(
             body.pitch_deg, body.yaw_deg, roll_deg=body.roll_deg, yaw_lock=body.yaw_lock
         ),
+        result_as="limited",
     )
 
 

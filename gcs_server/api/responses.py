@@ -27,6 +27,7 @@ from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.samples import TOPICS, Sample
 from gcs_server.vehicle.services.gimbal import Roi
+from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
 
@@ -38,6 +39,7 @@ TOPIC_MODELS = {name: model_of(kind) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
 StatusModel = TOPIC_MODELS["status"]
 RoiModel = model_of(Roi)
+GimbalLimitedModel = model_of(GimbalLimited)
 GimbalModel = TOPIC_MODELS["gimbal"]
 LinkModel = model_of(LinkInfo, "Link", recording=model_of(Recording) | None)
 NoticeModel = model_of(Notice)
@@ -160,6 +162,15 @@ class CommandDone(_Out):
     command: str = Field(description="What was asked.")
     duration_s: float = Field(description="From the request until the vehicle showed it [s].")
     status: StatusModel = Field(description="The vehicle afterwards.")  # type: ignore[valid-type]
+
+
+class GimbalPointed(CommandDone):
+    """The gimbal points there, or says where it stopped."""
+
+    limited: GimbalLimitedModel | None = Field(  # type: ignore[valid-type]
+        description="Where the gimbal stopped at a limit of its own, short of what was asked; null where it "
+        "is there, still moves after 3 s, or does not report its attitude."
+    )
 
 
 class GimbalView(_Out):

@@ -28,19 +28,25 @@ async def carry_out(
     vehicle_id: str,
     arguments: dict[str, object],
     work: Callable[[Vehicle], Awaitable[object]],
+    *,
+    result_as: str | None = None,
 ) -> Response:
-    """Runs a command under the journal; answers once the vehicle's own state shows it."""
+    """Runs a command under the journal; answers once the vehicle's own state shows it.
+
+    `result_as` names the field of the answer that holds what `work` returned.
+    """
     with journaled(station, client, command, vehicle_id, arguments) as outcome:
         vehicle = station.fleet.get(vehicle_id)
-        await work(vehicle)
-    return answer(
-        {
-            "vehicle": vehicle_id,
-            "command": command,
-            "duration_s": outcome.duration_s,
-            "status": vehicle.status,
-        }
-    )
+        result = await work(vehicle)
+    body: dict[str, object] = {
+        "vehicle": vehicle_id,
+        "command": command,
+        "duration_s": outcome.duration_s,
+        "status": vehicle.status,
+    }
+    if result_as is not None:
+        body[result_as] = result
+    return answer(body)
 
 
 @router.get("", response_model=list[responses.VehicleModel])

@@ -83,3 +83,48 @@ def test_gimbal_bad_values_and_no_gimbal(kit, jump):
             await vehicle.gimbal.set_angles(0, 0)
 
     flight(kit, jump, story)
+
+
+def turning(pilot, *, pitch_min_deg, rate_deg_s=60.0):
+    """A gimbal that moves at its own pace, stops at a limit that it does not report, and answers well."""
+    at = {"pitch": 0.0, "asked": 0.0}
+
+    def command(message):
+        if getattr(message, "command", None) == 1000:
+            at["asked"] = max(pitch_min_deg, message.param1)
+        return False
+
+    def step():
+        at["pitch"] += max(-rate_deg_s * 0.05, min(rate_deg_s * 0.05, at["asked"] - at["pitch"]))
+        half_rad = math.radians(at["pitch"]) / 2
+        pilot.gimbal_q = [math.cos(half_rad), 0.0, math.sin(half_rad), 0.0]
+
+    pilot.handlers.append(command)
+    pilot._every(0.05, step)
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_a_gimbal_that_stops_at_its_own_limit_is_told_as_limited(kit, jump, loss, seed):
+    async def story(world, vehicle, pilot):
+        turning(pilot, pitch_min_deg=-45.0)
+        await vehicle.gimbal.take_control()
+        limited = await vehicle.gimbal.set_angles(-90, 0)
+        assert limited.pitch_deg == pytest.approx(-45.0, abs=0.2)
+        assert (limited.asked_pitch_deg, limited.asked_yaw_deg) == (-90, 0)
+        assert "pitch -45° instead of -90°" in limited.text
+        assert await vehicle.gimbal.set_angles(-30, 0) is None
+
+    flight(kit, jump, story, loss=loss, seed=seed)
+
+
+def test_a_gimbal_that_is_slow_or_does_not_report_is_not_told_as_limited(kit, jump):
+    async def story(world, vehicle, pilot):
+        turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
+        await vehicle.gimbal.take_control()
+        began_s = world.loop.time()
+        assert await vehicle.gimbal.set_angles(-90, 0) is None
+        assert world.loop.time() - began_s < 4.0
+        pilot.gimbal_attitude = lambda: None
+        assert await vehicle.gimbal.set_angles(0, 0) is None
+
+    flight(kit, jump, story)

@@ -20,6 +20,7 @@ from gcs_server.vehicle.gimbal_decoder import control_of, quaternion_of, wrap
 from gcs_server.vehicle.numbers import rotation
 from gcs_server.vehicle.samples import Gimbal
 from gcs_server.vehicle.services.checks import number
+from gcs_server.vehicle.services.gimbal_reach import GimbalLimited, stopped_short
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
 
@@ -74,10 +75,11 @@ class GimbalService:
 
     async def set_angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
-    ) -> None:
+    ) -> GimbalLimited | None:
         """Points the camera. Pitch positive up; yaw from the nose, from north with `yaw_lock`.
 
-        Returns once the gimbal moves there, or acknowledged where it does not report its attitude.
+        Returns once the gimbal is there, has stopped short of it (then where), or acknowledged where it
+        does not report its attitude.
         """
         number("pitch_deg", pitch_deg, -LARGEST_PITCH_DEG, LARGEST_PITCH_DEG)
         number("yaw_deg", yaw_deg, -360.0, 360.0)
@@ -90,13 +92,14 @@ class GimbalService:
         if roll_deg is not None:
             await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
             self.roi = None
-            return
+            return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock)
         flags = YAW_LOCK if yaw_lock else 0
         await self._acknowledged(
             Request(d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, 0)),
             "point the gimbal",
         )
         self.roi = None
+        return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock)
 
     async def set_rates(
         self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None

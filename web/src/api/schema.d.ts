@@ -883,7 +883,7 @@ export interface paths {
         put?: never;
         /**
          * Angles
-         * @description Points the camera.
+         * @description Points the camera; answers once it is there or has stopped: `limited` says where it stopped short.
          */
         post: operations["angles_api_v1_vehicles__v__gimbal_angles_post"];
         delete?: never;
@@ -2348,6 +2348,63 @@ export interface components {
              * @default false
              */
             yaw_lock: boolean;
+        };
+        /**
+         * GimbalLimited
+         * @description The gimbal stopped short of the angles that were asked for: its own limit.
+         */
+        GimbalLimited: {
+            /**
+             * Pitch Deg
+             * @description Where it stopped; up is positive [deg].
+             */
+            pitch_deg: number;
+            /**
+             * Yaw Deg
+             * @description Where it stopped, counted as asked: from the nose, or from north with `yaw_lock` [deg]; null where
+             *     the vehicle does not tell.
+             */
+            yaw_deg: number | null;
+            /**
+             * Asked Pitch Deg
+             * @description Asked pitch [deg].
+             */
+            asked_pitch_deg: number;
+            /**
+             * Asked Yaw Deg
+             * @description Asked yaw [deg].
+             */
+            asked_yaw_deg: number;
+            /**
+             * Text
+             * @description In a sentence.
+             */
+            text: string;
+        };
+        /**
+         * GimbalPointed
+         * @description The gimbal points there, or says where it stopped.
+         */
+        GimbalPointed: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /**
+             * Command
+             * @description What was asked.
+             */
+            command: string;
+            /**
+             * Duration S
+             * @description From the request until the vehicle showed it [s].
+             */
+            duration_s: number;
+            /** @description The vehicle afterwards. */
+            status: components["schemas"]["Status"];
+            /** @description Where the gimbal stopped at a limit of its own, short of what was asked; null where it is there, still moves after 3 s, or does not report its attitude. */
+            limited: components["schemas"]["GimbalLimited"] | null;
         };
         /**
          * GimbalRates
@@ -9414,7 +9471,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["CommandDone"];
+                    "application/json": components["schemas"]["GimbalPointed"];
                 };
             };
             /** @description No such vehicle, group, link or recording. */

@@ -1,0 +1,110 @@
+"""Where a gimbal stopped, compared with where it was to point: PX4 accepts angles that it cannot reach."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from dataclasses import dataclass
+
+from gcs_server.errors import Disconnected
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.gimbal_decoder import wrap
+from gcs_server.vehicle.samples import Gimbal
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import Request
+
+ATTITUDE_IDS = (d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
+REACHED_DEG = 3.0
+MOVES_DEG = 0.5
+"""Less than this between two reports is standing."""
+STANDS_S = 0.6
+"""Standing for so long, a gimbal has stopped."""
+STARTS_WITHIN_S = 1.0
+LONGEST_S = 3.0
+"""A gimbal that still moves then is on its way: nothing is said."""
+ASK_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalLimited:
+    """The gimbal stopped short of the angles that were asked for: its own limit."""
+
+    pitch_deg: float
+    """Where it stopped; up is positive [deg]."""
+    yaw_deg: float | None
+    """Where it stopped, counted as asked: from the nose, or from north with `yaw_lock` [deg]; null where
+    the vehicle does not tell."""
+    asked_pitch_deg: float
+    asked_yaw_deg: float
+    text: str
+    """In a sentence."""
+
+
+async def stopped_short(
+    vehicle: VehiclePort, pitch_deg: float, yaw_deg: float, yaw_lock: bool
+) -> GimbalLimited | None:
+    """Waits until the gimbal is there or has stopped.
+
+    None: it is there, it still moves after `LONGEST_S`, or it does not report its attitude.
+    """
+    clock = vehicle.clock
+    began_s = stood_since_s = clock.monotonic_s()
+    before: tuple[float, float | None] | None = None
+    identity = vehicle.identity
+    ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_IDS[0]), 0, 0, 0, 0, 0, 0)).message(
+        identity.system_id, identity.component_id, 0, False
+    )
+    next_ask_s = began_s
+    with vehicle.mailbox.expect(*ATTITUDE_IDS) as waiter:
+        while (now_s := clock.monotonic_s()) < began_s + LONGEST_S:
+            if now_s >= next_ask_s:
+                vehicle.send(ask)
+                next_ask_s = now_s + ASK_S
+            try:
+                async with asyncio.timeout(max(0.0, next_ask_s - now_s)):
+                    await waiter.next()
+            except TimeoutError:
+                continue
+            except Disconnected:
+                return None
+            at = _angles(vehicle, yaw_lock)
+            if at is None:
+                continue
+            if not _apart(at, (pitch_deg, yaw_deg), REACHED_DEG):
+                return None
+            now_s = clock.monotonic_s()
+            if before is None or _apart(at, before, MOVES_DEG):
+                before, stood_since_s = at, now_s
+            elif now_s - stood_since_s >= STANDS_S and now_s - began_s >= STARTS_WITHIN_S:
+                return _limited(at, pitch_deg, yaw_deg)
+    return None
+
+
+def _angles(vehicle: VehiclePort, yaw_lock: bool) -> tuple[float, float | None] | None:
+    """Pitch and yaw [deg]."""
+    sample = vehicle.topic("gimbal")
+    if sample is None or not isinstance(sample.value, Gimbal):
+        return None
+    gimbal = sample.value
+    yaw_rad = gimbal.yaw_ned_rad if yaw_lock else gimbal.yaw_frd_rad
+    return math.degrees(gimbal.pitch_rad), None if yaw_rad is None else math.degrees(yaw_rad)
+
+
+def _apart(a: tuple[float, float | None], b: tuple[float, float | None], more_deg: float) -> bool:
+    return abs(a[0] - b[0]) > more_deg or _yaw_apart_deg(a[1], b[1]) > more_deg
+
+
+def _yaw_apart_deg(a: float | None, b: float | None) -> float:
+    return 0.0 if a is None or b is None else abs(math.degrees(wrap(math.radians(a - b))))
+
+
+def _limited(at: tuple[float, float | None], pitch_deg: float, yaw_deg: float) -> GimbalLimited:
+    pitch, yaw = round(at[0], 1), None if at[1] is None else round(at[1], 1)
+    axes: list[str] = []
+    if abs(pitch - pitch_deg) > REACHED_DEG:
+        axes.append(f"pitch {pitch:g}° instead of {pitch_deg:g}°")
+    if yaw is not None and _yaw_apart_deg(yaw, yaw_deg) > REACHED_DEG:
+        axes.append(f"yaw {yaw:g}° instead of {yaw_deg:g}°")
+    return GimbalLimited(
+        pitch, yaw, pitch_deg, yaw_deg, f"The gimbal stopped at its own limit: {', '.join(axes)}."
+    )
