@@ -25,7 +25,7 @@ from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.samples import TOPICS, Sample
+from gcs_server.vehicle.samples import TOPICS, BatteryReading, OutputGroup, Sample
 from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
@@ -35,7 +35,11 @@ class _Out(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-TOPIC_MODELS = {name: model_of(kind) for name, kind in TOPICS.items()}
+_SEVERAL: dict[str, dict[str, Any]] = {
+    "battery": {"batteries": tuple[model_of(BatteryReading), ...]},
+    "motors": {"groups": tuple[model_of(OutputGroup), ...]},
+}
+TOPIC_MODELS = {name: model_of(kind, **_SEVERAL.get(name, {})) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
 StatusModel = TOPIC_MODELS["status"]
 RoiModel = model_of(Roi)

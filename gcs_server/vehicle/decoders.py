@@ -1,9 +1,9 @@
 """Payloads to samples: pure functions, straight from the bytes, each for one message.
 
-Every decoder gets the full payload (zeros filled up) and returns the value and, where the message
-carries it, the vehicle's boot time. What it returns is finite and of a size that can be (`numbers.py`): a
-field that is not becomes None, and where the sample means nothing without it, the decoder raises Unusable.
-Formats are those of the dialect, which a test compares.
+Every decoder gets the full payloads (zeros filled up; several of one message: `instances.py`) and returns the
+value and, where the message carries it, the vehicle's boot time. What it returns is finite and of a size that
+can be (`numbers.py`): a field that is not becomes None, and where the sample means nothing without it, the
+decoder raises Unusable. Formats are those of the dialect, which a test compares.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import gimbal_decoder, samples
+from gcs_server.vehicle.instances import instance_of, message_of
 from gcs_server.vehicle.numbers import Unusable, number, on_earth, required, rotation, vector
 
 Payloads = Mapping[int, bytes]
@@ -131,26 +132,41 @@ def gps(payloads: Payloads) -> Decoded:
 
 def battery(payloads: Payloads) -> Decoded:
     """BATTERY_STATUS, or SYS_STATUS until the first one came."""
-    payload = payloads.get(d.MAVLINK_MSG_ID_BATTERY_STATUS)
-    if payload is None:
-        fields = _battery_of_system(payloads[d.MAVLINK_MSG_ID_SYS_STATUS])
-        return fields, None
+    status = d.MAVLINK_MSG_ID_BATTERY_STATUS
+    all_ = [_one_battery(instance_of(k), p) for k, p in sorted(payloads.items()) if message_of(k) == status]
+    if not all_:
+        return _battery_of_system(payloads[d.MAVLINK_MSG_ID_SYS_STATUS]), None
+    least = min(
+        all_, key=lambda b: (101 if b.remaining_percent is None else b.remaining_percent, b.battery_id)
+    )
+    value = samples.Battery(
+        least.remaining_percent,
+        least.voltage_v,
+        least.current_a,
+        least.consumed_mah,
+        least.time_remaining_s,
+        least.cell_voltages_v,
+        least.battery_id,
+        tuple(all_) if len(all_) > 1 else (),
+    )
+    return value, None
+
+
+def _one_battery(battery_id: int, payload: bytes) -> samples.BatteryReading:
     values = _battery.unpack_from(payload)
     consumed_mah, current_ca, remaining, time_s = values[0], values[13], values[17], values[18]
     # Cells 11 to 14 stand at the end: 0 is unknown there, since older senders leave them out.
     cells = [mv for mv in values[3:13] if mv != 0xFFFF] + [
         mv for mv in values[20:24] if mv not in (0, 0xFFFF)
     ]
-    return (
-        samples.Battery(
-            remaining_percent=remaining if 0 <= remaining <= 100 else None,
-            voltage_v=sum(cells) / 1e3 if cells else None,
-            current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
-            consumed_mah=None if consumed_mah == -1 else consumed_mah,
-            time_remaining_s=time_s if time_s > 0 else None,
-            cell_voltages_v=_of_cells(cells),
-        ),
-        None,
+    return samples.BatteryReading(
+        battery_id=battery_id,
+        remaining_percent=remaining if 0 <= remaining <= 100 else None,
+        voltage_v=sum(cells) / 1e3 if cells else None,
+        current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
+        consumed_mah=None if consumed_mah == -1 else consumed_mah,
+        time_remaining_s=time_s if time_s > 0 else None,
+        cell_voltages_v=_of_cells(cells),
     )
 
 
@@ -181,11 +197,15 @@ def home(payloads: Payloads) -> Decoded:
 
 def motors(payloads: Payloads) -> Decoded:
     """SERVO_OUTPUT_RAW: outputs up to the last one that is in use."""
-    values = _servo.unpack_from(payloads[d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW])
-    outputs = list(values[1:9])
-    while outputs and outputs[-1] in (0, 0xFFFF):
-        outputs.pop()
-    return samples.Motors(tuple(outputs)), values[0] / 1e6
+    unpacked = [(instance_of(key), _servo.unpack_from(payload)) for key, payload in sorted(payloads.items())]
+    groups = tuple(samples.OutputGroup(port, _in_use(values[1:9])) for port, values in unpacked)
+    boot_s = unpacked[0][1][0] / 1e6
+    return samples.Motors(groups[0].pwm_us, groups if len(groups) > 1 else ()), boot_s
+
+
+def _in_use(outputs: tuple[int, ...]) -> tuple[int, ...]:
+    used = [n for n, pwm_us in enumerate(outputs, 1) if pwm_us not in (0, 0xFFFF)]
+    return outputs[: used[-1]] if used else ()
 
 
 def target_local(payloads: Payloads) -> Decoded:

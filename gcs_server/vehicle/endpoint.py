@@ -78,7 +78,8 @@ class Endpoint:
     def hear(self, frame: Frame) -> None:
         """Notes what tells who this is."""
         self.heard_s = frame.received_monotonic_s
-        if self.heard_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
+        own = frame.component_id == self.component_id  # a companion computer has a boot clock of its own
+        if own and self.heard_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
             self.boot_next_s = self.heard_s + BOOT_TIME_EVERY_S
             self.boot_at_s = self.heard_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 

@@ -13,11 +13,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 
 from gcs_server.mavlink.codec import Frame
+from gcs_server.vehicle.instances import message_of
 
 HISTORY_S = 300.0
 
 _Kept = tuple[float, int, float, int, int, int, bytes]
-"""(kept_s, msg_id, received_s, system, component, sequence number, raw)."""
+"""(kept_s, key, received_s, system, component, sequence number, raw); keys: `instances.py`."""
 
 
 class History:
@@ -28,7 +29,8 @@ class History:
     """
 
     def __init__(self, msg_ids: Iterable[int]) -> None:
-        self._kept: dict[int, deque[_Kept]] = {msg_id: deque() for msg_id in msg_ids}
+        self._msg_ids = frozenset(msg_ids)
+        self._kept: dict[int, deque[_Kept]] = {}
         self._last: dict[int, Frame] = {}
 
     def keep(self, latest: dict[int, Frame], now_s: float) -> None:
@@ -38,15 +40,15 @@ class History:
         that has fallen silent keeps its past until it comes again.
         """
         before_s, kept, last = now_s - HISTORY_S, self._kept, self._last
-        for msg_id, frame in latest.items():
-            if frame is last.get(msg_id) or msg_id not in kept:
+        for key, frame in latest.items():
+            if frame is last.get(key) or message_of(key) not in self._msg_ids:
                 continue
-            last[msg_id] = frame
-            past = kept[msg_id]
+            last[key] = frame
+            past = kept.setdefault(key, deque())
             past.append(
                 (
                     now_s,
-                    msg_id,
+                    key,
                     frame.received_monotonic_s,
                     frame.system_id,
                     frame.component_id,
@@ -57,11 +59,11 @@ class History:
             while len(past) > 1 and past[1][0] < before_s:
                 past.popleft()
 
-    def frames(self, msg_ids: tuple[int, ...]) -> Iterator[tuple[float, tuple[Frame | None, ...]]]:
-        """(when kept [s], the newest frame of each id then), whenever one of them was new; oldest first."""
+    def frames(self, keys: tuple[int, ...]) -> Iterator[tuple[float, tuple[Frame | None, ...]]]:
+        """(when kept [s], the newest frame of each key then), whenever one of them was new; oldest first."""
         newest: dict[int, Frame] = {}
-        kept = heapq.merge(*(self._kept[msg_id] for msg_id in dict.fromkeys(msg_ids)))
+        kept = heapq.merge(*(self._kept.get(key, ()) for key in dict.fromkeys(keys)))
         for kept_s, together in itertools.groupby(kept, key=lambda item: item[0]):
-            for _, msg_id, received_s, system_id, component_id, seq, raw in together:
-                newest[msg_id] = Frame(msg_id, system_id, component_id, seq, raw, received_s)
-            yield kept_s, tuple(newest.get(msg_id) for msg_id in msg_ids)
+            for _, key, received_s, system_id, component_id, seq, raw in together:
+                newest[key] = Frame(message_of(key), system_id, component_id, seq, raw, received_s)
+            yield kept_s, tuple(map(newest.get, keys))

@@ -59,8 +59,23 @@ class Gps:
 
 
 @dataclass(frozen=True, slots=True)
+class BatteryReading:
+    """One of several batteries."""
+
+    battery_id: int
+    """BATTERY_STATUS.id, from 0."""
+    remaining_percent: int | None
+    voltage_v: float | None
+    current_a: float | None
+    consumed_mah: int | None
+    time_remaining_s: int | None
+    cell_voltages_v: tuple[float, ...] | None = None
+    """[V] of each cell; None where the vehicle tells the sum only."""
+
+
+@dataclass(frozen=True, slots=True)
 class Battery:
-    """BATTERY_STATUS (SYS_STATUS until the first one came)."""
+    """BATTERY_STATUS (SYS_STATUS until the first one came): of several, the one with the least left."""
 
     remaining_percent: int | None
     voltage_v: float | None
@@ -69,6 +84,10 @@ class Battery:
     time_remaining_s: int | None
     cell_voltages_v: tuple[float, ...] | None = None
     """[V] of each cell; None where the vehicle tells the sum only."""
+    battery_id: int | None = None
+    """Which battery this is, from 0; None from SYS_STATUS."""
+    batteries: tuple[BatteryReading, ...] = ()
+    """All of several batteries, by their ids; empty where there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +127,21 @@ class Gimbal:
 
 
 @dataclass(frozen=True, slots=True)
+class OutputGroup:
+    """One of several groups of outputs."""
+
+    port: int
+    """SERVO_OUTPUT_RAW.port: 0 main, 1 auxiliary."""
+    pwm_us: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Motors:
-    """SERVO_OUTPUT_RAW, main outputs."""
+    """SERVO_OUTPUT_RAW: of several groups, that of the lowest port (the main outputs)."""
 
     pwm_us: tuple[int, ...]
+    groups: tuple[OutputGroup, ...] = ()
+    """All of several groups, by their ports; empty where there is one."""
 
 
 @dataclass(frozen=True, slots=True)

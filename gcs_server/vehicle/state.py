@@ -10,6 +10,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import decoders
 from gcs_server.vehicle.history import HISTORY_S, History
+from gcs_server.vehicle.instances import ANY_COMPONENT, Instances, heard
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, Facts
@@ -25,8 +26,6 @@ MADE_OF: dict[str, tuple[int, ...]] = {
     "attitude": ATTITUDE_IDS,
     **{topic: ids for topic, (ids, _) in decoders.DECODERS.items()},
 }
-ANY_COMPONENT = frozenset(decoders.GIMBAL_IDS)
-"""Messages that a gimbal of its own may send in the vehicle's stead."""
 ALSO_READS: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
 READS: dict[str, tuple[int, ...]] = {
     topic: (*ids, *ALSO_READS.get(topic, ())) for topic, ids in MADE_OF.items()
@@ -47,7 +46,8 @@ class VehicleState:
     def __init__(self, component_id: int, clock: Clock) -> None:
         self.facts = Facts()
         self.latest: dict[int, Frame] = {}
-        """Newest frame of each message id of the dialect."""
+        """Newest frame of each message id of the dialect, and of each instance (`instances.py`)."""
+        self._instances = Instances()
         self.unusable: dict[str, str] = {}
         """Topics whose newest message cannot be used, and why; as of when they were last asked for."""
         self._component_id = component_id
@@ -59,13 +59,18 @@ class VehicleState:
 
     def take(self, frame: Frame) -> bool:
         """Keeps a frame; False where it is another component's affair."""
-        if frame.component_id != self._component_id and frame.msg_id not in ANY_COMPONENT:
+        if frame.msg_id in ANY_COMPONENT:
+            if not self._instances.is_shown(frame):
+                return False
+        elif frame.component_id != self._component_id:
             return False
         if not frame.known:  # there are 16 million ids: kept, they would fill the memory
             return True
         if frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
             self.topic("home")  # noted as good before the newer one takes its place
-        self.latest[frame.msg_id] = frame
+        key = self._instances.key_of(frame)
+        if key is not None:
+            self.latest[key] = frame
         reducer = REDUCERS.get(frame.msg_id)
         if reducer is not None:
             self.facts = reducer(self.facts, full_payload(frame), frame.received_monotonic_s)
@@ -104,13 +109,14 @@ class VehicleState:
         """
         if name == "status":
             return self._sample(name, self.status(), None, self._status_since_s())
-        frames = self._frames(name)
+        keys = self._instances.keys(READS[name])
+        frames = tuple(map(self.latest.get, keys))
         cached = self._cache.get(name)
         if cached is not None and cached[0] == frames:
             return cached[1]
         self.unusable.pop(name, None)
         try:
-            sample = self._decode(name, frames)
+            sample = self._decode(name, keys, frames)
         except Unusable as error:
             self.unusable[name] = str(error)
             sample = cached[1] if cached is not None and name in KEEPS_LAST else None
@@ -143,8 +149,9 @@ class VehicleState:
             if name == "status":
                 made = [sample for *_, sample in self._statuses]
             else:
-                past = self._history.frames(READS[name])
-                made = [self._past(name, frames) for kept_s, frames in past if kept_s >= since_s]
+                keys = self._instances.keys(READS[name])
+                past = self._history.frames(keys)
+                made = [self._past(name, keys, frames) for kept_s, frames in past if kept_s >= since_s]
             samples += [s for s in made if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
@@ -154,21 +161,22 @@ class VehicleState:
         lost_s = facts.heartbeat_s + LINK_LOST_AFTER_S if self.link_lost else float("-inf")
         return max(facts.heartbeat_s, facts.mode_s, facts.landed_s, lost_s)
 
-    def _past(self, name: str, frames: Frames) -> Sample | None:
+    def _past(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
         """A sample of the history; None where it cannot be made."""
         try:
-            return self._decode(name, frames)
+            return self._decode(name, keys, frames)
         except Exception:
             return None
 
-    def _frames(self, name: str) -> Frames:
-        return tuple(map(self.latest.get, READS[name]))
-
-    def _decode(self, name: str, frames: Frames) -> Sample | None:
-        present = [f for f in frames[: len(MADE_OF[name])] if f is not None]
+    def _decode(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
+        read = {key: frame for key, frame in zip(keys, frames, strict=True) if frame is not None}
+        if len(keys) > len(READS[name]):
+            read = heard(read.items())
+        made_of = MADE_OF[name]
+        present = [frame for frame in read.values() if frame.msg_id in made_of]
         if not present:
             return None
-        payloads = {f.msg_id: full_payload(f) for f in frames if f is not None}
+        payloads = {key: full_payload(frame) for key, frame in read.items()}
         if name == "attitude":
             decoded = self._attitude(present, payloads)
         else:

@@ -25,7 +25,8 @@ function fields() {
   };
   const topics = Object.entries(models.Topics.properties).map(([topic, one]) => {
     const value = named(named(inner(one).$ref).properties.value.$ref);
-    const lines = Object.entries(value.properties).map(([name, field]) => `    ${name}: '${kind(field)}',`);
+    const shown = Object.entries(value.properties).filter(([, field]) => !inner(field).items?.$ref); // no list of objects
+    const lines = shown.map(([name, field]) => `    ${name}: '${kind(field)}',`);
     return `  ${topic}: {\n${lines.join('\n')}\n  },`;
   });
   return `/** Each topic's fields and what they hold. */\nexport const FIELDS = {\n${topics.join('\n')}\n} as const;\n`;

@@ -45,6 +45,7 @@ export const FIELDS = {
     consumed_mah: 'number',
     time_remaining_s: 'number',
     cell_voltages_v: 'list',
+    battery_id: 'number',
   },
   home: {
     lat_deg: 'number',

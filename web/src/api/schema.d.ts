@@ -1663,9 +1663,60 @@ export interface components {
         };
         /**
          * Battery
-         * @description BATTERY_STATUS (SYS_STATUS until the first one came).
+         * @description BATTERY_STATUS (SYS_STATUS until the first one came): of several, the one with the least left.
          */
         Battery: {
+            /**
+             * Remaining Percent
+             * @description Remaining [%].
+             */
+            remaining_percent: number | null;
+            /**
+             * Voltage V
+             * @description Voltage [V].
+             */
+            voltage_v: number | null;
+            /**
+             * Current A
+             * @description Current [A].
+             */
+            current_a: number | null;
+            /**
+             * Consumed Mah
+             * @description Consumed [mAh].
+             */
+            consumed_mah: number | null;
+            /**
+             * Time Remaining S
+             * @description Time remaining [s].
+             */
+            time_remaining_s: number | null;
+            /**
+             * Cell Voltages V
+             * @description [V] of each cell; None where the vehicle tells the sum only.
+             */
+            cell_voltages_v: number[] | null;
+            /**
+             * Battery Id
+             * @description Which battery this is, from 0; None from SYS_STATUS.
+             */
+            battery_id: number | null;
+            /**
+             * Batteries
+             * @description All of several batteries, by their ids; empty where there is one.
+             */
+            batteries: components["schemas"]["BatteryReading"][];
+        };
+        /**
+         * BatteryReading
+         * @description One of several batteries.
+         */
+        BatteryReading: {
+            /**
+             * Battery Id
+             * @description BATTERY_STATUS.id, from 0.
+             */
+            battery_id: number;
             /**
              * Remaining Percent
              * @description Remaining [%].
@@ -3705,7 +3756,7 @@ export interface components {
         };
         /**
          * Motors
-         * @description SERVO_OUTPUT_RAW, main outputs.
+         * @description SERVO_OUTPUT_RAW: of several groups, that of the lowest port (the main outputs).
          */
         Motors: {
             /**
@@ -3713,6 +3764,11 @@ export interface components {
              * @description Pwm [µs].
              */
             pwm_us: number[];
+            /**
+             * Groups
+             * @description All of several groups, by their ports; empty where there is one.
+             */
+            groups: components["schemas"]["OutputGroup"][];
         };
         /**
          * MotorsSample
@@ -4138,6 +4194,22 @@ export interface components {
              * @description An attitude that is sent turns by no more than this a second.
              */
             slew_attitude_rad_s: number | null;
+        };
+        /**
+         * OutputGroup
+         * @description One of several groups of outputs.
+         */
+        OutputGroup: {
+            /**
+             * Port
+             * @description SERVO_OUTPUT_RAW.port: 0 main, 1 auxiliary.
+             */
+            port: number;
+            /**
+             * Pwm Us
+             * @description Pwm [µs].
+             */
+            pwm_us: number[];
         };
         /**
          * ParamRequest

@@ -286,7 +286,7 @@ describe('instruments, messages, indicators', () => {
     expect(shown([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
   });
   it('shows severity with a word, and unknown as unknown', () => {
-    const reading = (remaining_percent: number | null) => ({ value: { remaining_percent, voltage_v: null, current_a: null, consumed_mah: null, time_remaining_s: null, cell_voltages_v: null }, age_s: 0, stale: false });
+    const reading = (remaining_percent: number | null) => ({ value: { remaining_percent, voltage_v: null, current_a: null, consumed_mah: null, time_remaining_s: null, cell_voltages_v: null, battery_id: 0, batteries: [] }, age_s: 0, stale: false });
     expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: 'empty', text: '9 %' });
     expect(batteryIndicator(reading(null)).text).toBe('–');
     expect(batteryIndicator(null).text).toBe('–');

@@ -103,7 +103,7 @@ describe('the link', () => {
 
 describe('the battery', () => {
   it('names its weakest cell', () => {
-    const value = { remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: [4.02, 3.91, 4.01] };
+    const value = { remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: [4.02, 3.91, 4.01], battery_id: 0, batteries: [] };
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
   });

@@ -7,7 +7,9 @@ import fastcrc
 import pytest
 
 from gcs_server.mavlink import dialect
+from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle import decoders
+from gcs_server.vehicle.instances import DEVICE_AT, INSTANCE_AT
 from vehicle_sim.mavlink import generated_dialect as sim
 
 SIZES = {
@@ -107,3 +109,18 @@ def test_the_decoders_formats_are_the_dialects_beginnings():
 
         theirs = flat(dialect.mavlink_map[msg_id].unpacker.format)
         assert theirs.startswith(flat(ours.format)), dialect.mavlink_map[msg_id].msgname
+
+
+def test_instances_stand_where_the_dialect_has_them():
+    fields = {"BATTERY_STATUS": "id", "SERVO_OUTPUT_RAW": "port"}
+    for msg_id, at in (INSTANCE_AT | DEVICE_AT).items():
+        layout = LAYOUTS[msg_id]
+        payload = bytes(at) + b"\x07" + bytes(layout.unpacker.size - at - 1)
+        values = dict(zip(layout.fields, _by_field(layout, payload), strict=True))
+        assert values[fields.get(layout.name, "gimbal_device_id")] == 7
+        assert sum(value == 7 for value in values.values()) == 1
+
+
+def _by_field(layout, payload):
+    flat = iter(layout.unpacker.unpack(payload))
+    return [tuple(next(flat) for _ in range(n)) if n > 1 else next(flat) for n in layout.lengths]

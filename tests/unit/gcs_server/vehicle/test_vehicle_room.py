@@ -23,7 +23,9 @@ def test_unknown_is_none():
     value, _ = decoders.gps(payloads(gps))
     assert value == samples.Gps(3, None, None, None)
     battery = d.MAVLink_battery_status_message(0, 0, 0, 32767, [65535] * 10, -1, -1, -1, -1)
-    assert decoders.battery(payloads(battery))[0] == samples.Battery(None, None, None, None, None)
+    assert decoders.battery(payloads(battery))[0] == samples.Battery(
+        None, None, None, None, None, battery_id=0
+    )
     px4 = d.MAVLink_battery_status_message(0, 0, 0, 32767, [16000, *[65535] * 9], -100, 0, -1, 90)
     assert decoders.battery(payloads(px4))[0].current_a is None
     position = d.MAVLink_global_position_int_message(1500, 1, 2, 3000, 4000, 100, -200, 300, 65535)
@@ -37,7 +39,7 @@ def test_battery_comes_from_the_system_status_until_its_own_message():
     assert value == samples.Battery(77, 16.2, 12.34, None, None)
     own = d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300)
     value, _ = decoders.battery(payloads(system, own))
-    assert value == samples.Battery(66, 16.1, 5.0, 120, 300)
+    assert value == samples.Battery(66, 16.1, 5.0, 120, 300, battery_id=0)
 
 
 @pytest.mark.parametrize(

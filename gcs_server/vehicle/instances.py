@@ -1,0 +1,88 @@
+"""Which of several alike a message is about: battery 0 or 1, main or auxiliary outputs, this gimbal or that.
+
+A message whose dialect has an instance field is kept by (message, instance), so that two batteries never
+overwrite each other. A key is the message's id, with the instance in its highest byte: that of instance 0 is
+the id itself. Only the autopilot's messages are kept, and those of gimbals: of these, one sender's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, full_payload
+from gcs_server.vehicle import gimbal_decoder
+
+INSTANCE_AT = {d.MAVLINK_MSG_ID_BATTERY_STATUS: 32, d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 20}
+"""Offset of the instance's byte in the payload; a test compares them with the dialect."""
+DEVICE_AT = {d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 48, d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: 8}
+"""Offset of gimbal_device_id."""
+ANY_COMPONENT = frozenset(gimbal_decoder.IDS)
+"""Messages that a gimbal of its own may send in the vehicle's stead."""
+MOST_INSTANCES = 8
+"""Of one message; PX4 has four batteries at most. More are not kept."""
+SILENT_AFTER_S = 10.0
+"""An instance not heard for so long, while another is, has gone."""
+OTHER_GIMBAL_AFTER_S = 3.0
+"""A second gimbal is shown once the first has been silent for so long."""
+ID_MASK = 0xFFFFFF
+
+
+def message_of(key: int) -> int:
+    """The message's id."""
+    return key & ID_MASK
+
+
+def instance_of(key: int) -> int:
+    """0 for what has no instances."""
+    return key >> 24
+
+
+class Instances:
+    """Of one vehicle: which keys there are, and which gimbal is the one to show."""
+
+    def __init__(self) -> None:
+        self._keys: dict[int, tuple[int, ...]] = {}
+        self._gimbals: dict[int, tuple[tuple[int, int], float]] = {}
+
+    def key_of(self, frame: Frame) -> int | None:
+        """Under which a frame is kept; None where there are too many already."""
+        at = INSTANCE_AT.get(frame.msg_id)
+        if at is None:
+            return frame.msg_id
+        key = frame.msg_id | full_payload(frame)[at] << 24
+        known = self._keys.get(frame.msg_id, ())
+        if key not in known:
+            if len(known) >= MOST_INSTANCES:
+                return None
+            self._keys[frame.msg_id] = tuple(sorted((*known, key)))
+        return key
+
+    def keys(self, msg_ids: Iterable[int]) -> tuple[int, ...]:
+        """All under which these messages are kept, the lowest instance of each first."""
+        return tuple(k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,)))
+
+    def is_shown(self, frame: Frame) -> bool:
+        """Whether it is of the gimbal that is shown: the lowest component and device that is heard."""
+        at = DEVICE_AT.get(frame.msg_id)
+        who = (frame.component_id, 0 if at is None else full_payload(frame)[at])
+        now_s = frame.received_monotonic_s
+        shown, heard_s = self._gimbals.get(frame.msg_id, (who, now_s))
+        if shown < who and now_s - heard_s < OTHER_GIMBAL_AFTER_S:
+            return False
+        self._gimbals[frame.msg_id] = (who, now_s)
+        return True
+
+
+def heard(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
+    """By key, without instances that have fallen silent while another of their message is heard."""
+    kept = dict(frames)
+    newest: dict[int, float] = {}
+    for key, frame in kept.items():
+        msg_id = message_of(key)
+        newest[msg_id] = max(newest.get(msg_id, float("-inf")), frame.received_monotonic_s)
+    return {
+        key: frame
+        for key, frame in kept.items()
+        if newest[message_of(key)] - frame.received_monotonic_s <= SILENT_AFTER_S
+    }
