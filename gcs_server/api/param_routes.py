@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Body, Response
@@ -12,12 +13,16 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
 from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
 from gcs_server.api.strict_body import StrictBody
+from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.param_facts import Choice, ParamFacts, is_default
 from gcs_server.vehicle.param_table import Param
 from gcs_server.vehicle.services.params import ParamList
 from gcs_server.vehicle.vehicle import Vehicle
 
 router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
+
+VIEWED_AT_ONCE = 100
+"""Parameters that are put into words in one turn of the event loop."""
 
 FactsModel = model_of(
     ParamFacts,
@@ -86,8 +91,14 @@ def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
 @router.get("/{v}/params", response_model=ParametersView)
 async def all_params(vehicle: VehicleDep) -> Response:
     """All that are known, without asking the vehicle; `POST …/params/refresh` reads them."""
-    params = tuple(_view(vehicle, param) for param in vehicle.params.all())
-    return answer({"vehicle": vehicle.id, "list": vehicle.params.list, "params": params})
+    known = vehicle.params.all()
+    head = encode({"vehicle": vehicle.id, "list": vehicle.params.list})
+    parts: list[bytes] = []
+    for begin in range(0, len(known), VIEWED_AT_ONCE):
+        parts += [encode(_view(vehicle, param)) for param in known[begin : begin + VIEWED_AT_ONCE]]
+        await asyncio.sleep(0)
+    content = b'%s,"params":[%s]}' % (head[:-1], b",".join(parts))
+    return Response(content, media_type="application/json")
 
 
 @router.post("/{v}/params/refresh", response_model=ListModel)

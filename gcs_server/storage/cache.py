@@ -13,6 +13,7 @@ log = logging.getLogger(__name__)
 MOST_FILES = 200
 MOST_BYTES = 8_000_000
 """A larger piece is not kept, nor read."""
+MOST_BYTES_IN_ALL = 100_000_000
 _name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,120}")
 
 
@@ -53,9 +54,13 @@ class Cache:
             self._path(name).unlink()
 
     def _prune(self) -> None:
-        files = sorted(self._folder.iterdir(), key=lambda path: path.stat().st_mtime)
-        for path in files[: max(0, len(files) - MOST_FILES)]:
+        files = sorted(((p, p.stat()) for p in self._folder.iterdir()), key=lambda f: f[1].st_mtime)
+        count, size = len(files), sum(status.st_size for _, status in files)
+        for path, status in files:
+            if count <= MOST_FILES and size <= MOST_BYTES_IN_ALL:
+                break
             path.unlink(missing_ok=True)
+            count, size = count - 1, size - status.st_size
 
     def _path(self, name: str) -> Path:
         if not _name.fullmatch(name):

@@ -1,18 +1,16 @@
-"""What the vehicle's metadata says of its parameters: unit, range, choices; and whether a value keeps to it.
-
-Format: MAVLink's parameter metadata schema, version 1.
-"""
+"""What the vehicle's metadata says of a parameter: unit, range, choices; whether a value keeps to it."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-import msgspec
-
 from gcs_server.errors import InvalidRequest
+from gcs_server.vehicle.foreign import Document, cut
 
+MOST_NAMED, LONGEST_NAMED = 20, 60
+"""Choices that a refusal names, and characters of each."""
 FORCE = 'Send "force": true to set it all the same.'
 
 
@@ -71,13 +69,15 @@ class ParamFacts:
         """
         if self.choices:
             if not any(_same(value, choice.value) for choice in self.choices):
-                known = ", ".join(f"{c.value:g} ({c.label})" for c in self.choices)
+                known = _named((c.value, c.label) for c in self.choices)
                 raise InvalidRequest("value", f"{self.name} is one of {known}; not {value:g}.", remedy=FORCE)
             return
         if self.bits:
-            known_bits = sum(1 << int(bit.value) for bit in self.bits)
-            if value < 0 or int(value) & ~known_bits:
-                names = ", ".join(f"{1 << int(b.value)} ({b.label})" for b in self.bits)
+            known_bits = 0
+            for bit in self.bits:
+                known_bits |= 1 << int(bit.value)
+            if value < 0 or value != int(value) or int(value) & ~known_bits:
+                names = _named((1 << int(b.value), b.label) for b in self.bits)
                 raise InvalidRequest(
                     "value", f"{self.name} is a sum of {names}; not {value:g}.", remedy=FORCE
                 )
@@ -99,77 +99,13 @@ class ParamFacts:
         return f"from {self.min:g} to {self.max:g}{unit}"
 
 
-Facts = Mapping[str, ParamFacts]
+Facts = Document[str, ParamFacts]
 
 
-class _Value(msgspec.Struct):
-    value: float | int
-    description: str = ""
-
-
-class _Bit(msgspec.Struct):
-    index: int
-    description: str = ""
-
-
-class _Entry(msgspec.Struct, rename="camel"):
-    name: str
-    type: str
-    group: str = ""
-    category: str = "Standard"
-    short_desc: str | None = None
-    long_desc: str | None = None
-    default: float | int | None = None
-    min: float | int | None = None
-    max: float | int | None = None
-    units: str | None = None
-    decimal_places: int | None = None
-    increment: float | None = None
-    values: list[_Value] = []
-    bitmask: list[_Bit] = []
-    reboot_required: bool = False
-    volatile: bool = False
-
-
-class _Document(msgspec.Struct):
-    version: int
-    parameters: list[_Entry]
-
-
-_document = msgspec.json.Decoder(_Document)
-
-
-def parse(content: bytes) -> dict[str, ParamFacts]:
-    """Reads the metadata document; by name.
-
-    Raises:
-        ValueError: not a document of a version that we know.
-    """
-    document = _document.decode(content)  # msgspec's errors are ValueErrors
-    if document.version != 1:
-        raise ValueError(f"a parameter document of version {document.version}; version 1 is known")
-    return {entry.name: _facts(entry) for entry in document.parameters}
-
-
-def _facts(entry: _Entry) -> ParamFacts:
-    return ParamFacts(
-        name=entry.name,
-        is_integer=entry.type != "Float",
-        group=entry.group,
-        category=entry.category,
-        title=entry.short_desc,
-        details=entry.long_desc,
-        default=entry.default,
-        min=entry.min,
-        max=entry.max,
-        unit=None if entry.units in (None, "", "norm") else entry.units,
-        decimals=entry.decimal_places,
-        increment=entry.increment,
-        choices=tuple(Choice(v.value, v.description) for v in entry.values),
-        bits=tuple(Choice(b.index, b.description) for b in entry.bitmask),
-        reboot_required=entry.reboot_required,
-        volatile=entry.volatile,
-    )
+def _named(choices: Iterable[tuple[float, str]]) -> str:
+    words = [f"{value:g} ({cut(label, LONGEST_NAMED)})" for value, label in choices]
+    more = len(words) - MOST_NAMED
+    return ", ".join(words[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def is_default(facts: ParamFacts, value: float) -> bool | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import struct
 from dataclasses import dataclass
 
@@ -10,9 +12,12 @@ from gcs_server.mavlink import dialect as d
 
 HASH_NAME = "_HASH_CHECK"
 NO_INDEX = 65535
+MOST_PARAMETERS = 5_000
+"""A PX4 v1.16 has 929 at once, of 1,821 that its firmware knows."""
 CACHE_VERSION = 1
 _value = struct.Struct("<4sHH16sB")
 _float = struct.Struct("<f")
+_name = re.compile(r"[A-Za-z0-9_.]{1,16}")
 _integers = {
     d.MAV_PARAM_TYPE_UINT8: "<B", d.MAV_PARAM_TYPE_INT8: "<b", d.MAV_PARAM_TYPE_UINT16: "<H",
     d.MAV_PARAM_TYPE_INT16: "<h", d.MAV_PARAM_TYPE_UINT32: "<I", d.MAV_PARAM_TYPE_INT32: "<i",
@@ -51,8 +56,16 @@ def read_report(payload: bytes) -> ParamReport | None:
     return ParamReport(Param(name, struct.unpack_from(form, bits)[0], True), index, count)
 
 
+def checksum_of(param: Param) -> int | None:
+    """The vehicle's checksum from `_HASH_CHECK`; None where it is not a number."""
+    return int(param.value) & 0xFFFFFFFF if math.isfinite(param.value) else None
+
+
 class ParamTable:
-    """Values by name, and which places of the vehicle's list they fill."""
+    """Values by name, and which places of the vehicle's list they fill.
+
+    At most `MOST_PARAMETERS` names. What has a name that no parameter can have fills its place only.
+    """
 
     def __init__(self) -> None:
         self._values: dict[str, Param] = {}
@@ -61,6 +74,8 @@ class ParamTable:
         """Of the vehicle's list; None before it said."""
         self.hash: int | None = None
         """The vehicle's own checksum over names and values."""
+        self.left_out = 0
+        """How many places hold what cannot be kept."""
 
     def __len__(self) -> int:
         return len(self._values)
@@ -95,15 +110,21 @@ class ParamTable:
 
     def put(self, report: ParamReport) -> bool:
         """Takes a value; False where the list has another length now, so that its places have moved."""
-        if report.param.name == HASH_NAME:
-            self.hash = int(report.param.value) & 0xFFFFFFFF
+        name = report.param.name
+        if name == HASH_NAME:
+            self.hash = checksum_of(report.param)
             return True
+        is_new = report.index not in self._filled
         moved = self.count is not None and report.count != self.count and report.index != NO_INDEX
         if report.index != NO_INDEX:
             self.count = report.count
             if report.index < report.count:
                 self._filled.add(report.index)
-        self._values[report.param.name] = report.param
+        has_room = name in self._values or len(self._values) < MOST_PARAMETERS
+        if has_room and _name.fullmatch(name):
+            self._values[name] = report.param
+        elif is_new and report.index < report.count:
+            self.left_out += 1
         return not moved
 
     def dump(self) -> bytes:
@@ -117,15 +138,17 @@ class ParamTable:
         """From the cache; None where it is of another state of the vehicle, or damaged."""
         try:
             kept = json.loads(content)
+            if not isinstance(kept, dict):
+                return None
             if (kept["version"], kept["hash"], kept["count"]) != (CACHE_VERSION, wanted_hash, count):
                 return None
             table = cls()
             for name, value, is_integer in kept["values"]:
                 exact = int(value) if is_integer else float(value)
                 table._values[str(name)] = Param(str(name), exact, bool(is_integer))
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return None
-        if len(table) != count:
+        if len(table) != count or not all(_name.fullmatch(name) for name in table._values):
             return None
         table.count, table.hash = count, wanted_hash
         table._filled = set(range(count))

@@ -7,6 +7,7 @@ import pytest
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.storage.cache import Cache
+from gcs_server.vehicle import metadata_files
 from tests.protocol.sim_world import SimPilot
 
 LIST, READ, SET, FTP = (
@@ -21,6 +22,10 @@ async def inline(work):
     return work()
 
 
+async def read_inline(kind, packed, crc):
+    return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
+
+
 def story(kit, jump, work, *, loss=0.0, seed=0, cache=None):
     async def run():
         world = kit.World()
@@ -28,6 +33,7 @@ def story(kit, jump, work, *, loss=0.0, seed=0, cache=None):
         try:
             vehicle = await world.ready()
             vehicle.metadata.cache, vehicle.metadata.aside = cache, inline
+            vehicle.metadata.read = read_inline
             pilot.loss = loss
             await work(world, vehicle, pilot)
         finally:
@@ -139,7 +145,7 @@ def test_a_vehicle_without_any_of_it_is_told_as_such(kit, jump):
         pilot = world.pilot(world.link())
         try:
             vehicle = await world.ready()
-            vehicle.metadata.aside = inline
+            vehicle.metadata.aside, vehicle.metadata.read = inline, read_inline
             with pytest.raises(NoReply, match="did not send its parameters"):
                 await vehicle.params.refresh()
             await vehicle.params.describe()

@@ -1,18 +1,17 @@
 """The vehicle's own description of its parameters and events, fetched by FTP only when asked for.
 
 COMPONENT_METADATA names a general document and its checksum, and that one names the others. What was fetched
-once is kept by its checksum: a vehicle of the same firmware is asked for one message and no file. Addresses
-on the internet that these documents name are never followed.
+once is kept by vehicle and checksum: next time the vehicle is asked for one message and no file. Addresses on
+the internet that these documents name are never followed.
+
+The files are foreign: they are limited in size and read in a process of its own (`metadata_process.py`).
 """
 
 from __future__ import annotations
 
 import asyncio
 import functools
-import json
-import lzma
 import re
-import zlib
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
@@ -20,25 +19,30 @@ from gcs_server.errors import GcsError, NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.storage.cache import Cache
-from gcs_server.vehicle import event_definitions, param_facts
+from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.event_definitions import Definitions
+from gcs_server.vehicle.foreign import Document
+from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged, FileEntry
+from gcs_server.vehicle.metadata_process import DocumentReader
 from gcs_server.vehicle.param_facts import Facts
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import is_our_ack
 
-PARAMETERS, EVENTS = 1, 4
-"""COMP_METADATA_TYPE."""
 NAMES = {PARAMETERS: "parameters", EVENTS: "events"}
 ASK_TIMES, ASK_EVERY_S = 6, 0.5
-MOST_BYTES = 32_000_000
-"""A document that unpacks to more is not what it claims to be."""
 FETCH_TIMES = 2
-_uri = re.compile(r"mftp://(?:\[?;comp=(\d+)\]?)?/?(.+)")
+_uri = re.compile(r"mftp://(?:\[?;comp=(\d{1,3})\]?)?/?(.{1,200})")
 
-Result = TypeVar("Result")
 Aside = Callable[[Callable[[], Any]], Awaitable[Any]]
 """Runs a function where it does not hold up the event loop."""
+ReadDocument = Callable[[int, bytes, int], Awaitable[Document[Any, Any]]]
+"""(kind, packed file, its checksum) → what it says; raises Damaged or ValueError."""
+
+Result = TypeVar("Result")
+
+_reader = DocumentReader()
+"""One for the server: its vehicles' files are read one after the other."""
 
 
 class MetadataMissing(GcsError):
@@ -55,6 +59,7 @@ class MetadataService:
         ftp: reads its files.
         cache: where documents are kept; None keeps none.
         aside: `asyncio.to_thread` but in tests.
+        read: reads a file in a process of its own but in tests.
     """
 
     def __init__(
@@ -63,13 +68,15 @@ class MetadataService:
         ftp: FtpService,
         cache: Cache | None = None,
         aside: Aside = asyncio.to_thread,
+        read: ReadDocument = _reader.read,
     ) -> None:
         self._vehicle = vehicle
         self._ftp = ftp
         self.cache = cache
         self.aside = aside
+        self.read = read
         self._lock = asyncio.Lock()
-        self._parsed: dict[int, tuple[int, Any]] = {}
+        self._parsed: dict[int, tuple[int, Document[Any, Any]]] = {}
         """By kind: (checksum, what it says)."""
 
     def keep_in(self, cache: Cache) -> None:
@@ -82,34 +89,35 @@ class MetadataService:
         Raises:
             MetadataMissing, FtpFailed, NoReply: it could not be had.
         """
-        return await self._load(PARAMETERS, param_facts.parse)
+        return await self._load(PARAMETERS)
 
     async def events(self) -> Definitions:
         """Of all events the firmware has; raises as `parameters`."""
-        return await self._load(EVENTS, event_definitions.parse)
+        return await self._load(EVENTS)
 
-    async def _load(self, kind: int, parse: Callable[[bytes], Result]) -> Result:
+    async def _load(self, kind: int) -> Document[Any, Any]:
         self._vehicle.require_commandable()
         async with self._lock:
             general = await self._general()
-            entry = next((t for t in general if t.get("type") == kind), None)
+            entry = next((e for e in general if e.kind == kind), None)
             if entry is None:
                 raise MetadataMissing(f"Vehicle {self._vehicle.id} describes no {NAMES[kind]}.")
-            crc = int(entry.get("fileCrc", 0))
             held = self._parsed.get(kind)
-            if held is not None and held[0] == crc and crc:
+            if held is not None and held[0] == entry.crc and entry.crc:
                 return held[1]
-            content = await self._document(str(entry.get("uri", "")), crc)
-            parsed = await self.aside(lambda: _read(parse, content, self._vehicle.id, NAMES[kind]))
-            self._parsed[kind] = (crc, parsed)
-            return parsed
+            document = await self._document(entry, NAMES[kind], functools.partial(self.read, kind))
+            self._parsed[kind] = (entry.crc, document)
+            return document
 
-    async def _general(self) -> list[dict[str, Any]]:
+    async def _general(self) -> list[FileEntry]:
         message = await self._announced()
-        content = await self._document(_text(message.uri), int(message.file_crc))
-        document = await self.aside(lambda: _read(json.loads, content, self._vehicle.id, "metadata"))
-        types = document.get("metadataTypes") if isinstance(document, dict) else None
-        return [t for t in types or [] if isinstance(t, dict)]
+        entry = FileEntry(0, _text(message.uri), int(message.file_crc))
+
+        async def read(packed: bytes, crc: int) -> list[FileEntry]:
+            return await self.aside(functools.partial(metadata_files.read_general, packed, crc))
+
+        most = metadata_files.MOST_GENERAL_PACKED_BYTES
+        return await self._document(entry, "metadata", read, most)
 
     async def _announced(self) -> Reply:
         """COMPONENT_METADATA."""
@@ -150,14 +158,35 @@ class MetadataService:
             f"Vehicle {vehicle.id} did not say where its metadata are.", deadline_s=ASK_TIMES * ASK_EVERY_S
         )
 
-    async def _document(self, uri: str, crc: int) -> bytes:
-        """Unpacked; from the cache, or fetched and kept."""
-        name = f"metadata-{crc:08x}.json"
-        cache = self.cache if crc else None
+    async def _document(
+        self,
+        entry: FileEntry,
+        what: str,
+        read: Callable[[bytes, int], Awaitable[Result]],
+        most_bytes: int = metadata_files.MOST_PACKED_BYTES,
+    ) -> Result:
+        """A file that is read; from the cache, or fetched and kept."""
+        name, cache = self._cache_name(entry.crc), self.cache if entry.crc else None
+        kept: bytes | None = None
         if cache is not None:
-            kept: bytes | None = await self.aside(functools.partial(cache.read, name))
-            if kept is not None:
-                return kept
+            kept = await self.aside(functools.partial(cache.read, name))
+        for attempt in range(FETCH_TIMES + 1):
+            packed = kept if kept is not None else await self._fetch(entry.uri, most_bytes)
+            try:
+                result = await read(packed, entry.crc)
+            except Damaged as error:
+                if kept is None and attempt >= FETCH_TIMES - 1:
+                    raise self._unusable(what, error, "Try again on a better link.") from error
+                kept = None
+                continue
+            except (ValueError, RecursionError) as error:
+                raise self._unusable(what, error) from error
+            if cache is not None and kept is None:
+                await self.aside(functools.partial(cache.write, name, packed))
+            return result
+        raise AssertionError("the loop returns or raises")
+
+    async def _fetch(self, uri: str, most_bytes: int) -> bytes:
         match = _uri.fullmatch(uri)
         component = self._vehicle.identity.component_id
         if match is None or match[1] not in (None, str(component)):
@@ -165,47 +194,18 @@ class MetadataService:
                 f"Vehicle {self._vehicle.id} keeps its metadata at {uri!r}, not in its own files.",
                 remedy="Addresses on the internet are not followed.",
             )
-        for _ in range(FETCH_TIMES):
-            packed = await self._ftp.read(match[2])
-            content = await self.aside(functools.partial(_unpacked, packed, crc))
-            if content is not None:
-                if cache is not None:
-                    await self.aside(functools.partial(cache.write, name, content))
-                return content
-        raise MetadataMissing(
-            f"{match[2]} of vehicle {self._vehicle.id} is not what its checksum says.",
-            remedy="Try again on a better link.",
+        return await self._ftp.read(match[2], max_bytes=most_bytes)
+
+    def _unusable(self, what: str, error: Exception, remedy: str | None = None) -> MetadataMissing:
+        return MetadataMissing(
+            f"The {what} that vehicle {self._vehicle.id} describes cannot be used: {error}.", remedy=remedy
         )
 
-
-def crc32(data: bytes) -> int:
-    """As MAVLink wants it: start value and final XOR zero."""
-    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
-
-
-def _unpacked(packed: bytes, crc: int) -> bytes | None:
-    """None where the checksum is neither the packed file's nor (as for PX4's general one) the content's."""
-    content: bytes | None = packed
-    if packed[:6] == b"\xfd7zXZ\0":
-        unpacker = lzma.LZMADecompressor(memlimit=MOST_BYTES * 4)
-        try:
-            content = unpacker.decompress(packed, max_length=MOST_BYTES)
-        except lzma.LZMAError:
-            content = None
-        if content is not None and not unpacker.eof:
-            content = None
-    if content is None or (crc and crc not in (crc32(packed), crc32(content))):
-        return None
-    return content
-
-
-def _read(parse: Callable[[bytes], Result], content: bytes, vehicle: str, what: str) -> Result:
-    try:
-        return parse(content)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise MetadataMissing(
-            f"The {what} that vehicle {vehicle} describes cannot be read: {error}."
-        ) from error
+    def _cache_name(self, crc: int) -> str:
+        """Of this vehicle: another could forge the checksum of its file."""
+        identity = self._vehicle.identity
+        uid = "".join(c for c in identity.uid or "none" if c.isascii() and c.isalnum())[:40]
+        return f"metadata-{uid}-{identity.system_id}-{crc:08x}"
 
 
 def _text(value: str | bytes) -> str:

@@ -13,7 +13,15 @@ from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.mavlink.mailbox import Reply, Waiter
-from gcs_server.vehicle.param_table import HASH_NAME, ParamReport, ParamTable, read_report
+from gcs_server.vehicle.param_table import (
+    HASH_NAME,
+    MOST_PARAMETERS,
+    NO_INDEX,
+    ParamReport,
+    ParamTable,
+    checksum_of,
+    read_report,
+)
 from gcs_server.vehicle.services.port import VehiclePort
 
 LIST_TIMES = 4
@@ -25,6 +33,12 @@ GAP_PATIENCE_S = 0.5
 ROUNDS_WITHOUT_NEWS = 12
 HASH_TIMES, HASH_EVERY_S = 4, 0.5
 RESTARTS = 3
+READ_WITHIN_S = 600.0
+"""The whole list, on the slowest link."""
+MOST_VALUES_WITHOUT_NEWS = 5_000
+"""Values in a row that are known already: the vehicle repeats itself and never falls silent."""
+TURN_AFTER_VALUES = 100
+"""Values that are waiting already are taken so many at a time, so that the event loop gets its turn."""
 
 Progress = Callable[[], None]
 
@@ -43,7 +57,8 @@ class ParamReader:
                 self._request(HASH_NAME.encode(), -1)
                 report = await self._next(waiter, HASH_EVERY_S, HASH_NAME)
                 if report is not None:
-                    return int(report.param.value) & 0xFFFFFFFF, report.count
+                    checksum = checksum_of(report.param)
+                    return None if checksum is None else (checksum, report.count)
         return None
 
     async def read(self, table: Callable[[], ParamTable]) -> None:
@@ -53,11 +68,15 @@ class ParamReader:
             table: makes the table that is to be filled.
 
         Raises:
-            NoReply: the vehicle fell silent.
+            NoReply: the vehicle fell silent, or its list is too long or never complete.
         """
-        for _ in range(RESTARTS):
-            if await self._fill(table()):
-                return
+        try:
+            async with asyncio.timeout(READ_WITHIN_S):
+                for _ in range(RESTARTS):
+                    if await self._fill(table()):
+                        return
+        except TimeoutError:
+            raise self._given_up(f"they were not complete within {READ_WITHIN_S:.0f} s") from None
         raise NoReply(
             f"The parameters of vehicle {self._vehicle.id} change their number while they are read.",
             deadline_s=0.0,
@@ -111,13 +130,25 @@ class ParamReader:
     ) -> bool:
         """Takes values until silence, or until all that are wanted are there; False: the list changed."""
         patience_s = first_s
+        taken = useless = 0
         left = set(wanted) if wanted is not None else None
         while not table.complete and (left is None or left):
             report = await self._next(waiter, patience_s)
             if report is None:
                 return True
+            if report.count > MOST_PARAMETERS and report.index != NO_INDEX:
+                raise self._given_up(
+                    f"it claims to have {report.count:,}, and at most {MOST_PARAMETERS:,} are read"
+                )
+            before = table.filled
             if not table.put(report):
                 return False
+            useless = 0 if table.filled > before else useless + 1
+            if useless > MOST_VALUES_WITHOUT_NEWS:
+                raise self._given_up("it repeats itself without end")
+            taken += 1
+            if taken % TURN_AFTER_VALUES == 0:
+                await asyncio.sleep(0)
             if left is not None:
                 left.discard(report.index)
             patience_s = silence_s
@@ -133,6 +164,13 @@ class ParamReader:
                         return report
         except TimeoutError:
             return None
+
+    def _given_up(self, why: str) -> NoReply:
+        return NoReply(
+            f"The server stopped reading the parameters of vehicle {self._vehicle.id}: {why}.",
+            deadline_s=READ_WITHIN_S,
+            remedy="Single parameters can be read and set all the same.",
+        )
 
     def _values(self):  # noqa: ANN202 the mailbox's context manager
         vehicle = self._vehicle

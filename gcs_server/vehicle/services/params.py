@@ -59,7 +59,9 @@ class ParamList:
     facts: bool
     """Whether the vehicle's own description (unit, range, default) is at hand."""
     facts_problem: str | None
-    """Why it is not."""
+    """Why it is not, or what of it was left out."""
+    left_out: int
+    """How many have a name that no parameter can have, or are more than the server keeps."""
 
 
 class ParamService:
@@ -97,6 +99,7 @@ class ParamService:
             self._problem,
             self._facts is not None,
             self._facts_problem,
+            table.left_out,
         )
 
     def all(self) -> list[Param]:
@@ -148,7 +151,8 @@ class ParamService:
         if self._metadata is None:
             return
         try:
-            self._facts, self._facts_problem = await self._metadata.parameters(), None
+            self._facts = await self._metadata.parameters()
+            self._facts_problem = self._facts.left_out
         except GcsError as error:
             self._facts_problem = str(error)
 
@@ -197,7 +201,7 @@ class ParamService:
     def _cache_name(self) -> str:
         """Of this vehicle: another of equal checksum may differ in what the checksum leaves out."""
         identity = self._vehicle.identity
-        uid = "".join(c for c in identity.uid or "none" if c.isalnum())[:40]
+        uid = "".join(c for c in identity.uid or "none" if c.isascii() and c.isalnum())[:40]
         return f"params-{uid}-{identity.system_id}.json"
 
     # --- written by the vehicle only ------------------------------------------------------------------

@@ -4397,9 +4397,14 @@ export interface components {
             facts: boolean;
             /**
              * Facts Problem
-             * @description Why it is not.
+             * @description Why it is not, or what of it was left out.
              */
             facts_problem: string | null;
+            /**
+             * Left Out
+             * @description How many have a name that no parameter can have, or are more than the server keeps.
+             */
+            left_out: number;
         };
         /**
          * ParameterView

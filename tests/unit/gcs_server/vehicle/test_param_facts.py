@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gcs_server.errors import InvalidRequest
 from gcs_server.storage.cache import MOST_FILES, Cache
-from gcs_server.vehicle import param_facts
-from gcs_server.vehicle.param_table import Param, ParamReport, ParamTable, read_report
+from gcs_server.vehicle import param_document, param_facts
+from gcs_server.vehicle.param_table import MOST_PARAMETERS, Param, ParamReport, ParamTable, read_report
 
 INT32, REAL32 = 6, 9
 
@@ -23,7 +23,7 @@ def packed(name, bits, index=0, count=2, kind=REAL32):
 
 @pytest.fixture(scope="module")
 def facts(shared):
-    return param_facts.parse(lzma.decompress((shared / "px4/parameters.json.xz").read_bytes()))
+    return param_document.parse(lzma.decompress((shared / "px4/parameters.json.xz").read_bytes()))
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_a_range_with_one_end_says_so():
         other.check(3)
     for bad in (b"[]", b'{"version": 2, "parameters": []}', b"x"):
         with pytest.raises(ValueError, match=r"."):
-            param_facts.parse(bad)
+            param_document.parse(bad)
 
 
 @given(st.binary(min_size=4, max_size=4), st.sampled_from([1, 2, 3, 4, 5, 6, 9, 10]))
@@ -152,3 +152,44 @@ def test_the_cache_keeps_the_newest_and_never_fails(tmp_path):
         cache.read("../token")
     (tmp_path / "file").write_text("in the way")
     Cache(tmp_path / "file").write("a", b"x")
+
+
+def test_a_refusal_names_a_limited_number_of_choices():
+    choices = tuple(param_facts.Choice(n, "x" * 300) for n in range(256))
+    for facts in (
+        param_facts.ParamFacts("A", True, "G", "Standard", choices=choices),
+        param_facts.ParamFacts("A", True, "G", "Standard", bits=choices[:31]),
+    ):
+        with pytest.raises(InvalidRequest, match=r"and \d+ more") as caught:
+            facts.check(-1)
+        assert len(str(caught.value)) < 2000
+
+
+def test_a_checksum_that_is_not_a_number_is_none():
+    table = ParamTable()
+    for value in (math.nan, math.inf, -math.inf):
+        assert table.put(ParamReport(Param("_HASH_CHECK", value, False), 65535, 3))
+        assert table.hash is None
+
+
+def test_names_that_no_parameter_can_have_fill_their_place_and_are_counted():
+    table = ParamTable()
+    for index, name in enumerate(("GOOD", "\ufffd\ufffd", "A B", "", "A\nB", "A.B")):
+        table.put(ParamReport(Param(name, 1, True), index, 6))
+    assert table.complete
+    assert [p.name for p in table.all()] == ["A.B", "GOOD"]
+    assert table.left_out == 4
+
+
+def test_the_table_keeps_a_limited_number_of_parameters():
+    table = ParamTable()
+    for n in range(MOST_PARAMETERS + 500):
+        table.put(ParamReport(Param(f"P{n}", n, True), 65535, 3))
+    assert len(table) == MOST_PARAMETERS
+
+
+@pytest.mark.parametrize(
+    "content", [b"[]", b"3", b"[" * 100_000, b'{"version":1,"hash":1,"count":1}', b"\xff"]
+)
+def test_a_damaged_table_in_the_cache_is_not_used(content):
+    assert ParamTable.load(content, 1, 1) is None

@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from gcs_server.mavlink.codec import FrameParser, full_payload
-from gcs_server.vehicle import event_definitions, readiness
+from gcs_server.vehicle import event_document, readiness
 from gcs_server.vehicle.check_words import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.event_stream import EventStream
 from gcs_server.vehicle.modes import BY_NAME
@@ -72,7 +72,7 @@ def recorded(shared, group):
 
 @pytest.fixture(scope="module")
 def px4_words(shared):
-    return event_definitions.parse(lzma.decompress((shared / "px4/events.json.xz").read_bytes()))
+    return event_document.parse(lzma.decompress((shared / "px4/events.json.xz").read_bytes()))
 
 
 ARMING = {
@@ -181,7 +181,7 @@ def test_metadata_is_filled_in_as_its_format_says():
                      {"name": "b", "type": "float"}]}}}}},
         },
     }  # fmt: skip
-    words = event_definitions.parse(json.dumps(document))
+    words = event_document.parse(json.dumps(document))
     arguments = struct.pack("<fhBB", 12.345, -3, 5, 1).ljust(40, b"\0")
     it = words[1 << 24 | 7]
     assert it.text(arguments) == "At 12.3 m of -3 m/s, {x} Left, r: Land now! –"
@@ -189,7 +189,7 @@ def test_metadata_is_filled_in_as_its_format_says():
     assert words[1 << 24 | 8].text(arguments) == "– –"
     for bad in ('{"version": 1}', "[]", "no json"):
         with pytest.raises(ValueError, match=r"."):
-            event_definitions.parse(bad)
+            event_document.parse(bad)
 
 
 def test_chunks_forbid_together_and_a_missing_one_spoils_the_report():

@@ -56,7 +56,7 @@ test('what is not meant is said before it is sent', () => {
 });
 
 test('how far they are known is said', () => {
-  const list = { state: 'reading', received: 3, count: 929, source: null, hash: null, read_unix_s: null, problem: null, facts: false, facts_problem: null } as const;
+  const list = { state: 'reading', received: 3, count: 929, source: null, hash: null, read_unix_s: null, problem: null, facts: false, facts_problem: null, left_out: 0 } as const;
   expect(stateText(null)).toBe('not read yet');
   expect(stateText(list)).toBe('reading 3 of 929 …');
   expect(stateText({ ...list, state: 'ready', received: 929, source: 'cache' })).toContain('unchanged');

@@ -1,0 +1,232 @@
+"""Reads the metadata document of a vehicle's events, entry by entry, within limits.
+
+Format: MAVLink's events metadata schema, version 2. Messages hold `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such as
+`<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before what is meant literally.
+They are taken apart here, once, so that filling one in takes work of its own length only.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+import msgspec
+
+from gcs_server.vehicle.event_definitions import Argument, Definition, Slot, Template
+from gcs_server.vehicle.foreign import Document, LeftOut, cut
+
+TYPES: dict[str, str] = {
+    "uint8_t": "B", "int8_t": "b", "uint16_t": "H", "int16_t": "h", "uint32_t": "I", "int32_t": "i",
+    "uint64_t": "Q", "int64_t": "q", "float": "f",
+}  # fmt: skip
+MOST_COMPONENTS, MOST_EVENTS, MOST_ENUMS, MOST_ENUM_ENTRIES = 16, 5_000, 1_000, 256
+"""PX4 v1.16 has 2, 370, 16 and 31."""
+MOST_ARGUMENTS = 40
+"""An event carries 40 bytes."""
+MOST_SLOTS = 40
+LONGEST_MESSAGE, LONGEST_DESCRIPTION, LONGEST_LABEL, LONGEST_NAME = 500, 2_000, 120, 80
+"""Characters; PX4's longest are 117, 372, 60 and 50."""
+LARGEST_ID = 0xFFFFFF
+MOST_DECIMALS = 9
+
+_token = re.compile(
+    r"\\(?P<literal>.)"
+    r"|</?(?:a|param|profile)\b[^<>]{0,200}>"
+    r"|\{(?P<number>\d{1,3})(?::\.(?P<decimals>\d{1,3}))?(?P<unit>m_v|m\^2|m/s|m|C)?\}",
+    re.DOTALL,
+)
+_blank = re.compile(r"\s+")
+
+
+class _Label(msgspec.Struct):
+    name: str = ""
+    description: str | None = None
+
+
+class _Enum(msgspec.Struct):
+    type: str
+    entries: Annotated[dict[str, _Label], msgspec.Meta(max_length=MOST_ENUM_ENTRIES)]
+    is_bitfield: bool = False
+
+
+class _Argument(msgspec.Struct):
+    type: str
+    name: str = ""
+
+
+class _Event(msgspec.Struct):
+    name: str
+    message: str | None = None
+    description: str | None = None
+    arguments: Annotated[list[_Argument], msgspec.Meta(max_length=MOST_ARGUMENTS)] = []
+
+
+class _Group(msgspec.Struct):
+    events: dict[str, msgspec.Raw] = {}
+
+
+class _Component(msgspec.Struct):
+    namespace: str = ""
+    enums: dict[str, msgspec.Raw] = {}
+    event_groups: dict[str, msgspec.Raw] = {}
+
+
+class _Document(msgspec.Struct):
+    version: int
+    components: dict[str, msgspec.Raw] = {}
+
+
+class _Table(msgspec.Struct, frozen=True):
+    """An enum, ready for use."""
+
+    format: str
+    labels: dict[int, str]
+    is_bitfield: bool
+
+
+_document = msgspec.json.Decoder(_Document)
+_component = msgspec.json.Decoder(_Component)
+_group = msgspec.json.Decoder(_Group)
+_event = msgspec.json.Decoder(_Event)
+_enum = msgspec.json.Decoder(_Enum)
+
+
+def parse(content: bytes | str) -> Document[int, Definition]:
+    """Reads the metadata document; by the event's id, the namespace's component in its top byte.
+
+    Raises:
+        ValueError: not a document of a version that we know.
+    """
+    document = _document.decode(content)
+    if document.version != 2:
+        raise ValueError(f"an events document of version {document.version}; version 2 is known")
+    return _Reader().read(document)
+
+
+class _Reader:
+    def __init__(self) -> None:
+        self._left_out = LeftOut("entry", "entries")
+        self._enums: dict[str, _Table] = {}
+        self._found: dict[int, Definition] = {}
+
+    def read(self, document: _Document) -> Document[int, Definition]:
+        components: list[tuple[int, _Component]] = []
+        for number, raw in list(document.components.items())[:MOST_COMPONENTS]:
+            try:
+                components.append((_number(number, 255), _component.decode(raw)))
+            except (ValueError, RecursionError) as error:
+                self._left_out.add(f"component {number}", error)
+        self._count_rest(len(document.components) - MOST_COMPONENTS, "components")
+        for _, component in components:
+            self._read_enums(component)
+        for number, component in components:
+            self._read_groups(number, component)
+        return Document(self._found, self._left_out.words())
+
+    def _read_enums(self, component: _Component) -> None:
+        for name, raw in component.enums.items():
+            if len(self._enums) >= MOST_ENUMS:
+                self._count_rest(1, "enums")
+                continue
+            try:
+                enum = _enum.decode(raw)
+                labels = {
+                    _number(v, 2**63): cut(e.description or e.name, LONGEST_LABEL)
+                    for v, e in enum.entries.items()
+                }
+                table = _Table(TYPES[enum.type], dict(sorted(labels.items())), enum.is_bitfield)
+            except (ValueError, KeyError, RecursionError) as error:
+                self._left_out.add(f"enum {name}", error)
+                continue
+            self._enums[f"{component.namespace}::{name}"] = table
+
+    def _read_groups(self, number: int, component: _Component) -> None:
+        for name, raw in component.event_groups.items():
+            try:
+                group = _group.decode(raw)
+            except (ValueError, RecursionError) as error:
+                self._left_out.add(f"group {name}", error)
+                continue
+            for event_id, event in group.events.items():
+                if len(self._found) >= MOST_EVENTS:
+                    self._count_rest(1, "events")
+                    continue
+                try:
+                    self._found[number << 24 | _number(event_id, LARGEST_ID)] = self._definition(
+                        event, name, component.namespace
+                    )
+                except (ValueError, RecursionError) as error:
+                    self._left_out.add(f"event {event_id}", error)
+
+    def _definition(self, raw: msgspec.Raw, group: str, space: str) -> Definition:
+        event = _event.decode(raw)
+        arguments: list[Argument] = []
+        for each in event.arguments:
+            argument = self._argument(each, space)
+            if argument is None:  # a type that we do not know hides where those after it lie
+                break
+            arguments.append(argument)
+        name = cut(event.name, LONGEST_NAME)
+        return Definition(
+            name=name,
+            group=cut(group, LONGEST_NAME),
+            message=template(name if event.message is None else event.message, LONGEST_MESSAGE),
+            description=template(event.description, LONGEST_DESCRIPTION) if event.description else None,
+            arguments=tuple(arguments),
+        )
+
+    def _argument(self, argument: _Argument, space: str) -> Argument | None:
+        kind, name = argument.type, cut(argument.name, LONGEST_NAME)
+        if kind in TYPES:
+            return Argument(name, TYPES[kind])
+        for full_name in (kind, f"{space}::{kind}", f"common::{kind}"):
+            if full_name in self._enums:
+                table = self._enums[full_name]
+                return Argument(name, table.format, table.labels, table.is_bitfield)
+        return None
+
+    def _count_rest(self, count: int, what: str) -> None:
+        if count > 0:
+            self._left_out.add(f"more {what}", "there are too many", count)
+
+
+def template(text: str, most: int) -> Template:
+    """Takes a message apart; its work grows with its length only.
+
+    Args:
+        text: as the document has it.
+        most: characters of it that are looked at.
+    """
+    text = cut(text, most)
+    pieces: list[str | Slot] = []
+    slots = at = 0
+    for match in _token.finditer(text):
+        _add(pieces, text[at : match.start()])
+        at = match.end()
+        if match["literal"] is not None:
+            _add(pieces, "\n" if match["literal"] == "n" else match["literal"])
+        elif match["number"] is not None and slots < MOST_SLOTS:
+            slots += 1
+            decimals = None if match["decimals"] is None else min(int(match["decimals"]), MOST_DECIMALS)
+            pieces.append(Slot(int(match["number"]) - 1, decimals, match["unit"]))
+    _add(pieces, text[at:])
+    return Template(tuple(_one_line(p) if isinstance(p, str) else p for p in pieces))
+
+
+def _add(pieces: list[str | Slot], text: str) -> None:
+    last = pieces[-1] if pieces else None
+    if isinstance(last, str):
+        pieces[-1] = last + text
+    elif text:
+        pieces.append(text)
+
+
+def _one_line(text: str) -> str:
+    return _blank.sub(lambda blank: " " if "\n" in blank[0] else blank[0], text)
+
+
+def _number(text: str, most: int) -> int:
+    """Raises ValueError."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= most):
+        raise ValueError(f"{cut(text, 30)!r} is not a number up to {most}")
+    return int(text)

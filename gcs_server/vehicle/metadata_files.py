@@ -1,0 +1,175 @@
+"""A metadata file of a vehicle: unpacked within limits, checked, read; and its way between two processes.
+
+Everything here is done in a process of its own (`metadata_process.py`), but for the small general file.
+"""
+
+from __future__ import annotations
+
+import lzma
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from gcs_server.vehicle import event_document, param_document
+from gcs_server.vehicle.event_definitions import Definition
+from gcs_server.vehicle.foreign import Document, LeftOut, cut
+from gcs_server.vehicle.param_facts import ParamFacts
+
+PARAMETERS, EVENTS = 1, 4
+"""COMP_METADATA_TYPE."""
+MOST_PACKED_BYTES, MOST_BYTES = 2_000_000, 8_000_000
+"""PX4's largest has 60 kB, unpacked 0.8 MB."""
+MOST_GENERAL_PACKED_BYTES, MOST_GENERAL_BYTES = 16_000, 64_000
+MOST_GENERAL_ENTRIES, LONGEST_URI = 32, 200
+MOST_ANSWER_BYTES = 3_000_000
+"""Encoded; takes about three times as much memory in the server. PX4's largest has 0.6 MB."""
+BATCH = 50
+"""Entries that are decoded at once: the event loop waits for the interpreter meanwhile."""
+LONGEST_PROBLEM = 200
+DICTIONARY_BYTES = 100_000_000
+"""What xz -9 asks for is 65 MB; only what the content has is used of it."""
+XZ_MAGIC = b"\xfd7zXZ\0"
+
+
+class Damaged(ValueError):
+    """The file is not the one that was announced: it may have been damaged on its way."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileEntry:
+    """One line of the general file."""
+
+    kind: int
+    """COMP_METADATA_TYPE."""
+    uri: str
+    crc: int
+    """0: none is told."""
+
+
+class _General(msgspec.Struct, rename="camel"):
+    metadata_types: list[msgspec.Raw] = []
+
+
+class _FileEntry(msgspec.Struct, rename="camel"):
+    type: int
+    uri: str
+    file_crc: int = 0
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """What the process answers."""
+
+    problem: str | None = None
+    """Why the file cannot be used."""
+    is_damaged: bool = False
+    left_out: str | None = None
+    batches: tuple[bytes, ...] = ()
+    """Encoded entries, `BATCH` each."""
+
+
+_answer = msgspec.msgpack.Decoder(Answer)
+_encoder = msgspec.msgpack.Encoder()
+_parsers: dict[int, Callable[[bytes], Document[Any, Any]]] = {
+    PARAMETERS: param_document.parse,
+    EVENTS: event_document.parse,
+}
+_decoders: dict[int, msgspec.msgpack.Decoder[Any]] = {
+    PARAMETERS: msgspec.msgpack.Decoder(list[tuple[str, ParamFacts]]),
+    EVENTS: msgspec.msgpack.Decoder(list[tuple[int, Definition]]),
+}
+
+
+def crc32(data: bytes) -> int:
+    """As MAVLink wants it: start value and final XOR zero."""
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def unpacked(packed: bytes, crc: int, most_bytes: int = MOST_BYTES) -> bytes:
+    """The content of a file, packed or not.
+
+    Args:
+        packed: the file.
+        crc: of the file or, as for PX4's general one, of its content; 0: none is told.
+        most_bytes: a content of more is refused before it is all unpacked.
+
+    Raises:
+        Damaged: the checksum is another, or the file cannot be unpacked.
+        ValueError: it is too large.
+    """
+    content = packed
+    if packed.startswith(XZ_MAGIC):
+        unpacker = lzma.LZMADecompressor(memlimit=DICTIONARY_BYTES)
+        try:
+            content = unpacker.decompress(packed, max_length=most_bytes + 1)
+        except lzma.LZMAError as error:
+            raise Damaged(f"it cannot be unpacked ({error})") from error
+        if len(content) <= most_bytes and not unpacker.eof:
+            raise Damaged("it is cut short")
+    if len(content) > most_bytes:
+        raise ValueError(f"unpacked it has more than {most_bytes:,} bytes")
+    if crc and crc not in (crc32(packed), crc32(content)):
+        raise Damaged("it is not what its checksum says")
+    return content
+
+
+def read_general(packed: bytes, crc: int) -> list[FileEntry]:
+    """The general file: which other files there are. Small enough for any thread.
+
+    Raises:
+        Damaged: see `unpacked`.
+        ValueError: it is not such a file.
+    """
+    content = unpacked(packed, crc, MOST_GENERAL_BYTES)
+    found: list[FileEntry] = []
+    for raw in msgspec.json.decode(content, type=_General).metadata_types[:MOST_GENERAL_ENTRIES]:
+        try:
+            entry = msgspec.json.decode(raw, type=_FileEntry)
+        except (ValueError, RecursionError):
+            continue
+        if len(entry.uri) <= LONGEST_URI:
+            found.append(FileEntry(entry.type, entry.uri, entry.file_crc & 0xFFFFFFFF))
+    return found
+
+
+def answer(kind: int, packed: bytes, crc: int) -> bytes:
+    """Reads a file whole; what is wrong with it is part of the answer. For `metadata_process.py`."""
+    try:
+        document = _parsers[kind](unpacked(packed, crc))
+    except (ValueError, RecursionError, MemoryError) as error:
+        problem = cut(str(error) or type(error).__name__, LONGEST_PROBLEM)
+        return _encoder.encode(Answer(problem, isinstance(error, Damaged)))
+    batches: list[bytes] = []
+    size = kept = 0
+    items = list(document.items())
+    while kept < len(items):
+        batch = _encoder.encode(items[kept : kept + BATCH])
+        if size + len(batch) > MOST_ANSWER_BYTES:
+            break
+        batches.append(batch)
+        size += len(batch)
+        kept = min(kept + BATCH, len(items))
+    words = document.left_out
+    if kept < len(items):
+        left_out = LeftOut("entry", "entries")
+        left_out.add("the rest", "together they are too large", len(items) - kept)
+        words = " ".join(w for w in (words, left_out.words()) if w)
+    return _encoder.encode(Answer(left_out=words, batches=tuple(batches)))
+
+
+def read_answer(kind: int, data: bytes) -> Document[Any, Any]:
+    """What `answer` wrote.
+
+    Raises:
+        Damaged: the file is not the one that was announced.
+        ValueError: it cannot be read; why.
+    """
+    given = _answer.decode(data)
+    if given.problem is not None:
+        raise (Damaged if given.is_damaged else ValueError)(given.problem)
+    entries: dict[Any, Any] = {}
+    for batch in given.batches:
+        entries.update(_decoders[kind].decode(batch))
+    return Document(entries, given.left_out, sum(map(len, given.batches)))

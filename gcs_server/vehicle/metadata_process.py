@@ -1,0 +1,104 @@
+"""Reads a metadata file in a process of its own (`python -m gcs_server.vehicle.metadata_process KIND CRC`).
+
+The file is a vehicle's, so it may be anything. The process has limits of memory, computing time and time in
+all; where it goes past one it ends, and the server goes on with a sentence about it. The file comes on its
+standard input, the answer (`metadata_files.answer`) goes to its standard output.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import subprocess
+import sys
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from gcs_server.vehicle import metadata_files
+from gcs_server.vehicle.foreign import Document
+
+NICENESS = 10
+MEMORY_BYTES = 256_000_000
+COMPUTING_S = 5
+WITHIN_S = 20.0
+"""In all, on a busy machine."""
+MOST_HELD_BYTES = 24_000_000
+"""Of all vehicles' documents together, encoded; ten different firmwares have 8 MB."""
+BROKEN_OFF = "reading it took more memory or time than a vehicle's file may take"
+
+
+class DocumentReader:
+    """Reads files one after the other, each in a process of its own."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="vehicle metadata")
+        self._held: weakref.WeakSet[Document[Any, Any]] = weakref.WeakSet()
+
+    async def read(self, kind: int, packed: bytes, crc: int) -> Document[Any, Any]:
+        """Waits for its turn and for the process.
+
+        Raises:
+            metadata_files.Damaged: the file is not the one that was announced.
+            ValueError: it cannot be used; why.
+        """
+        job = _Job(kind, packed, crc)
+        try:
+            document = await asyncio.get_running_loop().run_in_executor(self._thread, job.run)
+        except asyncio.CancelledError:
+            job.stop()
+            raise
+        if sum(held.size_bytes for held in self._held) + document.size_bytes > MOST_HELD_BYTES:
+            raise ValueError("the server holds the most metadata of other vehicles that it may hold")
+        self._held.add(document)
+        return document
+
+
+class _Job:
+    def __init__(self, kind: int, packed: bytes, crc: int) -> None:
+        self._kind, self._packed, self._crc = kind, packed, crc
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+
+    def run(self) -> Document[Any, Any]:
+        """In the reader's thread; raises as `DocumentReader.read`."""
+        if self._stopped:
+            raise ValueError(BROKEN_OFF)
+        return metadata_files.read_answer(self._kind, self._output())
+
+    def stop(self) -> None:
+        """Its result is not wanted any more."""
+        self._stopped = True
+        if self._process is not None:
+            self._process.kill()
+
+    def _output(self) -> bytes:
+        command = [sys.executable, "-m", __name__, str(self._kind), str(self._crc)]
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as process:
+            self._process = process
+            if self._stopped:
+                process.kill()
+            try:
+                output, _ = process.communicate(self._packed, timeout=WITHIN_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                output = b""
+        if process.returncode or not output:
+            raise ValueError(BROKEN_OFF)
+        return output
+
+
+def main(arguments: list[str]) -> None:
+    """`KIND CRC`: what COMP_METADATA_TYPE calls the file, and its checksum."""
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (COMPUTING_S, COMPUTING_S))
+    packed = sys.stdin.buffer.read(metadata_files.MOST_PACKED_BYTES + 1)
+    sys.stdout.buffer.write(metadata_files.answer(int(arguments[0]), packed, int(arguments[1])))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,121 @@
+"""Reads the metadata document of a vehicle's parameters, entry by entry, within limits.
+
+Format: MAVLink's parameter metadata schema, version 1. An entry that does not fit the schema is left out
+with the reason; long texts are cut.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+
+from gcs_server.vehicle.foreign import Document, LeftOut, cut
+from gcs_server.vehicle.param_facts import Choice, ParamFacts
+
+MOST_PARAMETERS = 5_000
+"""PX4 v1.16 describes 1,821."""
+LONGEST_LABEL, LONGEST_WORD, LONGEST_TITLE, LONGEST_DETAILS = 300, 60, 300, 3_000
+"""Characters; PX4's longest are 258, 35, 132 and 968."""
+LARGEST = 3.5e38
+"""No 32-bit float is larger."""
+
+_Number = (
+    Annotated[int, msgspec.Meta(ge=-(2**32), le=2**32)]
+    | Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+)
+
+
+class _Value(msgspec.Struct):
+    value: _Number
+    description: str = ""
+
+
+class _Bit(msgspec.Struct):
+    index: Annotated[int, msgspec.Meta(ge=0, le=31)]
+    description: str = ""
+
+
+class _Entry(msgspec.Struct, rename="camel"):
+    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_.]{1,16}$")]
+    type: str
+    group: str = ""
+    category: str = "Standard"
+    short_desc: str | None = None
+    long_desc: str | None = None
+    default: _Number | None = None
+    min: _Number | None = None
+    max: _Number | None = None
+    units: str | None = None
+    decimal_places: Annotated[int, msgspec.Meta(ge=0, le=15)] | None = None
+    increment: Annotated[float, msgspec.Meta(ge=0, le=LARGEST)] | None = None
+    values: Annotated[list[_Value], msgspec.Meta(max_length=256)] = []
+    bitmask: Annotated[list[_Bit], msgspec.Meta(max_length=32)] = []
+    reboot_required: bool = False
+    volatile: bool = False
+
+
+class _Name(msgspec.Struct):
+    name: str = "an entry without a name"
+
+
+class _Document(msgspec.Struct):
+    version: int
+    parameters: list[msgspec.Raw]
+
+
+_document = msgspec.json.Decoder(_Document)
+_entry = msgspec.json.Decoder(_Entry)
+_name = msgspec.json.Decoder(_Name)
+
+
+def parse(content: bytes) -> Document[str, ParamFacts]:
+    """Reads the metadata document; by name.
+
+    Raises:
+        ValueError: not a document of a version that we know.
+    """
+    document = _document.decode(content)  # msgspec's errors are ValueErrors
+    if document.version != 1:
+        raise ValueError(f"a parameter document of version {document.version}; version 1 is known")
+    left_out = LeftOut("parameter", "parameters")
+    found: dict[str, ParamFacts] = {}
+    for raw in document.parameters[:MOST_PARAMETERS]:
+        try:
+            entry = _entry.decode(raw)
+        except (ValueError, RecursionError) as error:
+            left_out.add(_name_of(raw), error)
+            continue
+        found[entry.name] = _facts(entry)
+    more = len(document.parameters) - MOST_PARAMETERS
+    if more > 0:
+        left_out.add("the rest", f"more than {MOST_PARAMETERS:,}", more)
+    return Document(found, left_out.words())
+
+
+def _name_of(raw: msgspec.Raw) -> str:
+    try:
+        return _name.decode(raw).name
+    except (ValueError, RecursionError):
+        return _Name().name
+
+
+def _facts(entry: _Entry) -> ParamFacts:
+    return ParamFacts(
+        name=entry.name,
+        is_integer=entry.type != "Float",
+        group=cut(entry.group, LONGEST_WORD),
+        category=cut(entry.category, LONGEST_WORD),
+        title=None if entry.short_desc is None else cut(entry.short_desc, LONGEST_TITLE),
+        details=None if entry.long_desc is None else cut(entry.long_desc, LONGEST_DETAILS),
+        default=entry.default,
+        min=entry.min,
+        max=entry.max,
+        unit=None if entry.units in (None, "", "norm") else cut(entry.units, LONGEST_WORD),
+        decimals=entry.decimal_places,
+        increment=entry.increment,
+        choices=tuple(Choice(v.value, cut(v.description, LONGEST_LABEL)) for v in entry.values),
+        bits=tuple(Choice(b.index, cut(b.description, LONGEST_LABEL)) for b in entry.bitmask),
+        reboot_required=entry.reboot_required,
+        volatile=entry.volatile,
+    )

@@ -1,0 +1,162 @@
+"""A vehicle whose parameters lie, repeat themselves or never end: given up, and the answer stays JSON."""
+
+import asyncio
+import json
+import struct
+
+import pytest
+
+from gcs_server.api import param_routes
+from gcs_server.errors import NoReply
+from gcs_server.mavlink.codec import encode_frame
+from gcs_server.vehicle.param_table import MOST_PARAMETERS
+from gcs_server.vehicle.services.param_list import READ_WITHIN_S
+from tests.protocol.one_vehicle import flight
+
+NAN = b"\0\0\xc0\x7f"
+REAL32, INT32 = 9, 6
+
+
+class HostileParams:
+    """Answers a request for the list (and for single places) as `answers` says."""
+
+    def __init__(self, pilot, answers, *, checksum=None, every_s=None) -> None:
+        self.pilot, self.answers, self.checksum, self.every_s = pilot, answers, checksum, every_s
+        self.requests = 0
+        pilot.handlers.append(self.handle)
+
+    def handle(self, message) -> bool:
+        kind = message.get_type()
+        if kind == "PARAM_REQUEST_READ" and message.param_id == "_HASH_CHECK":
+            if self.checksum is not None:
+                self.value(b"_HASH_CHECK", 65535, 929, self.checksum, REAL32)
+            return True
+        if kind not in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ"):
+            return False
+        self.requests += 1
+        for n, value in enumerate(self.answers()):
+            if self.every_s is None:
+                self.value(*value)
+            else:
+                self.pilot.loop.call_later(n * self.every_s, self.value, *value)
+        return True
+
+    def value(self, name, index, count, bits=NAN, kind=REAL32) -> None:
+        payload = bits + struct.pack("<HH16sB", count, index, name, kind)
+        self.pilot.send_raw(encode_frame(22, payload, self.pilot.mav.seq, self.pilot.system, 1))
+
+
+def refreshed(kit, jump, answers, check, *, raises=None, **options):
+    async def story(world, vehicle, pilot):
+        hostile = HostileParams(pilot, answers, **options)
+        began_s = world.loop.time()
+        if raises is None:
+            await vehicle.params.refresh()
+        else:
+            with pytest.raises(NoReply, match=raises):
+                await vehicle.params.refresh()
+        assert world.loop.time() - began_s < READ_WITHIN_S + 60
+        await check(vehicle, hostile)
+
+    flight(kit, jump, story)
+
+
+async def answer_of(vehicle):
+    """What `GET …/params` says."""
+    response = await param_routes.all_params(vehicle)
+    return json.loads(response.body, parse_constant=pytest.fail)
+
+
+async def nothing(*_):
+    pass
+
+
+def test_a_list_that_claims_65535_parameters_is_not_read(kit, jump):
+    async def check(vehicle, hostile):
+        assert vehicle.params.list.state == "failed"
+        assert hostile.requests == 1
+
+    refreshed(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="claims to have 65,535")
+
+
+def test_one_parameter_that_is_repeated_without_end_is_given_up(kit, jump):
+    refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 6000, nothing, raises="repeats itself", every_s=0.001)
+
+
+def test_a_list_that_never_completes_is_given_up(kit, jump):
+    refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 2000, nothing, raises="not complete within", every_s=0.45)
+
+
+def test_a_list_whose_length_jumps_is_given_up(kit, jump):
+    refreshed(kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], nothing, raises="change their number")
+
+
+def test_values_and_names_of_any_bits_are_valid_json(kit, jump):
+    names = [b"OK", b"\xff\xfe\xfd", b"A\0B", b'"},{"', b"\x01\x02", b"NAN", b"INF", b"", b"A" * 16]
+    bits = [bytes(4), NAN, NAN, NAN, NAN, NAN, b"\0\0\x80\x7f", NAN, b"\xff\xff\x7f\x7f"]
+
+    async def check(vehicle, _):
+        found = await answer_of(vehicle)
+        assert found["list"]["state"] == "ready"
+        assert found["list"]["left_out"] == 4
+        values = {p["name"]: p["value"] for p in found["params"]}
+        assert sorted(values) == ["A", "A" * 16, "INF", "NAN", "OK"]
+        assert values["NAN"] is values["INF"] is None
+
+    answers = [(n, i, len(names), b) for i, (n, b) in enumerate(zip(names, bits, strict=True))]
+    refreshed(kit, jump, lambda: answers, check)
+
+
+def test_a_checksum_that_is_not_a_number_counts_as_none(kit, jump):
+    async def check(vehicle, _):
+        assert vehicle.params.list.state == "ready"
+        assert vehicle.params.list.hash is None
+
+    refreshed(kit, jump, lambda: [(b"A", 0, 1)], check, checksum=NAN)
+
+
+def test_unasked_parameters_without_end_are_limited_and_put_into_words_a_few_at_a_time(kit, jump):
+    async def story(world, vehicle, pilot):
+        hostile = HostileParams(pilot, lambda: [(b"A", 0, 1)])
+        await vehicle.params.refresh()
+        for n in range(MOST_PARAMETERS + 1000):
+            hostile.value(b"P%d" % n, 65535, 1)
+        await world.clock.sleep(2)
+        assert len(vehicle.params.all()) == MOST_PARAMETERS
+        viewed, most = [0], [0]
+        view = param_routes._view
+
+        def counted(*arguments):
+            viewed[0] += 1
+            most[0] = max(most[0], viewed[0])
+            return view(*arguments)
+
+        run_once = world.loop._run_once
+
+        def turn():
+            viewed[0] = 0
+            run_once()
+
+        world.loop._run_once = turn
+        param_routes._view = counted
+        try:
+            response = await param_routes.all_params(vehicle)
+        finally:
+            param_routes._view = view
+            world.loop._run_once = run_once
+        assert len(json.loads(response.body)["params"]) == MOST_PARAMETERS
+        assert most[0] <= param_routes.VIEWED_AT_ONCE
+
+    flight(kit, jump, story)
+
+
+def test_a_parameter_that_changes_its_type_is_told_as_it_is(kit, jump):
+    async def story(world, vehicle, pilot):
+        hostile = HostileParams(pilot, lambda: [(b"A", 0, 1)])
+        await vehicle.params.refresh()
+        for kind, expected in ((INT32, True), (REAL32, False), (200, False)):
+            hostile.value(b"A", 0, 1, b"\1\0\0\0", kind)
+            await asyncio.sleep(0.1)
+            assert vehicle.params.known("A").is_integer is expected
+
+    flight(kit, jump, story)

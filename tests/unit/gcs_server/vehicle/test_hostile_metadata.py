@@ -1,0 +1,256 @@
+"""Metadata of a vehicle that means ill: what is bad is left out with a word, the rest stays usable."""
+
+import asyncio
+import contextlib
+import json
+import lzma
+import struct
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.storage import cache as cache_module
+from gcs_server.storage.cache import Cache
+from gcs_server.vehicle import event_document, metadata_files, metadata_process, param_document
+from gcs_server.vehicle.event_definitions import LONGEST_TEXT
+from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged
+from tests.steps import lines_run
+
+GOOD = {"name": "GOOD", "type": "Float", "max": 3.0}
+
+
+def parameters(*entries):
+    return json.dumps({"version": 1, "parameters": [*entries, GOOD]}).encode()
+
+
+def events(enums=None, **event):
+    groups = {"arming_check": {"events": {"7": {"name": "bad", **event}, "8": {"name": "good"}}}}
+    component = {"namespace": "px4", "event_groups": groups, "enums": enums or {}}
+    return json.dumps({"version": 2, "components": {"1": component}}).encode()
+
+
+def in_a_process(kind, packed, crc=0):
+    return asyncio.run(metadata_process.DocumentReader().read(kind, packed, crc))
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"bitmask": [{"index": 8_000_000_000}]}, "<= 31"),
+        ({"bitmask": [{"index": -1}]}, ">= 0"),
+        ({"values": [{"value": v} for v in range(1000)]}, "length <= 256"),
+        ({"values": {"1": 2}}, "Expected `array`"),
+        ({"decimalPlaces": -5}, ">= 0"),
+        ({"decimalPlaces": 99_999_999}, "<= 15"),
+        ({"max": 1e300}, "<= 3.5e+38"),
+        ({"min": -(10**40)}, "of range|-4294967296"),
+        ({"name": "A\0B"}, "regex"),
+        ({"name": 3}, "Expected `str`"),
+        ({"shortDesc": ["deep"]}, "Expected `str"),
+    ],
+)
+def test_a_parameter_that_does_not_fit_is_left_out_with_the_reason(entry, words):
+    found = param_document.parse(parameters({"name": "BAD", "type": "Int32", **entry}))
+    assert list(found) == ["GOOD"]
+    assert any(word in found.left_out for word in words.split("|")), found.left_out
+    assert "Left out 1 parameter" in found.left_out
+
+
+def test_a_million_bad_parameters_are_counted_in_a_short_sentence():
+    content = b'{"version":1,"parameters":[' + b"{}," * 100_000 + b"{}]}"
+    found = param_document.parse(content)
+    assert not found
+    assert "100,001 parameters" in found.left_out
+    assert len(found.left_out) < 700
+
+
+def test_long_texts_of_parameters_are_cut():
+    entry = {
+        "name": "A",
+        "type": "Float",
+        "shortDesc": "t" * 9999,
+        "longDesc": "d" * 99_999,
+        "units": "u" * 999,
+    }
+    facts = param_document.parse(parameters(entry))["A"]
+    assert (len(facts.title), len(facts.details), len(facts.unit)) == (300, 3000, 60)
+    assert facts.title.endswith("…")
+
+
+@pytest.mark.parametrize(
+    "text", ["<a " * 30_000, " " * 100_000, "{1:.99999999}" * 9000, "\\" * 100_001, "{" * 99_999]
+)
+def test_the_work_for_a_message_does_not_grow_with_what_is_beyond_its_limit(text):
+    def fill(times):
+        return lambda: event_document.template(text * times, 500).filled([])
+
+    assert lines_run(fill(4)) == lines_run(fill(1)) < 5_000
+    assert len(event_document.template(text, 500).filled([])) <= 500
+
+
+def test_an_event_is_told_in_a_text_of_limited_length():
+    labels = {str(1 << bit): {"name": "x" * 500} for bit in range(64)}
+    enums = {"e": {"type": "uint64_t", "is_bitfield": True, "entries": labels}}
+    words = event_document.parse(events(enums, message="{1}" * 150, arguments=[{"name": "a", "type": "e"}]))
+    definition = words[1 << 24 | 7]
+    text = definition.text(b"\xff" * 40)
+    assert len(text) == LONGEST_TEXT
+    assert lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
+
+
+def test_a_precision_beyond_reason_shows_few_decimals():
+    words = event_document.parse(
+        events(message="{1:.999} {1:.2}", arguments=[{"name": "a", "type": "float"}])
+    )
+    assert words[1 << 24 | 7].text(struct.pack("<f", 0.5)) == "0.500000000 0.50"
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"arguments": [{"type": "float"}] * 1000},
+        {"arguments": 3},
+        {"message": {"deep": 1}},
+        {"name": None},
+    ],
+)
+def test_an_event_that_does_not_fit_is_left_out_with_the_reason(bad):
+    found = event_document.parse(events(**bad))
+    assert [d.name for d in found.values()] == ["good"]
+    assert "Left out 1 entry: event 7" in found.left_out
+
+
+def test_an_enum_table_without_end_costs_its_labels_only():
+    enums = {"e": {"type": "uint8_t", "entries": {str(n): {"name": "x"} for n in range(100_000)}}}
+    found = event_document.parse(events(enums, message="{1}", arguments=[{"name": "a", "type": "e"}]))
+    assert found[1 << 24 | 7].text(b"\1") == "–"
+    assert "enum e" in found.left_out
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"type": "matrix", "entries": {}}, {"type": "uint8_t", "entries": {"x": {}}}, 3, {"type": "uint8_t"}],
+)
+def test_an_enum_that_does_not_fit_is_left_out_with_the_reason(bad):
+    assert "enum e" in event_document.parse(events({"e": bad})).left_out
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
+        lambda inner: (
+            st.lists(inner, max_size=4)
+            | st.dictionaries(
+                st.sampled_from(
+                    ["version", "parameters", "name", "components", "enums", "event_groups", "1"]
+                ),
+                inner,
+                max_size=4,
+            )
+        ),
+        max_leaves=20,
+    )
+)
+def test_any_json_is_a_document_or_a_sentence(value):
+    problems = []
+    for content in (json.dumps(value).encode(), json.dumps({"version": 1, "parameters": value}).encode()):
+        for kind in (PARAMETERS, EVENTS):
+            try:
+                metadata_files.read_answer(kind, metadata_files.answer(kind, content, 0))
+            except ValueError as error:
+                problems.append(str(error))
+        with contextlib.suppress(ValueError):
+            metadata_files.read_general(content, 0)
+    assert all(0 < len(problem) <= metadata_files.LONGEST_PROBLEM for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b'{"version":1,"parameters":[' + b"{}," * 10_000_000 + b"{}]}", "more than 8,000,000 bytes"),
+        (b'{"version":1,"x":' + b"[" * 3_000_000 + b"]" * 3_000_000 + b"}", "recursion|memory"),
+        (bytes(300_000_000), "more than 8,000,000 bytes"),
+    ],
+)
+def test_a_packed_file_that_unpacks_to_too_much_is_refused(content, words):
+    packed = lzma.compress(content, preset=1)
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 the words are compared below
+        in_a_process(PARAMETERS, packed)
+    assert any(word in str(caught.value) for word in words.split("|"))
+
+
+def test_a_file_is_read_in_another_process_and_comes_back_whole(monkeypatch):
+    content = parameters({"name": "A", "type": "Int32", "values": [{"value": 1, "description": "one"}]})
+    expected = dict(param_document.parse(content))
+    monkeypatch.setattr(metadata_files, "answer", None)  # this process must not need it
+    monkeypatch.setattr(param_document, "parse", None)
+    found = in_a_process(PARAMETERS, content)
+    assert dict(found) == expected
+    assert found.left_out is None
+
+
+@pytest.mark.parametrize("work", ["bytes(10**9)", "[0 for _ in iter(int, 1)]"])
+def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
+    code = (
+        "from gcs_server.vehicle import metadata_files, metadata_process as process\n"
+        f"metadata_files.answer = lambda *_: {work}\n"
+        "process.COMPUTING_S = 1\n"
+        "process.main(['1', '0'])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], input=b"", capture_output=True, timeout=60)
+    assert ended.returncode != 0
+    assert not ended.stdout
+
+
+def test_a_process_that_ends_without_an_answer_is_a_sentence(monkeypatch):
+    monkeypatch.setattr(metadata_process, "__name__", "gcs_server.vehicle.no_such_module")
+    with pytest.raises(ValueError, match="more memory or time than"):
+        in_a_process(PARAMETERS, b"{}")
+
+
+def test_documents_of_all_vehicles_together_take_limited_memory(monkeypatch):
+    monkeypatch.setattr(metadata_process, "MOST_HELD_BYTES", 250)
+    reader = metadata_process.DocumentReader()
+
+    async def read():
+        return await reader.read(PARAMETERS, parameters(), 0)
+
+    held = [asyncio.run(read())]
+    with pytest.raises(ValueError, match="of other vehicles"):
+        asyncio.run(read())
+    held.clear()
+    assert list(asyncio.run(read())) == ["GOOD"]
+
+
+def test_a_damaged_file_is_told_from_a_bad_one():
+    packed = lzma.compress(parameters())
+    for damaged, crc in ((packed[:-20], 0), (packed, 1234)):
+        with pytest.raises(Damaged):
+            metadata_files.unpacked(damaged, crc)
+    assert metadata_files.unpacked(packed, metadata_files.crc32(packed)) == parameters()
+
+
+def test_a_general_file_of_wrong_types_keeps_its_good_lines():
+    lines = [
+        3,
+        {"type": "1", "uri": "a"},
+        {"type": 1, "uri": "b", "fileCrc": "x"},
+        {"type": 1, "uri": "c" * 999},
+        {"type": 4, "uri": "mftp://x", "fileCrc": -1},
+    ]
+    found = metadata_files.read_general(json.dumps({"metadataTypes": lines}).encode(), 0)
+    assert [(e.kind, e.uri, e.crc) for e in found] == [(4, "mftp://x", 0xFFFFFFFF)]
+    with pytest.raises(ValueError, match="more than 64,000"):
+        metadata_files.read_general(lzma.compress(b" " * 1_000_000), 0)
+
+
+def test_the_cache_keeps_limited_bytes_in_all(monkeypatch, tmp_path):
+    monkeypatch.setattr(cache_module, "MOST_BYTES_IN_ALL", 1000)
+    cache = Cache(tmp_path)
+    for n in range(20):
+        cache.write(f"f{n}", bytes(300))
+    assert sum(p.stat().st_size for p in tmp_path.iterdir()) <= 1000
+    assert cache.read("f19") is not None
