@@ -124,6 +124,7 @@ class Server:
 
     async def start(self) -> None:
         """Everything that runs; a link that cannot be opened is a warning."""
+        await self.station.journal.load()
         self.station.journal.start(self.supervisor)
         await self.streamer.limits.load()
         self.router.start()

@@ -1,7 +1,8 @@
 """Who commanded what, when, and what became of it: one line a command, refused ones too.
 
-A command never waits for the disk: lines go to a writer of their own, and a disk that refuses them costs
-the line on disk, not the command; the tail in memory has it and a warning says so.
+A command never waits for the disk: a thread writes what waits, each batch whole and on the disk (fsync)
+before the next, and a disk that refuses costs lines on disk, not the command. What was refused before
+anything was sent is kept apart, with a quota of its own: a client's mistakes cannot turn commands out.
 """
 
 from __future__ import annotations
@@ -9,20 +10,46 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections import deque
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from collections import OrderedDict, deque
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, cast
 
 from gcs_server.clock import Clock
+from gcs_server.storage.line_log import LineLog
 from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
 
-TAIL_LENGTH = 1000
+TAIL_LENGTH, REFUSED_TAIL_LENGTH = 1000, 300
+"""In memory: an answer of the longest length always holds more commands than refusals."""
 QUEUE_LENGTH = 2000
 MAX_BYTES = 10_000_000
 """A file of this size becomes the one before (`journal.1.jsonl`), and a new one begins."""
+MAX_REFUSED_BYTES = 1_000_000
+TAIL_BYTES = 1_000_000
+"""So much of each file is read at the start."""
+LONGEST_TEXT = 500
+LONGEST_ARGUMENTS = 4000
+"""As JSON."""
+REPEAT_S = 10.0
+"""Equal refusals within this time become one line, and one with their number."""
+MOST_REPEATS = 500
+RETRY_S = 5.0
+NOT_SENT = frozenset(
+    {
+        "invalid_request",
+        "refused",
+        "not_verified",
+        "not_in_control",
+        "not_together",
+        "unknown_vehicle",
+        "unknown_link",
+        "unknown_group",
+        "unknown_recording",
+    }
+)
+"""Results of what was refused before anything was sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +66,38 @@ class Entry:
     detail: str | None
     """The error in words."""
     duration_s: float
+    repeated: int = 1
+    """So many equal refusals of this client this line stands for."""
+
+
+class _Kept:
+    """The lines of one file: the newest in memory, those that wait for the disk."""
+
+    def __init__(self, path: Path | None, max_bytes: int, in_memory: int) -> None:
+        self.in_memory = in_memory
+        self.log = None if path is None else LineLog(path, max_bytes)
+        self.tail: deque[Entry] = deque(maxlen=in_memory)
+        self.unwritten: deque[Entry] = deque()
+        self.lost = 0
+        """Lines that the disk never got, since it refused for too long."""
+
+    def add(self, entry: Entry) -> None:
+        self.tail.append(entry)
+        if self.log is not None:
+            if len(self.unwritten) >= QUEUE_LENGTH:
+                self.unwritten.popleft()
+                self.lost += 1
+            self.unwritten.append(entry)
+
+    def take(self) -> list[Entry]:
+        taken = list(self.unwritten)
+        self.unwritten.clear()
+        return taken
+
+    def give_back(self, entries: list[Entry]) -> None:
+        waiting = [*entries, *self.unwritten]
+        self.lost += max(0, len(waiting) - QUEUE_LENGTH)
+        self.unwritten = deque(waiting[-QUEUE_LENGTH:])
 
 
 class Journal:
@@ -46,19 +105,32 @@ class Journal:
 
     Args:
         clock: for people's time.
-        path: the file; None keeps the tail in memory only.
-        max_bytes: of one file; two are kept.
+        path: the file of commands (`journal.jsonl`; refusals go to `journal-refused.jsonl` beside it); None
+            keeps the tail in memory only.
+        max_bytes: of one file of commands; two are kept.
     """
 
     def __init__(self, clock: Clock, path: Path | None, *, max_bytes: int = MAX_BYTES) -> None:
         self._clock = clock
         self._path = path
-        self._max_bytes = max_bytes
-        self._tail: deque[Entry] = deque(maxlen=TAIL_LENGTH)
-        self._unwritten: deque[Entry] = deque(maxlen=QUEUE_LENGTH)
+        refused = None if path is None else path.with_name(f"{path.stem}-refused{path.suffix}")
+        self._commands = _Kept(path, max_bytes, TAIL_LENGTH)
+        self._refusals = _Kept(refused, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
+        self._repeats: OrderedDict[tuple[object, ...], tuple[float, int, Entry]] = OrderedDict()
+        """Of equal refusals: when their last line was written, how many came since, the newest."""
         self._wake = asyncio.Event()
         self.warning: str | None = None
         """Why lines are not on disk; None while they are."""
+
+    async def load(self) -> None:
+        """Reads the newest lines of before the server's start; what is no line is left out."""
+        for kept in (self._commands, self._refusals):
+            if kept.log is not None:
+                lines = await asyncio.to_thread(kept.log.tail, TAIL_BYTES)
+                newest = lines[-kept.in_memory :]
+                found = [entry for line in newest if (entry := _entry(line)) is not None]
+                room = kept.in_memory - len(kept.tail)
+                kept.tail.extendleft(reversed(found[-room:] if room else []))
 
     def start(self, supervisor: Supervisor) -> None:
         """Begins to write."""
@@ -77,46 +149,137 @@ class Journal:
     ) -> Entry:
         """Notes a command; never fails and never waits."""
         entry = Entry(
-            self._clock.unix_s(), client, command, vehicle, arguments, result, detail, round(duration_s, 4)
+            self._clock.unix_s(),
+            _short(client),
+            _short(command),
+            None if vehicle is None else _short(vehicle),
+            _bounded(arguments),
+            result,
+            None if detail is None else _short(detail),
+            round(duration_s, 4),
         )
-        self._tail.append(entry)
-        if self._path is not None:
-            self._unwritten.append(entry)
-            self._wake.set()
+        if result not in NOT_SENT:
+            self._commands.add(entry)
+        elif not self._is_repeated(entry):
+            self._refusals.add(entry)
+        self._wake.set()
         return entry
 
     def tail(self, limit: int) -> list[Entry]:
-        """The newest `limit` lines, newest first."""
-        return list(self._tail)[: -limit - 1 : -1]
+        """The newest `limit` lines, newest first; equal refusals that are still counted as one."""
+        self._settle_repeats()
+        both = [*self._commands.tail, *self._refusals.tail]
+        return sorted(both, key=lambda entry: entry.unix_s)[: -limit - 1 : -1]
 
     def flush(self) -> None:
-        """Writes what waits, now; a refusing disk becomes `warning`."""
-        if self._path is None or not self._unwritten:
-            return
-        lines = "".join(json.dumps(asdict(e), allow_nan=False, default=str) + "\n" for e in self._unwritten)
-        try:
-            self._rotate(self._path)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(lines)
-        except OSError as error:
-            text = f"The journal {self._path} cannot be written ({error.strerror or error}); commands go on."
-            if self.warning is None:
-                log.warning(text)
-            self.warning = text
-            return
-        self._unwritten.clear()
-        self.warning = None
+        """Writes what waits, now, and waits for it; a refusing disk becomes `warning`."""
+        self._settle_repeats(at_once=True)
+        for kept in (self._commands, self._refusals):
+            self._written(kept, taken := kept.take(), _append(kept, taken))
 
-    def _rotate(self, path: Path) -> None:
-        with suppress(FileNotFoundError):
-            if path.stat().st_size >= self._max_bytes:
-                path.replace(path.with_suffix(f".1{path.suffix}"))
+    # --- inside -------------------------------------------------------------------------------------
+
+    def _is_repeated(self, entry: Entry) -> bool:
+        key = (entry.client, entry.command, entry.vehicle, entry.result, entry.detail)
+        now_s = self._clock.monotonic_s()
+        self._settle_repeats()
+        known = self._repeats.get(key)
+        if known is None:
+            while len(self._repeats) >= MOST_REPEATS:
+                self._settle(next(iter(self._repeats)))
+            self._repeats[key] = (now_s, 0, entry)
+            return False
+        self._repeats[key] = (known[0], known[1] + 1, entry)
+        return True
+
+    def _settle_repeats(self, *, at_once: bool = False) -> None:
+        """Those whose time is up become a line with their number."""
+        now_s = self._clock.monotonic_s()
+        while self._repeats:  # in the order of their times
+            key = next(iter(self._repeats))
+            if not at_once and now_s - self._repeats[key][0] < REPEAT_S:
+                return
+            self._settle(key)
+
+    def _settle(self, key: tuple[object, ...]) -> None:
+        _, count, newest = self._repeats.pop(key)
+        if count:
+            self._refusals.add(replace(newest, repeated=count))
 
     async def _write_for_ever(self) -> None:
         while True:
-            await self._wake.wait()
+            try:
+                async with asyncio.timeout(REPEAT_S if self._repeats else None):
+                    await self._wake.wait()
+            except TimeoutError:
+                pass
             self._wake.clear()
-            self.flush()
-            if self._unwritten:  # the disk refused: try again later, by itself
-                await self._clock.sleep(5.0)
+            self._settle_repeats()
+            for kept in (self._commands, self._refusals):
+                taken = kept.take()
+                writing = asyncio.to_thread(_append, kept, taken)
+                try:
+                    problem = await writing
+                except BaseException:
+                    kept.give_back(taken)  # the server ends: `flush` writes what may be there already
+                    raise
+                self._written(kept, taken, problem)
+            if self._commands.unwritten or self._refusals.unwritten:
+                await self._clock.sleep(RETRY_S if self.warning is not None else 0.0)
                 self._wake.set()
+
+    def _written(self, kept: _Kept, taken: list[Entry], problem: str | None) -> None:
+        if problem is None:
+            if kept is self._commands or not self._commands.unwritten:
+                self.warning = None
+            return
+        kept.give_back(taken)
+        text = f"The journal {self._path} cannot be written ({problem}); commands go on."
+        if kept.lost:
+            text += f" {kept.lost} lines are lost."
+        if self.warning is None:
+            log.warning(text)
+        self.warning = text
+
+
+def _append(kept: _Kept, entries: list[Entry]) -> str | None:
+    """On the disk when it returns None, else why not. For any thread."""
+    if kept.log is None or not entries:
+        return None
+    text = "".join(json.dumps(asdict(entry), allow_nan=False, default=str) + "\n" for entry in entries)
+    try:
+        kept.log.append(text.encode())
+    except OSError as error:
+        return error.strerror or str(error)
+    return None
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}… ({len(text)} characters)"
+
+
+def _bounded(arguments: dict[str, object]) -> dict[str, object]:
+    if not arguments:
+        return arguments
+    try:
+        text = json.dumps(arguments, default=str, allow_nan=False)
+    except (ValueError, RecursionError):
+        return {"left_out": "arguments that are no JSON"}
+    if len(text) <= LONGEST_ARGUMENTS:
+        return arguments
+    return {"left_out": f"{len(text)} characters of arguments, which begin: {text[:LONGEST_TEXT]}"}
+
+
+def _entry(line: bytes) -> Entry | None:
+    """None for what is no line of a journal."""
+    try:
+        fields = cast(dict[str, Any], json.loads(line))
+        entry = Entry(**fields)
+    except (ValueError, TypeError, RecursionError):
+        return None
+    texts = [fields.get(name) or "" for name in ("client", "command", "result", "vehicle", "detail")]
+    numbers = [fields.get(name, 1) for name in ("unix_s", "duration_s", "repeated")]
+    sound = all(isinstance(text, str) for text in texts) and all(
+        isinstance(number, int | float) and abs(number) < 1e12 for number in numbers
+    )
+    return entry if sound and isinstance(fields["arguments"], dict) else None

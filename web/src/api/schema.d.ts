@@ -3169,6 +3169,11 @@ export interface components {
              * @description Duration [s].
              */
             duration_s: number;
+            /**
+             * Repeated
+             * @description So many equal refusals of this client this line stands for.
+             */
+            repeated: number;
         };
         /**
          * KillRequest

@@ -1,13 +1,40 @@
 """A journal that cannot be written costs its lines on disk, never a command."""
 
+import asyncio
 import json
+import os
+import threading
+
+import pytest
 
 from gcs_server.clock import SystemClock
-from gcs_server.control.journal import Journal
+from gcs_server.control.journal import LONGEST_TEXT, MAX_REFUSED_BYTES, Journal
+from gcs_server.supervise import Supervisor
 
 
 def add(journal, command="arm"):
     return journal.add("me", command, "1", {}, "ok", None, 0.1)
+
+
+def refuse(journal, detail="alt_home_m: no number", client="me"):
+    return journal.add(client, "takeoff", "1", {}, "invalid_request", detail, 0.0)
+
+
+class Time:
+    """A clock that the test moves."""
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def unix_s(self):
+        return self.now_s
+
+    def monotonic_s(self):
+        return self.now_s
+
+
+def of_disk(path):
+    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def test_lines_are_json_newest_first_in_the_tail(tmp_path):
@@ -47,3 +74,122 @@ def test_a_full_file_becomes_the_one_before_and_two_are_kept(tmp_path):
     ]
     assert kept == [f"command-{number}" for number in range(40 - len(kept), 40)]
     assert all(p.stat().st_size < 1200 for p in tmp_path.iterdir())
+
+
+def test_complaints_cannot_turn_the_commands_out(tmp_path):
+    journal = Journal(SystemClock(), tmp_path / "journal.jsonl", max_bytes=100_000)
+    for number in range(50):
+        add(journal, f"command-{number}")
+    for number in range(5000):
+        refuse(journal, f"{number}: " + "x" * 5_000_000 if number < 5 else f"{number}: {'y' * 2000}")
+        if number % 500 == 0:
+            journal.flush()
+    journal.flush()
+    assert len(of_disk(tmp_path / "journal.jsonl")) == 50
+    assert [entry.command for entry in journal.tail(1050)[-50:]] == [
+        f"command-{n}" for n in range(49, -1, -1)
+    ]
+    refused = [path for path in tmp_path.iterdir() if "refused" in path.name]
+    assert sum(path.stat().st_size for path in refused) < 2 * MAX_REFUSED_BYTES + 1_500_000
+    assert max(len(line["detail"]) for line in of_disk(refused[0])) < LONGEST_TEXT + 50
+
+
+def test_large_arguments_are_cut(tmp_path):
+    journal = Journal(SystemClock(), tmp_path / "journal.jsonl")
+    journal.add("me" * 10_000, "goto", "1", {"points": ["x" * 100] * 10_000}, "ok", None, 0.0)
+    journal.flush()
+    assert (tmp_path / "journal.jsonl").stat().st_size < 3000
+
+
+def test_equal_refusals_of_one_client_become_one_line_and_one_with_their_number(tmp_path):
+    clock = Time()
+    journal = Journal(clock, tmp_path / "journal.jsonl")
+    for number in range(1000):
+        clock.now_s = 1000.0 + number * 0.005
+        refuse(journal)
+    refuse(journal, client="another")
+    assert [(e.client, e.repeated) for e in journal.tail(10)] == [("another", 1), ("me", 1)]
+    clock.now_s += 20.0
+    assert sorted((e.client, e.repeated) for e in journal.tail(10)) == [
+        ("another", 1),
+        ("me", 1),
+        ("me", 999),
+    ]
+    journal.flush()
+    assert len(of_disk(tmp_path / "journal-refused.jsonl")) == 3
+
+
+def test_after_a_restart_the_past_is_answered_and_a_torn_line_is_left_out_and_repaired(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(SystemClock(), path)
+    for command in ("arm", "takeoff"):
+        add(journal, command)
+    refuse(journal)
+    journal.flush()
+    with path.open("ab") as file:
+        file.write(b'{"unix_s": 5, "client": "torn by a cra')
+
+    async def restart():
+        again = Journal(SystemClock(), path)
+        await again.load()
+        return again
+
+    again = asyncio.run(restart())
+    assert [entry.result for entry in again.tail(10)] == ["invalid_request", "ok", "ok"]
+    assert [entry.command for entry in again.tail(10)] == ["takeoff", "takeoff", "arm"]
+    add(again, "land")
+    again.flush()
+    assert [line["command"] for line in of_disk(path)] == ["arm", "takeoff", "land"]
+
+
+@pytest.mark.parametrize("line", [b"[" * 100_000, b"null", b'{"unix_s": "x"}', b"\xff\xfe", b'{"a": 1}', b""])
+def test_a_line_that_is_none_is_left_out(tmp_path, line):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(SystemClock(), path)
+    add(journal, "arm")
+    journal.flush()
+    path.write_bytes(path.read_bytes() + line + b"\n")
+    again = Journal(SystemClock(), path)
+    asyncio.run(again.load())
+    assert [entry.command for entry in again.tail(10)] == ["arm"]
+
+
+def test_a_disk_that_takes_half_a_line_leaves_none_torn(tmp_path, monkeypatch):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(SystemClock(), path)
+    add(journal, "arm")
+    journal.flush()
+    whole, real = path.read_bytes(), os.write
+    monkeypatch.setattr(os, "write", lambda fd, data: real(fd, data[: len(data) // 2]))
+    add(journal, "land")
+    journal.flush()
+    assert path.read_bytes() == whole
+    assert "No space left" in journal.warning
+    monkeypatch.setattr(os, "write", real)
+    journal.flush()
+    assert [line["command"] for line in of_disk(path)] == ["arm", "land"]
+    assert journal.warning is None
+
+
+def test_the_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
+    blocked, real = threading.Event(), os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (blocked.wait(5), real(fd)))
+
+    async def run():
+        clock = SystemClock()
+        supervisor = Supervisor(clock)
+        journal = Journal(clock, tmp_path / "journal.jsonl")
+        journal.start(supervisor)
+        for number in range(3000):
+            add(journal, f"command-{number}")
+            if number % 100 == 0:
+                await asyncio.sleep(0)  # the writer waits for its disk; this goes on
+        assert len(journal.tail(1000)) == 1000
+        assert not blocked.is_set()
+        blocked.set()
+        while len(of_disk(tmp_path / "journal.jsonl")) < 2000:  # noqa: ASYNC110 a file tells nobody
+            await asyncio.sleep(0.01)
+        await supervisor.close()
+        return journal
+
+    asyncio.run(asyncio.wait_for(run(), 10))  # noqa: TID251 a test's own bound
