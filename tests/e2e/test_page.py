@@ -133,7 +133,7 @@ def steer_the_gimbal(page: Page, drone: Any) -> None:
     """Takes control, points by the pad and by a button, gives control back; telemetry agrees."""
     card = page.get_by_label("Gimbal", exact=True)
     card.get_by_role("button", name="Take").click()
-    pad = card.get_by_role("img", name="Gimbal pad")
+    pad = card.get_by_role("slider", name="Gimbal pad")
     box = pad.bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -306,7 +306,7 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             chip.wait_for()
             page.get_by_role("button", name="Top", exact=True).click()
             end(first, signal.SIGKILL)
-            notice = page.get_by_role("alert").filter(has_text="No connection to the station")
+            notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()
             expect(notice).to_contain_text("What you see is old")
             expect(chip).to_contain_text("lost")

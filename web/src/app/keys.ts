@@ -1,4 +1,8 @@
-/** The keyboard: one table, shown by the `?` sheet and obeyed here; also for keys pressed inside the 3D view. */
+/**
+ * The keyboard: one table, shown by the `?` sheet and obeyed here; also for keys pressed inside the 3D view.
+ *
+ * Space and Enter are in no table: they belong to the control that has the focus (`ui/Slide.svelte` confirms by them).
+ */
 
 import { sheet } from '../features/help/sheet.svelte';
 import { choice } from '../features/instruments/choice.svelte';
@@ -7,8 +11,11 @@ import { params } from '../features/params/panel.svelte';
 import { readiness } from '../features/readiness/panel.svelte';
 import { room } from '../features/setpoints/room.svelte';
 import { stage } from '../features/stage/stage.svelte';
+import { KeyGuard } from './key-guard';
+import { characterOf, isShortcut, type KeyTarget } from './key-targets';
 import { page } from './page.svelte';
-import { actions, control, spotMenu } from './session.svelte';
+import { actions, control, replay, spotMenu } from './session.svelte';
+import { shortcuts } from './shortcuts.svelte';
 import { theme } from './theme.svelte';
 
 export interface KeyLine {
@@ -28,7 +35,7 @@ export const KEYS: readonly KeyLine[] = [
   { keys: 'G', what: 'Give control to who asks for it; Shift G keeps it', inScene: false },
   { keys: 'Shift A', what: 'Arm or disarm', inScene: false },
   { keys: 'Shift K', what: 'Stop motors: the vehicle falls', inScene: false },
-  { keys: 'Space held', what: 'Confirm what is asked', inScene: true },
+  { keys: 'Space held', what: 'Confirm what is asked, on its slider', inScene: true },
   { keys: 'Esc', what: 'Cancel, close', inScene: true },
   { keys: 'O', what: 'Start offboard where it is', inScene: true },
   { keys: 'P', what: 'Offboard room: setpoints, plots, gamepad', inScene: true },
@@ -46,11 +53,6 @@ export const KEYS: readonly KeyLine[] = [
   { keys: '← →', what: 'Replay: 5 s back or on, 30 s with Shift', inScene: false },
   { keys: '?', what: 'This sheet', inScene: true },
 ];
-
-function typing(event: KeyboardEvent): boolean {
-  const target = event.target as { tagName?: string; isContentEditable?: boolean } | null;
-  return target?.isContentEditable === true || ['INPUT', 'TEXTAREA', 'SELECT'].includes(target?.tagName ?? '');
-}
 
 function plain(key: string): boolean {
   const facts = page.facts;
@@ -92,6 +94,7 @@ function escape(): boolean {
   else if (sheet.open) sheet.open = false;
   else if (readiness.open) readiness.close();
   else if (params.open) params.close();
+  else if (replay.listOpen) replay.listOpen = false;
   else if (control.open) control.open = false;
   else if (choice.editing) choice.editing = false;
   else if (spotMenu.spot !== null) spotMenu.close();
@@ -105,51 +108,47 @@ function choose(digit: string): boolean {
   return id !== undefined;
 }
 
-/** The Space bar went down on a confirmation and has not come up since. */
-let spaceTaken = false;
-
 function obey(event: KeyboardEvent): boolean {
-  if (event.ctrlKey || event.metaKey || event.altKey) return false;
-  const asked = actions.asked;
-  if (event.key === 'Escape') return escape();
-  if (event.code === 'Space' && spaceTaken) return true; // still held after it confirmed: presses nothing else
-  if (event.code === 'Space' && asked !== null) {
-    spaceTaken = true;
-    asked.confirmation.press(performance.now() / 1000);
-    return true;
-  }
-  if (typing(event) || event.repeat) return false;
-  if (event.key === '?') {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return false;
+  if (event.key === 'Escape') return event.repeat || escape();
+  const key = characterOf(event);
+  if (event.repeat || !shortcuts.on || !isShortcut(key, event.target as KeyTarget | null)) return false;
+  if (key === '?') {
     sheet.open = !sheet.open;
     return true;
   }
-  if (/^[0-9]$/.test(event.key)) return choose(event.key);
-  return event.shiftKey ? shifted(event.key) : plain(event.key.toLowerCase());
+  if (/^[0-9]$/.test(key)) return choose(key);
+  return event.shiftKey ? shifted(key.toUpperCase()) : plain(key.toLowerCase());
 }
 
 /** Obeys the keys of a window (the page's, or the 3D view's) until the returned function is called. */
 export function listenToKeys(on: Window): () => void {
   const inScene = on !== window;
+  const guard = new KeyGuard(() => actions.hasJustClosed());
+  const stop = (event: KeyboardEvent): void => {
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  };
+  // Before any control sees it: what is pressed on one acts on no other.
+  const first = (event: KeyboardEvent): void => {
+    if (guard.down(event)) stop(event);
+  };
+  const up = (event: KeyboardEvent): void => {
+    if (guard.up(event)) event.preventDefault(); // no stop: a control that waits for the release still hears of it
+  };
   const down = (event: KeyboardEvent): void => {
     if (inScene && /^[wasdqe]$/i.test(event.key)) return; // the 3D view's own
     if (obey(event)) event.preventDefault();
   };
-  const up = (event: KeyboardEvent): void => {
-    if (event.code !== 'Space') return;
-    if (spaceTaken) event.preventDefault();
-    spaceTaken = false;
-    actions.asked?.confirmation.release(performance.now() / 1000);
-  };
-  const blur = (): void => {
-    spaceTaken = false;
-    actions.asked?.confirmation.drop(performance.now() / 1000);
-  };
+  const blur = (): void => guard.clear();
+  on.addEventListener('keydown', first, true);
+  on.addEventListener('keyup', up, true);
   on.addEventListener('keydown', down);
-  on.addEventListener('keyup', up);
   on.addEventListener('blur', blur);
   return () => {
+    on.removeEventListener('keydown', first, true);
+    on.removeEventListener('keyup', up, true);
     on.removeEventListener('keydown', down);
-    on.removeEventListener('keyup', up);
     on.removeEventListener('blur', blur);
   };
 }

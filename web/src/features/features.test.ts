@@ -3,10 +3,10 @@ import { ApiClient } from '../api/client';
 import { Turns } from '../api/turns';
 import type { Status } from '../live/topics';
 import { call, question, unavailable, type ActionFacts, type ActionName } from './actions/actions';
-import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S } from './actions/confirmation';
+import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './actions/confirmation';
 import { LatestSender } from './gimbal/latest';
 import { owner } from './gimbal/owner';
-import { clamp, limits, toAngles, toPoint } from './gimbal/pad';
+import { angleWords, clamp, limits, stepped, toAngles, toPoint } from './gimbal/pad';
 import { horizonTransform, tapeTicks } from './instruments/attitude';
 import { severityWord, shown } from './messages/messages';
 import { OffboardControl } from './offboard/control.svelte';
@@ -79,6 +79,12 @@ describe('actions', () => {
   });
 });
 
+/** Looks once per frame, as the page does while it is painted. */
+function look(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
+  for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) c.tick(at_s);
+  return c.tick(to_s);
+}
+
 describe('confirmation', () => {
   it('expires after five seconds untouched', () => {
     const c = new Confirmation(false, 100);
@@ -89,31 +95,56 @@ describe('confirmation', () => {
     const c = new Confirmation(false, 0);
     c.press(1);
     c.press(1.5); // the keyboard repeats
-    expect(c.tick(1 + HOLD_S - 0.01)).toBe('asking');
-    expect(c.tick(1 + HOLD_S)).toBe('confirmed');
+    expect(look(c, 1, 1 + HOLD_S - 0.01)).toBe('asking');
+    expect(look(c, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
     const kill = new Confirmation(true, 0);
     kill.press(0);
-    expect(kill.tick(HOLD_S)).toBe('asking');
-    expect(kill.tick(HOLD_DANGER_S)).toBe('confirmed');
+    expect(look(kill, 0, HOLD_S)).toBe('asking');
+    expect(look(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
   it('starts over when let go early, and does not expire under the finger', () => {
     const c = new Confirmation(true, 0);
     c.press(4.5);
-    expect(c.tick(5.5)).toBe('asking');
+    expect(look(c, 4.5, 5.5)).toBe('asking');
     c.release(5.6);
-    expect(c.progress(5.7)).toBe(0);
+    expect(c.progress()).toBe(0);
     expect(c.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
     const dropped = new Confirmation(false, 0);
     dropped.press(0);
-    dropped.drop(10);
+    dropped.release(10);
     expect(dropped.tick(10.1)).toBe('asking');
+  });
+  it('does not take a page that stood still for a key that was held', () => {
+    const kill = new Confirmation(true, 0);
+    kill.press(0);
+    expect(kill.tick(0.02)).toBe('asking');
+    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been let go after a tenth
+    kill.release(4.01);
+    expect(look(kill, 4.02, 6)).toBe('asking');
+  });
+  it('is done by the arrow keys step by step, each a press, and goes back when the knob loses the keyboard', () => {
+    const c = new Confirmation(true, 0);
+    for (let i = 1; i < KNOB_STEPS; i++) c.step(1, i * 0.2);
+    expect([c.tick(2), c.progress()]).toEqual(['asking', 0.9]);
+    c.step(-1, 2);
+    expect(c.progress()).toBe(0.8);
+    c.release(2.1);
+    expect(c.progress()).toBe(0);
+    for (let i = 0; i < 3; i++) c.step(1, 3);
+    c.step(-Infinity, 3);
+    expect(c.progress()).toBe(0);
+    for (let i = 0; i < KNOB_STEPS; i++) c.step(1, 4);
+    expect(c.tick(4)).toBe('confirmed');
+    const expires = new Confirmation(true, 0);
+    expires.step(1, 1);
+    expect(expires.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('is done only by the whole way of the knob', () => {
     const c = new Confirmation(false, 0);
     c.slide(0.98, 1);
     c.letGo(1.1);
     expect(c.tick(1.2)).toBe('asking');
-    expect(c.progress(1.2)).toBe(0);
+    expect(c.progress()).toBe(0);
     c.slide(1.2, 2);
     expect(c.tick(2)).toBe('confirmed');
     c.cancel();
@@ -248,6 +279,17 @@ describe('gimbal', () => {
     expect(back.yaw_deg).toBeCloseTo(34);
     expect(clamp({ pitch_deg: -150, yaw_deg: 0 }, l).pitch_deg).toBe(-90);
     expect(toAngles({ x: -50, y: 999 }, l)).toEqual({ pitch_deg: -90, yaw_deg: -180 });
+  });
+  it('is turned by keys inside the limits, and said in words that do not tick', () => {
+    const l = limits(null);
+    const from = { pitch_deg: -10, yaw_deg: 178 };
+    expect(stepped(from, 'ArrowUp', false, l)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
+    expect(stepped(from, 'ArrowRight', true, l)).toEqual({ pitch_deg: -10, yaw_deg: l.yawMax_deg });
+    expect(stepped(from, 'PageDown', false, l)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
+    expect(stepped(from, 'Home', false, l)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
+    expect(stepped(from, 'End', false, l)).toEqual({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 });
+    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(stepped(from, key, false, l)).toBeNull();
+    expect(angleWords({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
   it('says who steers', () => {
     expect(owner(null, false).who).toBe('nobody');

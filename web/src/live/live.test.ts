@@ -5,7 +5,7 @@ import { TelemetryStore } from './store';
 import type { Status } from './topics';
 import { Trail } from './trail';
 import { severityNumber } from './vehicle-state';
-import { parseFrame, type WireSample } from './wire';
+import { parseFrame, type Replay, type WireSample } from './wire';
 
 const status = (over: Partial<Status> = {}): Status => ({
   armed: false, mode: 'hold', mode_label: 'Hold', custom_mode: 1, intended_custom_mode: null, landed_state: 'on_ground',
@@ -14,6 +14,10 @@ const status = (over: Partial<Status> = {}): Status => ({
 const sample = (topic: string, value: unknown, at: number, vehicle = '1'): WireSample => ({
   vehicle, topic, value, received_unix_s: at, vehicle_time_boot_s: null,
 });
+
+const replay = (vehicles: string[], position_unix_s: number): Replay => ({
+  name: 'replay-1', recording: 'a.tlog', vehicles, position_unix_s, begin_unix_s: position_unix_s - 10, end_unix_s: position_unix_s + 60, playing: true, speed: 1, detail: '',
+} as unknown as Replay);
 
 describe('age', () => {
   it('is stale after three of the measured periods, not before', () => {
@@ -58,8 +62,22 @@ describe('store', () => {
   });
   it('corrects its idea of the server’s clock by a sample from its future', () => {
     const store = new TelemetryStore(() => 1000);
-    store.apply({ type: 'samples', samples: [sample('status', status(), 1003)] });
+    store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000), sample('status', status(), 1003)] });
     expect(store.nowUnixS()).toBe(1003);
+  });
+  it('never takes its clock from a recording, before or after it is known to be one', () => {
+    const store = new TelemetryStore(() => 1000);
+    store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 1000 });
+    store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 999), sample('status', status(), 999.5)] });
+    const future_s = 4_000_000_000;
+    store.apply({ type: 'samples', samples: [sample('status', status(), future_s, '7')] });
+    store.apply({ type: 'samples', samples: [sample('identity', { replayed: true }, 1000, '7'), sample('attitude', {}, future_s + 1, '7')] });
+    store.apply({ type: 'replays', replays: [replay(['7', '8'], future_s)] });
+    // Of the vehicle that flew before under its id the page may still hold an identity.
+    store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000, '8'), sample('status', status(), future_s + 2, '8')] });
+    expect(store.nowUnixS()).toBe(1000);
+    expect(store.nowUnixS('7')).toBe(future_s);
+    expect(store.vehicle('1').lost(store.nowUnixS('1'))).toBe(false);
   });
   it('keeps the newest of a topic whatever the order', () => {
     const store = new TelemetryStore(() => 100);

@@ -1,6 +1,6 @@
 /**
  * All telemetry, outside the UI framework: frames go in as they come, the page reads once per animation frame.
- * Knows the server's clock, so that ages are right on a machine whose own clock is not.
+ * Knows the server's clock, so that ages are right on a machine whose own clock is not; a recording never sets it.
  */
 
 import { VehicleState } from './vehicle-state';
@@ -64,10 +64,12 @@ export class TelemetryStore {
   }
 
   private applySample(sample: WireSample): void {
+    const vehicle = this.vehicle(sample.vehicle);
+    vehicle.apply(sample);
+    if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a recording has a time of its own
     // A sample cannot have been received in the server's future: such a one corrects our idea of its clock.
     const ahead_s = sample.received_unix_s - this.nowUnixS();
     if (ahead_s > 0) this.offset_s = (this.offset_s ?? 0) + ahead_s;
-    this.vehicle(sample.vehicle).apply(sample);
   }
 
   private applyEvent(event: WireEvent): void {

@@ -57,6 +57,11 @@ export class VehicleState {
     this.id = id;
   }
 
+  /** It has said who it is, and that it is no recording. */
+  get isLive(): boolean {
+    return this.held.has('identity') && !this.identity.replayed;
+  }
+
   /** Takes a sample if it is newer than what is held. */
   apply(sample: WireSample): boolean {
     const before = this.held.get(sample.topic);

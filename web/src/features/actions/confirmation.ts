@@ -1,11 +1,15 @@
 /**
  * A confirmation as a state machine: asked, held or slid to its end, expired, cancelled. Time comes in with each call.
- * It expires after five seconds without a touch, never while a finger or the Space bar is on it.
+ * It expires after five seconds without a touch, never while a finger or a key is on it.
  */
 
 export const EXPIRES_AFTER_S = 5;
 export const HOLD_S = 0.8;
 export const HOLD_DANGER_S = 1.5;
+/** Arrow key presses from one end of the knob's way to the other. */
+export const KNOB_STEPS = 10;
+/** The most that counts as held between two looks [s]: a page that stood still cannot know whether the key was let go. */
+export const LONGEST_LOOK_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
@@ -14,7 +18,10 @@ export class Confirmation {
   /** What is asked is not valid as it stands: it cannot be confirmed until it is. */
   blocked = false;
   private deadline_s: number;
-  private heldSince_s: number | null = null;
+  /** When the held key was last looked at; null: none is held. */
+  private lookedAt_s: number | null = null;
+  private held_s = 0;
+  /** Where the knob is, 0–1: slid by a pointer or stepped by arrow keys. */
   private slid = 0;
   private sliding = false;
 
@@ -22,40 +29,43 @@ export class Confirmation {
     this.deadline_s = now_s + EXPIRES_AFTER_S;
   }
 
-  /** How far it has been pressed or slid, 0–1. */
-  progress(now_s: number): number {
-    if (this.sliding) return this.slid;
-    if (this.heldSince_s === null) return 0;
-    return Math.min(1, (now_s - this.heldSince_s) / this.holdS());
+  /** How far it has been held or slid, 0–1. */
+  progress(): number {
+    return this.lookedAt_s === null ? this.slid : Math.min(1, this.held_s / this.holdS());
   }
 
   left_s(now_s: number): number {
     return this.busy() ? EXPIRES_AFTER_S : Math.max(0, this.deadline_s - now_s);
   }
 
-  /** Space went down; the keyboard's own repeats change nothing. */
+  /** Space or Enter went down on the knob; the keyboard's own repeats change nothing. */
   press(now_s: number): void {
     if (this.blocked) this.touch(now_s); // somebody is at it: there is time to put it right
-    else if (this.phase === 'asking' && this.heldSince_s === null) this.heldSince_s = now_s;
+    else if (this.phase === 'asking' && this.lookedAt_s === null && !this.sliding) {
+      this.lookedAt_s = now_s;
+      this.held_s = 0;
+    }
   }
 
+  /** The key came up before its time, or the knob lost the keyboard: what was held or stepped counts as nothing. */
   release(now_s: number): void {
-    this.tick(now_s);
-    this.heldSince_s = null;
-    this.touch(now_s);
+    this.lookedAt_s = null;
+    this.held_s = 0;
+    this.letGo(now_s);
   }
 
-  /** The keyboard went elsewhere: what was held counts as nothing. */
-  drop(now_s: number): void {
-    if (this.heldSince_s === null) return;
-    this.heldSince_s = null;
+  /** An arrow key moved the knob by that many of its steps; it stays there until it is moved again or loses the keyboard. */
+  step(steps: number, now_s: number): void {
     this.touch(now_s);
+    if (this.phase !== 'asking' || this.blocked || this.sliding || this.lookedAt_s !== null) return;
+    this.slid = Math.min(1, Math.max(0, Math.round(this.slid * KNOB_STEPS + steps) / KNOB_STEPS));
+    if (this.slid >= 1) this.phase = 'confirmed';
   }
 
-  /** The knob is at `fraction` of its way. Confirms only when let go or at its very end. */
+  /** A pointer holds the knob at `fraction` of its way; at the very end it confirms. */
   slide(fraction: number, now_s: number): void {
     if (this.blocked) this.touch(now_s);
-    if (this.phase !== 'asking' || this.blocked) return;
+    if (this.phase !== 'asking' || this.blocked || this.lookedAt_s !== null) return;
     this.sliding = true;
     this.slid = Math.min(1, Math.max(0, fraction));
     if (this.slid >= 1) this.phase = 'confirmed';
@@ -77,15 +87,19 @@ export class Confirmation {
     if (this.phase === 'asking') this.phase = 'cancelled';
   }
 
+  /** Looked at once per painted frame. */
   tick(now_s: number): Phase {
     if (this.phase !== 'asking') return this.phase;
-    if (this.heldSince_s !== null && now_s - this.heldSince_s >= this.holdS()) this.phase = 'confirmed';
-    else if (!this.busy() && now_s >= this.deadline_s) this.phase = 'expired';
+    if (this.lookedAt_s !== null) {
+      this.held_s += Math.min(LONGEST_LOOK_S, Math.max(0, now_s - this.lookedAt_s));
+      this.lookedAt_s = now_s;
+      if (this.held_s >= this.holdS() - 1e-9) this.phase = 'confirmed';
+    } else if (!this.busy() && now_s >= this.deadline_s) this.phase = 'expired';
     return this.phase;
   }
 
   private busy(): boolean {
-    return this.heldSince_s !== null || this.sliding;
+    return this.lookedAt_s !== null || this.sliding;
   }
 
   private holdS(): number {

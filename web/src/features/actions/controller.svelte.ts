@@ -56,6 +56,8 @@ export interface Refusal {
 }
 
 const TAKEOFF_DEFAULT_M = 10;
+/** So long after a question closed by itself, a key that was meant for it presses nothing else [s]. */
+const SETTLES_S = 0.6;
 /** PX4's parameter for the height it returns at [m above home]. */
 const RETURN_ALT = 'RTL_RETURN_ALT';
 /** The API's own bounds [m]. */
@@ -77,6 +79,7 @@ export class ActionController {
   progress = $state(0);
   left_s = $state(0);
   private nextId = 1;
+  private closedByItself_s = -Infinity;
 
   constructor(
     private readonly api: ApiClient,
@@ -158,6 +161,11 @@ export class ActionController {
     this.asked = null;
   }
 
+  /** Whether a question expired, or lost its vehicle, a moment ago. */
+  hasJustClosed(): boolean {
+    return this.nowS() - this.closedByItself_s < SETTLES_S;
+  }
+
   dismiss(place: Place): void {
     this.refusals = { ...this.refusals, [place]: undefined };
   }
@@ -168,10 +176,11 @@ export class ActionController {
     if (asked === null) return;
     const now = this.nowS();
     const phase = asked.together !== null || asked.facts.id === selectedId ? asked.confirmation.tick(now) : 'cancelled';
-    this.progress = asked.confirmation.progress(now);
+    this.progress = asked.confirmation.progress();
     this.left_s = asked.confirmation.left_s(now);
     if (phase === 'asking') return;
     this.asked = null;
+    if (phase !== 'confirmed') this.closedByItself_s = now;
     if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.place);
     else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
   }

@@ -72,6 +72,32 @@ export function clamp(angles: Angles, l: Limits): Angles {
   };
 }
 
+/** Degrees that an arrow key turns; with Shift, and by PageUp and PageDown, ten times that. */
+const KEY_STEP_DEG = 1;
+
+/** The angles after a key on the pad, held inside the limits; null for a key that is none of its. */
+export function stepped(angles: Angles, key: string, shift: boolean, l: Limits): Angles | null {
+  const step = KEY_STEP_DEG * (shift ? 10 : 1);
+  const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, l);
+  switch (key) {
+    case 'ArrowUp': return by(step, 0);
+    case 'ArrowDown': return by(-step, 0);
+    case 'ArrowRight': return by(0, step);
+    case 'ArrowLeft': return by(0, -step);
+    case 'PageUp': return by(10 * KEY_STEP_DEG, 0);
+    case 'PageDown': return by(-10 * KEY_STEP_DEG, 0);
+    case 'Home': return clamp({ pitch_deg: 0, yaw_deg: 0 }, l);
+    case 'End': return clamp({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 }, l);
+    default: return null;
+  }
+}
+
+/** Angles as they are said aloud. */
+export function angleWords(angles: Angles): string {
+  const part = (value: number, plus: string, minus: string): string => `${Math.abs(Math.round(value))}° ${Math.round(value) < 0 ? minus : plus}`;
+  return `${part(angles.pitch_deg, 'up', 'down')}, ${part(angles.yaw_deg, 'right', 'left')}`;
+}
+
 /** Where the camera looks from the nose [deg]; null where the gimbal does not say. */
 export function pointing(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
   let yaw = toDeg(gimbal.yaw_frd_rad);
