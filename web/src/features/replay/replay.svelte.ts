@@ -23,6 +23,8 @@ export interface ReplayDeps {
 
 export class ReplayControl {
   listOpen = $state(false);
+  /** A person has just chosen what to see: its time bar takes the keyboard. */
+  justOpened = $state(false);
   recordings = $state.raw<readonly Recording[] | null>(null);
   /** Name of the recording that is being opened. */
   opening = $state<string | null>(null);
@@ -64,6 +66,7 @@ export class ReplayControl {
     this.awaited = answer.value.name;
     this.waiting = true;
     this.listOpen = false;
+    this.justOpened = true;
     this.follow();
   }
 
