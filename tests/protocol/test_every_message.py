@@ -23,6 +23,7 @@ from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
 from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS
 from gcs_server.streamer.offboard_control import FAILSAFE_PARAMETERS
+from gcs_server.streamer.rounds import Rounds
 from gcs_server.telemetry.hub import ALL_TOPICS, Encoded
 from gcs_server.vehicle import decoders
 from gcs_server.vehicle.samples import TOPICS
@@ -152,10 +153,9 @@ class Look:
         streams = self.world.streamer._streams
         for vehicle in (self.bad, self.good):
             if streams.state(vehicle.id).phase == "idle":
-                number = streams.begin(
-                    vehicle.id, order(valid_for_s=600.0), 50.0, vehicle.offboard.snapshot()
-                )
-                streams.engage(vehicle.id, vehicle.offboard.snapshot(), number)
+                snapshot = vehicle.offboard.snapshot()
+                number = Rounds.begin(streams, vehicle.id, order(valid_for_s=600.0), 50.0, snapshot)
+                Rounds.engage(streams, vehicle.id, snapshot, number)
 
 
 def looked_at(story: Any) -> None:
