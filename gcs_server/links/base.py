@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 import errno
 import socket
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.faults import FaultLog
+from gcs_server.links.send_queue import Packet, SendCounts
+from gcs_server.links.writer import LinkWriter
 
 FIRST_RETRY_S = 0.5
 LONGEST_RETRY_S = 5.0
@@ -55,7 +58,17 @@ class LinkInfo:
     bytes_received: int
     bytes_sent: int
     bytes_dropped: int
-    """Not sent because the outbox was full or nobody was connected."""
+    """Not sent because too much waited, the system refused it, or nobody was connected."""
+    frames_sent: int = 0
+    """Frames that have left."""
+    frames_waiting: int = 0
+    """Frames that wait now, because the link takes no more at the moment."""
+    frames_replaced: int = 0
+    """Frames that waited until a newer one took their place: setpoints, commands sent again or overtaken."""
+    frames_expired: int = 0
+    """Frames that waited too long and were not sent: a setpoint after 0.1 s, a command after 0.5 s."""
+    frames_dropped: int = 0
+    """Frames not sent because too much waited or the link failed."""
     frames_received: int = 0
     """Whole MAVLink frames, of peers that have gone, too; so are the next four."""
     frames_unknown: int = 0
@@ -82,8 +95,8 @@ OnState = Callable[[], None]
 class Link(ABC):
     """Bytes only; a link opens itself, and again after it was lost.
 
-    Kinds implement `_open`, `_close`, `_write`; they call `_opened`, `_lost` and `_received`.
-    Everything but `send` happens in the event loop.
+    Kinds implement `_open`, `_close`, `_writer`; they call `_opened`, `_lost` and `_received`.
+    Everything but `submit` and `send` happens in the event loop.
     """
 
     replay = False
@@ -101,12 +114,15 @@ class Link(ABC):
         self._state = "closed"
         self._detail = ""
         self._peers: dict[str, Peer] = {}
-        self._bytes_received = self._bytes_sent = self._bytes_dropped = 0
+        self._bytes_received = 0
+        self._counts = SendCounts()
         self._retry_s = FIRST_RETRY_S
         self._retry: asyncio.TimerHandle | None = None
         self._wanted = False
         self.faults = FaultLog(f"link {name}")
         """Of this server's own code, while it served this link."""
+        self.now_s: Callable[[], float] = time.monotonic
+        """The clock by which packets expire: the loop's, once started; from any thread."""
         self._loop: asyncio.AbstractEventLoop
         self._on_bytes: OnBytes
         self._on_peer_gone: OnPeerGone
@@ -115,6 +131,7 @@ class Link(ABC):
     def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_state: OnState) -> None:
         """Begins; never raises for what may get better (a port taken, a device missing): see `info()`."""
         self._loop = asyncio.get_running_loop()
+        self.now_s = self._loop.time
         self._on_bytes, self._on_peer_gone, self._on_state = on_bytes, on_peer_gone, on_state
         self._wanted = True
         try:
@@ -124,21 +141,29 @@ class Link(ABC):
             self._shut()
             raise
 
-    def send(self, data: bytes, peer: Peer) -> bool:
-        """Sends or queues; callable from any thread; False where the bytes were dropped."""
-        if self._state == "open" and not self.replay and self._write(data, peer):
-            self._bytes_sent += len(data)
-            return True
-        self._bytes_dropped += len(data)
+    def submit(self, packet: Packet) -> bool:
+        """Sends or queues by priority; callable from any thread; False where it was dropped at once."""
+        writer = None if self._state != "open" or self.replay else self._writer(packet.peer)
+        if writer is not None:
+            return writer.submit(packet)
+        with self._counts.lock:
+            self._counts.frames_dropped += 1
+            self._counts.bytes_dropped += packet.size_bytes
         return False
+
+    def send(self, data: bytes, peer: Peer) -> bool:
+        """As `submit`, for bytes as they are, with the least priority and no end to their wait."""
+        return self.submit(Packet(peer, len(data), lambda: data))
 
     def datagrams(self) -> socket.socket | None:
         """The open socket where each send is a datagram: another process may send by it, too."""
         return None
 
     def sent_elsewhere(self, size_bytes: int) -> None:
-        """Another process has sent so much by this link's socket."""
-        self._bytes_sent += size_bytes
+        """Another process has sent a frame of this size by this link's socket."""
+        with self._counts.lock:
+            self._counts.frames_sent += 1
+            self._counts.bytes_sent += size_bytes
 
     def peers(self) -> tuple[Peer, ...]:
         """Who is at the other end now."""
@@ -146,6 +171,8 @@ class Link(ABC):
 
     def info(self) -> LinkInfo:
         """State and counters now."""
+        counts = self._counts
+        writers = {writer for peer in self.peers() if (writer := self._writer(peer)) is not None}
         return LinkInfo(
             name=self.name,
             url=self.url,
@@ -155,8 +182,13 @@ class Link(ABC):
             forward=self.forward,
             peers=tuple(self._peers),
             bytes_received=self._bytes_received,
-            bytes_sent=self._bytes_sent,
-            bytes_dropped=self._bytes_dropped,
+            bytes_sent=counts.bytes_sent,
+            bytes_dropped=counts.bytes_dropped,
+            frames_sent=counts.frames_sent,
+            frames_waiting=sum(writer.waiting for writer in writers),
+            frames_replaced=counts.frames_replaced,
+            frames_expired=counts.frames_expired,
+            frames_dropped=counts.frames_dropped,
             handler_errors=self.faults.count,
         )
 
@@ -179,8 +211,8 @@ class Link(ABC):
         """Gives back what `_open` took; may be called at any time."""
 
     @abstractmethod
-    def _write(self, data: bytes, peer: Peer) -> bool:
-        """From any thread."""
+    def _writer(self, peer: Peer) -> LinkWriter | None:
+        """What writes to this peer; from any thread. None where nobody is there."""
 
     def _explain(self, error: OSError) -> str:
         """The error in words for people."""

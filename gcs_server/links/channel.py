@@ -1,10 +1,8 @@
-"""The two halves every descriptor-based link needs: frugal reading, and writing from any thread."""
+"""Frugal reading, for every link that has a descriptor; writing is `writer.py`."""
 
 from __future__ import annotations
 
 import asyncio
-import threading
-from collections import deque
 from collections.abc import Callable
 
 from gcs_server.faults import FaultLog
@@ -14,7 +12,6 @@ WAKE_INTERVAL_S = 0.005
 PACES = ((2000.0, 0.020), (500.0, 0.010))
 """(pieces a second, s between two reads): a fleet's link is read less often, for each wake costs as much as
 reading dozens of pieces, and no page draws sooner."""
-OUTBOX_LIMIT_BYTES = 512_000
 
 
 def pace(pieces_per_s: float) -> float:
@@ -72,82 +69,3 @@ class ThrottledReader:
         if self._timer is not None:
             self._timer.cancel()
         self._loop.remove_reader(self._fileno)
-
-
-class Outbox:
-    """Whole frames to one non-blocking descriptor, from any thread; bounded, drops the newest.
-
-    Args:
-        write: writes some of the bytes and says how many; raises BlockingIOError where it would wait.
-        failed: called in the loop when the descriptor is broken.
-    """
-
-    def __init__(
-        self,
-        loop: asyncio.AbstractEventLoop,
-        fileno: int,
-        write: Callable[[bytes], int],
-        failed: Callable[[OSError], None],
-    ) -> None:
-        self._loop = loop
-        self._fileno = fileno
-        self._write = write
-        self._failed = failed
-        self._lock = threading.Lock()
-        self._waiting: deque[bytes] = deque()
-        self._waiting_bytes = 0
-        self._closed = False
-
-    def send(self, data: bytes) -> bool:
-        """Writes now or queues; False: dropped."""
-        with self._lock:
-            if self._closed:
-                return False
-            if self._waiting:
-                return self._queue(data)
-            try:
-                written = self._write(data)
-            except BlockingIOError:
-                written = 0
-            except OSError as error:
-                self._loop.call_soon_threadsafe(self._failed, error)
-                return False
-            if written < len(data):
-                self._queue(data[written:], always=True)
-                self._loop.call_soon_threadsafe(self._watch)
-            return True
-
-    def _queue(self, data: bytes, *, always: bool = False) -> bool:
-        if not always and self._waiting_bytes + len(data) > OUTBOX_LIMIT_BYTES:
-            return False
-        self._waiting.append(data)
-        self._waiting_bytes += len(data)
-        return True
-
-    def _watch(self) -> None:
-        if not self._closed:
-            self._loop.add_writer(self._fileno, self._writable)
-
-    def _writable(self) -> None:
-        with self._lock:
-            try:
-                while self._waiting:
-                    data = self._waiting[0]
-                    written = self._write(data)
-                    self._waiting_bytes -= written
-                    if written < len(data):
-                        self._waiting[0] = data[written:]
-                        return
-                    self._waiting.popleft()
-            except BlockingIOError:
-                return
-            except OSError as error:
-                self._loop.call_soon(self._failed, error)
-            self._loop.remove_writer(self._fileno)
-
-    def close(self) -> None:
-        """Drops what waits; call before the descriptor is closed. Afterwards `send` writes nothing."""
-        with self._lock:
-            self._closed = True
-            self._waiting.clear()
-        self._loop.remove_writer(self._fileno)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gcs_server.links.base import Link, Peer
+from gcs_server.links.writer import LinkWriter
 
 
 class MemoryLink(Link):
@@ -26,6 +27,7 @@ class MemoryLink(Link):
         super().__init__(name, f"memory://{name}", forward=forward)
         self.replay = replay
         self._outgoing = outgoing
+        self._sender = LinkWriter(None, self._write, self._counts, self.faults, lambda: self.now_s())
 
     def inject(self, data: bytes, peer: Peer | str = "peer") -> None:
         """Bytes arrive from `peer`."""
@@ -47,7 +49,10 @@ class MemoryLink(Link):
     def _close(self) -> None:
         return
 
-    def _write(self, data: bytes, peer: Peer) -> bool:
+    def _writer(self, peer: Peer) -> LinkWriter | None:
+        return self._sender
+
+    def _write(self, data: bytes, peer: Peer) -> int:
         if self._outgoing is not None:
             self._outgoing(data, peer)
-        return True
+        return len(data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import termios
 from pathlib import Path
@@ -10,7 +11,9 @@ from pathlib import Path
 import serial
 
 from gcs_server.links.base import Link, Peer
+from gcs_server.links.pacing import LinePacer, bytes_in_driver
 from gcs_server.links.stream import StreamSession
+from gcs_server.links.writer import LinkWriter
 
 DEFAULT_BAUD = 57600
 
@@ -42,6 +45,8 @@ class SerialLink(Link):
             descriptor,
             read=lambda size: os.read(descriptor, size),
             write=lambda data: os.write(descriptor, data),
+            pacer=LinePacer(self._line_baud(), lambda: bytes_in_driver(descriptor)),
+            counts=self._counts,
             received=lambda data: self._received(data, self._peer),
             ended=lambda why: self._lost(f"{self._device} went away ({why}) Plug it in again."),
             faults=self.faults,
@@ -69,9 +74,13 @@ class SerialLink(Link):
             return f"{self._device} is not a serial port."
         return f"{self._device}: {error.strerror or error}"
 
-    def _write(self, data: bytes, peer: Peer) -> bool:
+    def _line_baud(self) -> float:
+        """A flight controller's own USB port (CDC ACM) has no line speed, whatever is set."""
+        return math.inf if Path(self._device).resolve().name.startswith("ttyACM") else float(self._baud)
+
+    def _writer(self, peer: Peer) -> LinkWriter | None:
         session = self._session
-        return session is not None and session.send(data)
+        return None if session is None else session.writer
 
     def _close(self) -> None:
         if self._session is not None:

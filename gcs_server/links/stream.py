@@ -6,7 +6,10 @@ import asyncio
 from collections.abc import Callable
 
 from gcs_server.faults import FaultLog
-from gcs_server.links.channel import Outbox, ThrottledReader
+from gcs_server.links.channel import ThrottledReader
+from gcs_server.links.pacing import Pacer
+from gcs_server.links.send_queue import SendCounts
+from gcs_server.links.writer import LinkWriter
 
 READ_BYTES = 65536
 READS_A_WAKE = 16
@@ -17,7 +20,8 @@ class StreamSession:
 
     Args:
         read: some bytes, b"" at the end; raises BlockingIOError where there is nothing.
-        write: as `Outbox` wants it.
+        write: writes some of the bytes and says how many.
+        pacer: when the next frame may be written.
         received: gets what came.
         ended: gets a sentence; called once.
     """
@@ -31,24 +35,30 @@ class StreamSession:
         write: Callable[[bytes], int],
         received: Callable[[bytes], None],
         ended: Callable[[str], None],
+        pacer: Pacer,
+        counts: SendCounts,
         faults: FaultLog,
     ) -> None:
         self._read = read
         self._received = received
         self._ended = ended
         self._over = False
-        self._outbox = Outbox(loop, fileno, write, lambda error: self._end(f"{error.strerror or error}."))
+        self.writer = LinkWriter(
+            loop,
+            lambda data, _peer: write(data),
+            counts,
+            faults,
+            loop.time,
+            pacer=pacer,
+            failed=lambda error: self._end(f"{error.strerror or error}."),
+        )
         self._reader = ThrottledReader(loop, fileno, self._drain, faults)
-
-    def send(self, data: bytes) -> bool:
-        """From any thread."""
-        return self._outbox.send(data)
 
     def close(self) -> None:
         """Stops; the descriptor may be closed afterwards."""
         self._over = True
         self._reader.close()
-        self._outbox.close()
+        self.writer.close()
 
     def _drain(self) -> int:
         came = 0

@@ -9,8 +9,10 @@ from dataclasses import replace
 
 from gcs_server.links.base import LONGEST_RETRY_S, Link, LinkInfo, Peer
 from gcs_server.links.first_bytes import ClosedConnections, FirstBytes, ForeignProtocol
+from gcs_server.links.pacing import AckPacer, bytes_in_driver, round_trip_s
 from gcs_server.links.resolve import Address, resolve
 from gcs_server.links.stream import StreamSession
+from gcs_server.links.writer import LinkWriter
 
 MAX_CLIENTS = 256
 """Of one listening link; further ones are closed at once."""
@@ -63,6 +65,8 @@ class TcpLink(Link):
             sock.fileno(),
             read=sock.recv,
             write=sock.send,
+            pacer=_pacer(sock),
+            counts=self._counts,
             received=self._screened,
             ended=lambda why: self._lost(f"{self._peer.name}: {why}"),
             faults=self.faults,
@@ -90,9 +94,9 @@ class TcpLink(Link):
             return super()._explain(error)
         return f"{self._host}:{self._port}: {errno.errorcode.get(error.errno or 0, error)}"
 
-    def _write(self, data: bytes, peer: Peer) -> bool:
+    def _writer(self, peer: Peer) -> LinkWriter | None:
         session = self._session
-        return session is not None and session.send(data)
+        return None if session is None else session.writer
 
     def _close(self) -> None:
         if self._session is not None:
@@ -191,6 +195,8 @@ class TcpServerLink(Link):
             sock.fileno(),
             read=sock.recv,
             write=sock.send,
+            pacer=_pacer(sock),
+            counts=self._counts,
             received=lambda data: self._screened(data, peer, first_bytes),
             ended=lambda _why: self._drop(peer),
             faults=self.faults,
@@ -217,9 +223,9 @@ class TcpServerLink(Link):
             client[0].close()
         self._forget(peer)
 
-    def _write(self, data: bytes, peer: Peer) -> bool:
+    def _writer(self, peer: Peer) -> LinkWriter | None:
         client = self._clients.get(peer.name)
-        return client is not None and client[1].send(data)
+        return None if client is None else client[1].writer
 
     def _close(self) -> None:
         for peer in self.peers():
@@ -230,3 +236,7 @@ class TcpServerLink(Link):
         if sock is not None:
             self._loop.remove_reader(sock.fileno())
             sock.close()
+
+
+def _pacer(sock: socket.socket) -> AckPacer:
+    return AckPacer(lambda: bytes_in_driver(sock.fileno()), lambda: round_trip_s(sock))

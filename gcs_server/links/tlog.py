@@ -316,8 +316,8 @@ class TlogLink(Link):
 
     # --- closing ----------------------------------------------------------------------------------
 
-    def _write(self, data: bytes, peer: Peer) -> bool:
-        return False
+    def _writer(self, peer: Peer) -> None:
+        return None
 
     def _close(self) -> None:
         self.quiet = False

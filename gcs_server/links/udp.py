@@ -9,6 +9,7 @@ import socket
 from gcs_server.links.base import Link, Peer
 from gcs_server.links.channel import ThrottledReader
 from gcs_server.links.resolve import Address, resolve
+from gcs_server.links.writer import LinkWriter
 
 FORGET_AFTER_S = 30.0
 """A peer silent for longer is forgotten."""
@@ -16,6 +17,8 @@ MAX_PEERS = 256
 DATAGRAMS_A_WAKE = 4000
 BUFFER_BYTES = 4_000_000
 LONGEST_DATAGRAM_BYTES = 65536
+SEND_BUFFER_BYTES = 32_768
+"""Some 80 datagrams: what waits in an interface that takes nothing (Wi-Fi that retries) cannot expire."""
 
 
 class UdpLink(Link):
@@ -35,6 +38,7 @@ class UdpLink(Link):
         self._outgoing = outgoing
         self._socket: socket.socket | None = None
         self._reader: ThrottledReader | None = None
+        self._datagrams: LinkWriter | None = None
         self._by_address: dict[Address, Peer] = {}
         self._heard_s: dict[str, float] = {}
         self._fixed: str | None = None
@@ -58,6 +62,7 @@ class UdpLink(Link):
         try:
             sock.setblocking(False)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
             if not self._outgoing:
                 sock.bind(address)
         except OSError as error:
@@ -65,6 +70,13 @@ class UdpLink(Link):
             self._lost(self._explain(error))
             return
         self._socket = sock
+        self._datagrams = LinkWriter(
+            self._loop,
+            lambda data, peer: self._write(sock, data, peer),
+            self._counts,
+            self.faults,
+            self.now_s,
+        )
         self._reader = ThrottledReader(self._loop, sock.fileno(), self._drain, self.faults)
         if self._outgoing:
             self._fixed = self._peer(address).name
@@ -127,15 +139,17 @@ class UdpLink(Link):
         for name in [n for n, heard_s in self._heard_s.items() if heard_s < before_s and n != self._fixed]:
             self._forget_peer(name)
 
-    def _write(self, data: bytes, peer: Peer) -> bool:
-        sock = self._socket
-        if sock is None or peer.address is None:
-            return False
+    def _writer(self, peer: Peer) -> LinkWriter | None:
+        return None if peer.address is None else self._datagrams
+
+    def _write(self, sock: socket.socket, data: bytes, peer: Peer) -> int:
+        assert peer.address is not None
         try:
-            sock.sendto(data, peer.address)  # one system call: needs no lock of ours
-        except OSError:  # buffer full or nobody there: a datagram may be lost
-            return False
-        return True
+            return sock.sendto(data, peer.address)
+        except OSError as error:
+            if error.errno == errno.ENOBUFS:  # the interface's queue is full: as good as would block
+                raise BlockingIOError from error
+            raise
 
     def _close(self) -> None:
         if self._sweep is not None:
@@ -143,6 +157,9 @@ class UdpLink(Link):
         if self._reader is not None:
             self._reader.close()
             self._reader = None
+        if self._datagrams is not None:
+            self._datagrams.close()
+            self._datagrams = None
         sock, self._socket = self._socket, None
         if sock is not None:
             sock.close()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from gcs_server.clock import Clock
 from gcs_server.links.base import Link, LinkInfo, Peer
-from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame
+from gcs_server.links.send_queue import Packet
+from gcs_server.mavlink.codec import LEAST_V2, SIGNATURE, Frame, FrameParser, encode_frame
+from gcs_server.mavlink.priority import classify, classify_forwarded
 from gcs_server.mavlink.tables import NAMES
 from gcs_server.mavlink.tlog_writer import TlogChannel, stamp
 
@@ -35,10 +36,11 @@ class ParserCounts:
 
 
 class FrameSender:
-    """The one place that owns outgoing sequence numbers, so that all threads share it.
+    """The one place that finishes outgoing frames, so that all threads share their sequence numbers.
 
-    Numbers run per peer: several vehicles on one link would otherwise each count our frames to the
-    others as lost.
+    A frame is finished at the moment when it leaves, with the link's lock held: `_finish` gives the bytes as
+    they would leave now, `_left` uses their number up. Numbers run per peer: several vehicles on one link
+    would otherwise each count our frames to the others as lost.
     """
 
     def __init__(
@@ -48,24 +50,62 @@ class FrameSender:
         self._system_id = system_id
         self._component_id = component_id
         self._record = record
-        self._lock = threading.Lock()
         self._seq: dict[str, int] = {}
 
-    def send(self, msg_id: int, payload: bytes, peer: Peer) -> bool:
-        """Frames and sends; from any thread. False: the bytes were dropped."""
-        with self._lock:
-            seq = self._seq.get(peer.name, 0)
-            self._seq[peer.name] = (seq + 1) & 0xFF
-            raw = encode_frame(msg_id, payload, seq, self._system_id, self._component_id)
-            sent = self._link.send(raw, peer)
-        if sent:
-            self._record(raw)
-        return sent
+    def send(
+        self,
+        msg_id: int,
+        payload: bytes,
+        peer: Peer,
+        *,
+        made_s: float | None = None,
+        until_s: float | None = None,
+    ) -> bool:
+        """Sends a message, or lets it wait as its kind allows; from any thread. False: dropped at once.
+
+        Args:
+            made_s: when it was made, on the link's clock; None: now.
+            until_s: it is not sent later, though its kind would still be worth it.
+        """
+        urgency = classify(msg_id, payload)
+        expires_s = (self._link.now_s() if made_s is None else made_s) + urgency.lifetime_s
+        packet = Packet(
+            peer,
+            len(payload) + LEAST_V2 + SIGNATURE,
+            lambda: self._finish(msg_id, payload, peer),
+            lambda raw: self._left(raw, peer),
+            urgency.priority,
+            expires_s if until_s is None else min(expires_s, until_s),
+            urgency.key,
+            urgency.flight,
+        )
+        return self._link.submit(packet)
+
+    def forward(self, frame: Frame, peer: Peer) -> bool:
+        """Another's frame as it is: neither numbered nor signed by us."""
+        urgency = classify_forwarded(frame)
+        packet = Packet(
+            peer,
+            len(frame.raw),
+            lambda: frame.raw,
+            self._record,
+            urgency.priority,
+            self._link.now_s() + urgency.lifetime_s,
+            urgency.key,
+        )
+        return self._link.submit(packet)
 
     def forget(self, peer: Peer) -> None:
         """The peer is gone; its numbers begin anew."""
-        with self._lock:
-            self._seq.pop(peer.name, None)
+        self._seq.pop(peer.name, None)
+
+    def _finish(self, msg_id: int, payload: bytes, peer: Peer) -> bytes:
+        seq = self._seq.get(peer.name, 0)
+        return encode_frame(msg_id, payload, seq, self._system_id, self._component_id)
+
+    def _left(self, raw: bytes, peer: Peer) -> None:
+        self._seq[peer.name] = (self._seq.get(peer.name, 0) + 1) & 0xFF
+        self._record(raw)
 
 
 OnFrame = Callable[[Frame, "Connection", Peer], None]
@@ -124,10 +164,9 @@ class Connection:
         if self._recording is not None:
             self._recording.closing = True
 
-    def forward(self, raw: bytes, peer: Peer) -> None:
+    def forward(self, frame: Frame, peer: Peer) -> None:
         """Passes on another's frame as it is."""
-        if self.link.send(raw, peer):
-            self._record(raw)
+        self.sender.forward(frame, peer)
 
     def sent_elsewhere(self, time_us: int, raw: bytes) -> None:
         """A process of ours has sent this frame by the link's socket, then (since 1970); from any thread."""

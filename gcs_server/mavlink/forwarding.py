@@ -55,7 +55,7 @@ class Forwarder:
         route.heard_s = frame.received_monotonic_s
         for other in self.stations:
             for station in other.link.peers():
-                other.forward(frame.raw, station)
+                other.forward(frame, station)
 
     def peer_gone(self, connection: Connection, peer: Peer) -> None:
         """Forgets the systems heard there."""
@@ -72,4 +72,4 @@ class Forwarder:
             return
         for system_id, route in self._routes.items():
             if target in (0, system_id):
-                route.connection.forward(frame.raw, route.peer)
+                route.connection.forward(frame, route.peer)

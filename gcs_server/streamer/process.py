@@ -304,9 +304,9 @@ class StreamProcess(Streams):
         self._groups.clear()
         self._told.clear()
 
-    def _send_for_it(self, vehicle_id: str, msg_id: int, payload: bytes) -> None:
-        """In a thread: what is no datagram."""
-        self._vehicles[vehicle_id].sender.send_payload(msg_id, payload)
+    def _send_for_it(self, vehicle_id: str, msg_id: int, payload: bytes, made_s: float) -> None:
+        """In a thread: what is no datagram; a setpoint that was made too long ago is not sent."""
+        self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, made_s=made_s)
 
 
 def _older(state: StreamState, by_s: float) -> StreamState:

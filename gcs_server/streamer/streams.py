@@ -26,8 +26,8 @@ class WayOut(Protocol):
 class PayloadSender(Protocol):
     """A vehicle's way out, for any thread."""
 
-    def send_payload(self, msg_id: int, payload: bytes) -> bool:
-        """False where nothing went out."""
+    def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
+        """False where nothing went out. `made_s`: when it was made (monotonic): it expires from then."""
         ...
 
     def way_out(self) -> WayOut | None:

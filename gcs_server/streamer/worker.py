@@ -20,6 +20,7 @@ import select
 import signal
 import socket
 import sys
+import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
@@ -71,9 +72,9 @@ class Mail:
         self._sent.append(what)
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
-        """The server shall send it. False where it takes nothing more."""
+        """The server shall send it, unless it comes to it too late. False where it takes nothing more."""
         try:
-            self._way.send(pickle.dumps(("relay", vehicle_id, msg_id, payload)))
+            self._way.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
         except OSError:  # it does not read, or is gone
             return False
         return True
@@ -101,7 +102,7 @@ class Outlet:
         self._seq = 0
         self.route: Route | None = None
 
-    def send_payload(self, msg_id: int, payload: bytes) -> bool:
+    def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
         """Sends a datagram, or has the server send it by another way."""
         worker, route = self._worker, self.route
         if route is None:

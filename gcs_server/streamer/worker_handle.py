@@ -33,8 +33,8 @@ LATE_MAIL_SOCKETS = 20
 """Of so many sockets given up last it may still be told what went out by them."""
 
 
-Relay = Callable[[str, int, bytes], None]
-"""Vehicle, message id, payload."""
+Relay = Callable[[str, int, bytes, float], None]
+"""Vehicle, message id, payload, when it was made (monotonic)."""
 WORKER_GONE = (EOFError, PipeFull)
 """What `WorkerHandle.send` raises."""
 

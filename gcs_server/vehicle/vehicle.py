@@ -176,21 +176,28 @@ class Vehicle:
                 remedy="Check its link; nothing was sent.",
             )
 
-    def send(self, message: MAVLink_message) -> bool:
-        """Packs and sends on the vehicle's best link; from any thread; False: nothing went out."""
-        return self.send_payload(message.get_msgId(), encode_payload(message))
+    def send(self, message: MAVLink_message, *, until_s: float | None = None) -> bool:
+        """Packs and sends on the vehicle's best link; from any thread; False: nothing went out.
 
-    def send_payload(self, msg_id: int, payload: bytes) -> bool:
-        """As `send`, for a payload already packed in wire order (the streamer's way)."""
+        Args:
+            until_s: it does not leave later, however long the link makes it wait (monotonic).
+        """
+        return self.send_payload(message.get_msgId(), encode_payload(message), until_s=until_s)
+
+    def send_payload(
+        self, msg_id: int, payload: bytes, *, made_s: float | None = None, until_s: float | None = None
+    ) -> bool:
+        """As `send`, for a payload already packed in wire order (the streamer's way) at `made_s`."""
         if self._identity.replayed:
             return False
         chosen = self._choose_endpoint()
         if chosen is None:
             return False
-        if chosen.connection.sender.send(msg_id, payload, chosen.peer):
-            return True
         others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.heard_s)
-        return any(e.connection.sender.send(msg_id, payload, e.peer) for e in others)
+        return any(
+            e.connection.sender.send(msg_id, payload, e.peer, made_s=made_s, until_s=until_s)
+            for e in (chosen, *others)
+        )
 
     def way_out(self) -> Endpoint | None:
         """The link and peer by which it is spoken to now; None where nothing is to be sent to it."""

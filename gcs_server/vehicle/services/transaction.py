@@ -234,7 +234,7 @@ class Transaction:
         message = self._request.message(
             identity.system_id, identity.component_id, min(self._sent, 255), self._as_int
         )
-        self._vehicle.send(message)
+        self._vehicle.send(message, until_s=self._deadline_s)
         self._sent += 1
         resend_s = RESEND_ACCEPTED_S if self._accepted else RESEND_S
         self._next_send_s = now_s + (self._goal.repeat_s or resend_s)

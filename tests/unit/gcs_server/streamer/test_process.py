@@ -58,7 +58,8 @@ class Vehicle:
     def _record(self, time_us, raw):
         self.recorded.append((time_us, raw))
 
-    def send_payload(self, msg_id, payload):
+    def send_payload(self, msg_id, payload, *, made_s=None):
+        self.made_s = made_s
         self.relayed.append((time.monotonic(), msg_id, payload))
         return True
 
@@ -221,11 +222,11 @@ async def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_
     vehicle.datagrams = False
     real, faults = vehicle.send_payload, []
 
-    def send_payload(msg_id, payload):
+    def send_payload(msg_id, payload, *, made_s):
         if len(faults) < 3:
             faults.append(1)
             raise TypeError("a fault of the link")
-        return real(msg_id, payload)
+        return real(msg_id, payload, made_s=made_s)
 
     vehicle.send_payload = send_payload
     await begin(streams, "1", vehicle)

@@ -1,0 +1,139 @@
+"""When a link takes the next frame.
+
+Little may lie in the buffers of the system and the driver: nothing overtakes it there, and nothing expires.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import math
+import socket
+import struct
+import termios
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+LOOK_AGAIN_S = 0.005
+"""A link that takes nothing is looked at again after this."""
+BITS_A_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
+AHEAD_S = 0.005
+"""So much may be written before the line is idle, for timers are late."""
+TIMER_STEP_S = 0.0001
+"""No timer is set for less."""
+DRIVER_SLACK_BYTES = 64
+"""Drivers count in blocks."""
+UNPACED_DRIVER_BYTES = 512
+"""What may wait in the driver of a device that has no line speed (USB)."""
+ACKED_WITHIN_S = 0.1
+"""TCP: what was written must be acknowledged within this and two round trips; else nothing follows."""
+MAX_IN_FLIGHT_BYTES = 64_000
+_RTT_OFFSET_BYTES = 68
+"""Of `tcpi_rtt` [us] in Linux' struct tcp_info."""
+
+
+class Pacer(Protocol):
+    """Says when the next frame may be written."""
+
+    def wait_s(self, now_s: float) -> float:
+        """0: now. Else it is asked again after so long."""
+        ...
+
+    def wrote(self, size_bytes: int, now_s: float) -> None:
+        """So much went to the system."""
+        ...
+
+
+class Unpaced:
+    """Whatever the socket takes (UDP)."""
+
+    def wait_s(self, now_s: float) -> float:
+        return 0.0
+
+    def wrote(self, size_bytes: int, now_s: float) -> None:
+        return
+
+
+class LinePacer:
+    """A serial line: no faster than its bytes leave, by its speed and by what its driver says.
+
+    Args:
+        baud: infinity where the device has no line speed.
+        in_driver: bytes that the driver has not sent yet.
+    """
+
+    def __init__(self, baud: float, in_driver: Callable[[], int]) -> None:
+        self._bytes_per_s = baud / BITS_A_BYTE
+        self._in_driver = in_driver
+        unlimited = math.isinf(baud)
+        self._ahead = 0.0 if unlimited else self._bytes_per_s * AHEAD_S
+        self._driver_limit = UNPACED_DRIVER_BYTES if unlimited else self._ahead + DRIVER_SLACK_BYTES
+        self._on_line = 0.0
+        """Bytes written that have not left, if the line never rests."""
+        self._at_s = 0.0
+
+    def wait_s(self, now_s: float) -> float:
+        if self._on_line:
+            self._on_line = max(0.0, self._on_line - (now_s - self._at_s) * self._bytes_per_s)
+            self._at_s = now_s
+            ready_in_s = (self._on_line - self._ahead) / self._bytes_per_s
+            if ready_in_s > TIMER_STEP_S:
+                return ready_in_s
+        return LOOK_AGAIN_S if self._in_driver() > self._driver_limit else 0.0
+
+    def wrote(self, size_bytes: int, now_s: float) -> None:
+        if not math.isinf(self._bytes_per_s):
+            self._on_line += size_bytes
+            self._at_s = now_s
+
+
+class AckPacer:
+    """TCP: nothing more while the other side's acknowledgement is overdue, so that a stall delays little.
+
+    Args:
+        unacknowledged: bytes written that the other side has not acknowledged.
+        round_trip_s: as the system measures it.
+    """
+
+    def __init__(self, unacknowledged: Callable[[], int], round_trip_s: Callable[[], float]) -> None:
+        self._unacknowledged = unacknowledged
+        self._round_trip_s = round_trip_s
+        self._written = 0
+        self._writes: deque[tuple[int, float]] = deque()
+        """(bytes written by then, when), of what is not acknowledged."""
+
+    def wait_s(self, now_s: float) -> float:
+        writes = self._writes
+        if not writes:
+            return 0.0
+        in_flight = self._unacknowledged()
+        while writes and writes[0][0] <= self._written - in_flight:
+            writes.popleft()
+        if in_flight > MAX_IN_FLIGHT_BYTES:
+            return LOOK_AGAIN_S
+        if not writes or now_s - writes[0][1] <= ACKED_WITHIN_S:
+            return 0.0
+        overdue = now_s - writes[0][1] > ACKED_WITHIN_S + 2 * self._round_trip_s()
+        return LOOK_AGAIN_S if overdue else 0.0
+
+    def wrote(self, size_bytes: int, now_s: float) -> None:
+        self._written += size_bytes
+        self._writes.append((self._written, now_s))
+
+
+def bytes_in_driver(fileno: int) -> int:
+    """Written to a descriptor and not yet sent (serial) or acknowledged (TCP); 0 where that is not told."""
+    try:
+        return struct.unpack("i", fcntl.ioctl(fileno, termios.TIOCOUTQ, b"\0" * 4))[0]
+    except (OSError, ValueError):
+        return 0
+
+
+def round_trip_s(sock: socket.socket) -> float:
+    """A connection's smoothed round trip; 0 where the system does not tell."""
+    with contextlib.suppress(OSError, AttributeError, struct.error):
+        info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _RTT_OFFSET_BYTES + 4)
+        return struct.unpack_from("I", info, _RTT_OFFSET_BYTES)[0] / 1e6
+    return 0.0

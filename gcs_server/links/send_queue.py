@@ -1,0 +1,172 @@
+"""What waits to leave a link: the most urgent first, each until it expires (pure; no clock of its own)."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gcs_server.links.base import Peer
+
+CLASSES = 5
+"""0 is the most urgent. What each means is decided by who sends (`mavlink/priority.py`)."""
+FIRST, LAST = 0, CLASSES - 1
+PASSED_OVER = 4
+"""A class whose packets wait goes next after so many of more urgent ones, unless one of class 0 waits."""
+LAST_LIMIT_BYTES = 64_000
+"""Of the least urgent class: more is dropped."""
+CLASS_LIMIT = 512
+"""Packets of each class between; of class 0 none is ever dropped."""
+
+
+def _nothing(_data: bytes) -> None:
+    return
+
+
+@dataclass(slots=True, eq=False)
+class Packet:
+    """What is to be sent, finished at the moment when it leaves.
+
+    Args:
+        peer: to whom.
+        size_bytes: at most, once it is finished.
+        finish: the bytes as they would leave now (numbered and signed); called again where they could not.
+        left: told the bytes once they leave; the number of that frame is used up then.
+        priority: its class.
+        expires_s: not sent after this, on the link's clock.
+        key: it replaces what waits for the same peer under this key; None: nothing.
+        group: it takes out what waits for the same peer in this group, is not more urgent and not of class 0.
+    """
+
+    peer: Peer
+    size_bytes: int
+    finish: Callable[[], bytes]
+    left: Callable[[bytes], None] = _nothing
+    priority: int = LAST
+    expires_s: float = math.inf
+    key: Hashable = None
+    group: Hashable = None
+
+
+@dataclass(slots=True)
+class SendCounts:
+    """What became of everything that a link was to send; change it with the lock held."""
+
+    frames_sent: int = 0
+    bytes_sent: int = 0
+    frames_expired: int = 0
+    frames_replaced: int = 0
+    frames_dropped: int = 0
+    bytes_dropped: int = 0
+    lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
+    """Shared by all who send on the link: its frames are numbered in the order in which they leave."""
+
+
+class SendQueue:
+    """Packets by class.
+
+    Class 0 always goes first. Of the others the most urgent goes, but a class that was passed over by
+    `PASSED_OVER` packets goes next: none waits for ever.
+    """
+
+    def __init__(self, counts: SendCounts) -> None:
+        self._counts = counts
+        self._waiting: list[OrderedDict[Hashable, Packet]] = [OrderedDict() for _ in range(CLASSES)]
+        self._passed_over = [0] * CLASSES
+        self._last_bytes = 0
+
+    def __len__(self) -> int:
+        return sum(map(len, self._waiting))
+
+    def put(self, packet: Packet, now_s: float) -> bool:
+        """Lets it wait; False: it was dropped, for too much waits."""
+        if packet.group is not None:
+            self._take_out_group(packet)
+        name = (packet.peer.name, packet.key) if packet.key is not None else packet
+        waiting = self._waiting[packet.priority]
+        older = waiting.get(name)
+        if older is not None:
+            self._counts.frames_replaced += 1
+            if packet.priority == LAST:
+                self._last_bytes += packet.size_bytes - older.size_bytes
+            waiting[name] = packet  # its place is kept: vehicles take turns
+            return True
+        if self._is_full(packet):
+            self.purge(now_s)
+            if self._is_full(packet):
+                self._counts.frames_dropped += 1
+                self._counts.bytes_dropped += packet.size_bytes
+                return False
+        waiting[name] = packet
+        if packet.priority == LAST:
+            self._last_bytes += packet.size_bytes
+        return True
+
+    def take(self, now_s: float) -> Packet | None:
+        """The packet that leaves now; None where none waits."""
+        while (chosen := self._choose()) is not None:
+            _, packet = self._waiting[chosen].popitem(last=False)
+            if chosen == LAST:
+                self._last_bytes -= packet.size_bytes
+            if packet.expires_s < now_s:
+                self._counts.frames_expired += 1
+                continue
+            self._passed_over[chosen] = 0
+            if chosen != FIRST:
+                for other in range(chosen + 1, CLASSES):
+                    self._passed_over[other] += bool(self._waiting[other])
+            return packet
+        return None
+
+    def put_back(self, packet: Packet) -> None:
+        """What was taken and could not leave: it goes first of its class again."""
+        name = (packet.peer.name, packet.key) if packet.key is not None else packet
+        waiting = self._waiting[packet.priority]
+        waiting[name] = packet
+        waiting.move_to_end(name, last=False)
+        if packet.priority == LAST:
+            self._last_bytes += packet.size_bytes
+
+    def purge(self, now_s: float) -> None:
+        """Takes out what has expired."""
+        for priority, waiting in enumerate(self._waiting):
+            for name in [name for name, packet in waiting.items() if packet.expires_s < now_s]:
+                packet = waiting.pop(name)
+                self._counts.frames_expired += 1
+                if priority == LAST:
+                    self._last_bytes -= packet.size_bytes
+
+    def clear(self) -> None:
+        """Drops everything."""
+        for waiting in self._waiting:
+            self._counts.frames_dropped += len(waiting)
+            self._counts.bytes_dropped += sum(packet.size_bytes for packet in waiting.values())
+            waiting.clear()
+        self._last_bytes = 0
+
+    def _choose(self) -> int | None:
+        waiting = [priority for priority in range(CLASSES) if self._waiting[priority]]
+        if not waiting or waiting[0] == FIRST:
+            return waiting[0] if waiting else None
+        overdue = (priority for priority in waiting if self._passed_over[priority] >= PASSED_OVER)
+        return next(overdue, waiting[0])
+
+    def _is_full(self, packet: Packet) -> bool:
+        if packet.priority == FIRST:
+            return False
+        waiting = self._waiting[packet.priority]
+        if packet.priority == LAST:
+            return bool(waiting) and self._last_bytes + packet.size_bytes > LAST_LIMIT_BYTES
+        return len(waiting) >= CLASS_LIMIT
+
+    def _take_out_group(self, packet: Packet) -> None:
+        for priority in range(max(packet.priority, FIRST + 1), CLASSES):
+            waiting = self._waiting[priority]
+            for name, other in list(waiting.items()):
+                if other.group == packet.group and other.peer.name == packet.peer.name:
+                    del waiting[name]
+                    self._counts.frames_replaced += 1

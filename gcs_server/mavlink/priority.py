@@ -1,0 +1,166 @@
+"""Which message leaves a link first, and until when it is worth sending; pure.
+
+On a slow link frames wait. What they are decides: stop motors before all others, then what changes the mode
+or disarms, other commands and replies, setpoints, the rest. Every message expires: a setpoint is replaced by
+the next one, and a command whose sender has given up must not fly the vehicle later.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Hashable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame
+from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
+
+SETPOINT_LIFETIME_S = 0.1
+COMMAND_LIFETIME_S = 0.5
+"""Not longer than the time after which an unanswered command is sent again."""
+STOP_LIFETIME_S = 1.0
+"""Longer than the time between two attempts, so that one always waits."""
+HEARTBEAT_LIFETIME_S = 1.0
+REST_LIFETIME_S = 3.0
+
+
+class Priority(IntEnum):
+    """The classes of a link's send queue, most urgent first."""
+
+    STOP = 0
+    """Stop motors and flight termination: before everything."""
+    MODE = 1
+    """Mode changes, hold, land, return, disarm."""
+    COMMAND = 2
+    """Other commands, protocol replies, heartbeats."""
+    SETPOINT = 3
+    """Offboard setpoints, gimbal and stick inputs: only the newest counts."""
+    REST = 4
+    """Parameters, files, missions, and messages of other stations."""
+
+
+@dataclass(frozen=True, slots=True)
+class Urgency:
+    """How a message is queued."""
+
+    priority: Priority
+    lifetime_s: float
+    """Not sent later than this after it was made."""
+    key: Hashable = None
+    """A message replaces the one that waits under the same key; None: it replaces nothing."""
+    flight: Hashable = None
+    """Set for what changes how a vehicle flies: the newer takes the place of those that wait for this vehicle
+    and are not more urgent. Stop motors is never taken out."""
+
+
+_LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
+_COMMAND_BYTES = 33
+_CONFIRMATION_AT = 32
+_command = struct.Struct("<2f20xHBB")
+"""Of COMMAND_LONG and COMMAND_INT alike: parameters 1 and 2, command, target system and component."""
+FORCE = 21196.0
+
+SETPOINTS = frozenset(
+    {
+        d.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+        d.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+        d.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+    }
+)
+INPUTS = frozenset(
+    {
+        d.MAVLINK_MSG_ID_MANUAL_CONTROL,
+        d.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE,
+        d.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET,
+    }
+)
+"""Sticks: as short-lived as setpoints."""
+GIMBAL_INPUTS = frozenset(
+    {
+        d.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE,
+        d.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW,
+        d.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_MANUAL_CONTROL,
+    }
+)
+REPLIES = frozenset({d.MAVLINK_MSG_ID_COMMAND_ACK, d.MAVLINK_MSG_ID_TIMESYNC, d.MAVLINK_MSG_ID_PING})
+MODE_COMMANDS = frozenset(
+    {
+        d.MAV_CMD_DO_SET_MODE,
+        d.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        d.MAV_CMD_NAV_LAND,
+        d.MAV_CMD_DO_PAUSE_CONTINUE,
+        d.MAV_CMD_OVERRIDE_GOTO,
+    }
+)
+FLIGHT_COMMANDS = frozenset(
+    {
+        d.MAV_CMD_COMPONENT_ARM_DISARM,
+        d.MAV_CMD_NAV_TAKEOFF,
+        d.MAV_CMD_DO_REPOSITION,
+        d.MAV_CMD_DO_ORBIT,
+        d.MAV_CMD_MISSION_START,
+    }
+)
+"""They fly the vehicle, too, but a mode change is more urgent."""
+
+
+def classify(msg_id: int, payload: bytes) -> Urgency:
+    """How a message of our own is queued; the payload with or without its trailing zeros."""
+    if msg_id in (_LONG, _INT):
+        return _of_command(msg_id, payload)
+    system = _target_system(msg_id, payload)
+    if msg_id in SETPOINTS:
+        return Urgency(Priority.SETPOINT, SETPOINT_LIFETIME_S, ("setpoint", system))
+    if msg_id in INPUTS:
+        return Urgency(Priority.SETPOINT, SETPOINT_LIFETIME_S, (msg_id, system))
+    if msg_id in GIMBAL_INPUTS:
+        return Urgency(Priority.SETPOINT, COMMAND_LIFETIME_S, ("gimbal", system))
+    if msg_id == d.MAVLINK_MSG_ID_SET_MODE:
+        return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (msg_id, system), ("flight", system))
+    if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+        return Urgency(Priority.COMMAND, HEARTBEAT_LIFETIME_S, "heartbeat")
+    if msg_id in REPLIES:
+        return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S)
+    return Urgency(Priority.REST, REST_LIFETIME_S, (msg_id, payload))
+
+
+def classify_forwarded(frame: Frame) -> Urgency:
+    """How a frame of somebody else is queued: it keeps its order, but for stop motors and setpoints.
+
+    Nothing of it is taken for outdated by a newer command: only its own station knows that.
+    """
+    own = classify(frame.msg_id, frame.payload)
+    sender = (frame.system_id, frame.component_id)
+    if own.priority in (Priority.STOP, Priority.SETPOINT) or own.key == "heartbeat":
+        return Urgency(own.priority, own.lifetime_s, (sender, own.key))
+    if own.priority is Priority.REST:
+        return Urgency(Priority.REST, REST_LIFETIME_S)
+    return Urgency(Priority.COMMAND, own.lifetime_s)
+
+
+def _of_command(msg_id: int, payload: bytes) -> Urgency:
+    full = payload.ljust(_COMMAND_BYTES, b"\0")
+    first, second, command, system, component = _command.unpack_from(full)
+    flight = ("flight", system)
+    if _stops(command, first, second):
+        return Urgency(Priority.STOP, STOP_LIFETIME_S, (command, system, component), flight)
+    disarms = command == d.MAV_CMD_COMPONENT_ARM_DISARM and abs(first) < 0.5
+    if disarms or command in MODE_COMMANDS:
+        return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (command, system, component), flight)
+    if command in FLIGHT_COMMANDS:
+        return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (command, system, component), flight)
+    again = full[:_CONFIRMATION_AT] if msg_id == _LONG else full
+    return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (msg_id, again))
+
+
+def _stops(command: int, first: float, second: float) -> bool:
+    """Compared with care: a parameter of another station's command may be NaN."""
+    if command == d.MAV_CMD_COMPONENT_ARM_DISARM:
+        return abs(first) < 0.5 and abs(second - FORCE) < 0.5
+    return command == d.MAV_CMD_DO_FLIGHTTERMINATION and first > 0.5
+
+
+def _target_system(msg_id: int, payload: bytes) -> int:
+    offset = TARGET_SYSTEM_OFFSET.get(msg_id)
+    return payload[offset] if offset is not None and offset < len(payload) else 0

@@ -1,0 +1,76 @@
+"""A serial line's double: bytes leave at its speed, its driver tells what waits, and it can stall."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+from gcs_server.mavlink.codec import FrameParser
+
+DRIVER_BYTES = 4096
+"""As much as Linux' serial drivers take."""
+
+
+class Line:
+    """The driver and the line behind it.
+
+    Args:
+        now_s: whatever clock the writer has.
+    """
+
+    def __init__(self, now_s: Callable[[], float], baud: int = 57600) -> None:
+        self._now_s = now_s
+        self._bytes_per_s = baud / 10
+        self._waiting: deque[int] = deque()
+        self._left_at_s = now_s()
+        self._credit = 0.0
+        self._parser = FrameParser()
+        self._frame_left: list[tuple[float, object]] = []
+        self.stalled_until_s = -math.inf
+
+    def write(self, data: bytes) -> int:
+        self._advance()
+        room = DRIVER_BYTES - len(self._waiting)
+        if room <= 0:
+            raise BlockingIOError
+        self._waiting.extend(data[:room])
+        return min(room, len(data))
+
+    def in_driver(self) -> int:
+        self._advance()
+        return len(self._waiting)
+
+    def stall(self, for_s: float) -> None:
+        """Nothing leaves for so long."""
+        self._advance()
+        self.stalled_until_s = self._now_s() + for_s
+
+    @property
+    def left(self) -> list[tuple[float, object]]:
+        """(when its last byte had left, frame), in order."""
+        self._advance()
+        return self._frame_left
+
+    @property
+    def parser(self) -> FrameParser:
+        """What a vehicle counts: lost frames, bad checksums."""
+        return self._parser
+
+    def _advance(self) -> None:
+        now_s = self._now_s()
+        begin_s = max(self._left_at_s, min(self.stalled_until_s, now_s))
+        self._left_at_s = now_s
+        if not self._waiting:
+            self._credit = 0.0
+            return
+        self._credit += (now_s - begin_s) * self._bytes_per_s
+        count = min(int(self._credit), len(self._waiting))
+        first_s = now_s - self._credit / self._bytes_per_s
+        self._credit -= count
+        for n in range(count):
+            at_s = first_s + (n + 1) / self._bytes_per_s
+            for frame in self._parser.feed(bytes([self._waiting.popleft()]), at_s):
+                self._frame_left.append((at_s, frame))
+        if not self._waiting:
+            self._credit = 0.0

@@ -1,0 +1,134 @@
+"""What waits for a slow link, on a clock of the test's: order, expiry, and that nothing starves."""
+
+import random
+
+import pytest
+
+from gcs_server.links.base import Peer
+from gcs_server.links.send_queue import (
+    CLASS_LIMIT,
+    CLASSES,
+    FIRST,
+    LAST,
+    LAST_LIMIT_BYTES,
+    PASSED_OVER,
+    Packet,
+    SendCounts,
+    SendQueue,
+)
+
+PEER, OTHER = Peer("a"), Peer("b")
+LONGEST_WAIT_PACKETS = PASSED_OVER + 2 * (CLASSES - 2)
+"""Stated bound: so many packets, those of class 0 aside, may pass one class over."""
+
+
+def packet(name, priority, *, expires_s=1e9, key=None, group=None, peer=PEER, size=40):
+    return Packet(
+        peer, size, lambda: name.encode(), priority=priority, expires_s=expires_s, key=key, group=group
+    )
+
+
+def drained(queue, now_s=0.0):
+    names = []
+    while (taken := queue.take(now_s)) is not None:
+        names.append(taken.finish().decode())
+    return names
+
+
+def test_the_most_urgent_goes_first_and_equals_in_their_order():
+    queue = SendQueue(SendCounts())
+    for name, priority in (("p", 4), ("s", 3), ("c1", 2), ("stop", 0), ("c2", 2), ("mode", 1)):
+        assert queue.put(packet(name, priority), 0.0)
+    assert drained(queue) == ["stop", "mode", "c1", "c2", "s", "p"]
+
+
+def test_a_setpoint_takes_the_place_of_the_one_that_waits_and_vehicles_take_turns():
+    counts = SendCounts()
+    queue = SendQueue(counts)
+    queue.put(packet("1 old", 3, key="1"), 0.0)
+    queue.put(packet("2", 3, key="2"), 0.0)
+    queue.put(packet("1 new", 3, key="1"), 0.0)
+    queue.put(packet("1 of another peer", 3, key="1", peer=OTHER), 0.0)
+    assert drained(queue) == ["1 new", "2", "1 of another peer"]
+    assert counts.frames_replaced == 1
+
+
+def test_what_has_expired_is_never_taken():
+    counts = SendCounts()
+    queue = SendQueue(counts)
+    queue.put(packet("late", 3, expires_s=0.1), 0.0)
+    queue.put(packet("in time", 4, expires_s=0.3), 0.0)
+    assert drained(queue, 0.2) == ["in time"]
+    assert counts.frames_expired == 1
+
+
+def test_a_newer_flight_command_takes_out_what_waits_for_its_vehicle_but_never_stop_motors():
+    queue = SendQueue(SendCounts())
+    queue.put(packet("arm", 2, group="1"), 0.0)
+    queue.put(packet("arm 2", 2, group="2"), 0.0)
+    queue.put(packet("hold", 1, group="1"), 0.0)  # or it would arm after it was told to hold
+    queue.put(packet("stop", 0, key="s", group="1"), 0.0)
+    queue.put(packet("terminate", 0, key="t", group="1"), 0.0)
+    queue.put(packet("land", 1, group="1"), 0.0)
+    assert drained(queue) == ["stop", "terminate", "land", "arm 2"]
+
+
+def test_too_much_is_dropped_but_never_stop_motors():
+    counts = SendCounts()
+    queue = SendQueue(counts)
+    kept = [queue.put(packet(f"r{n}", LAST, size=1000), 0.0) for n in range(100)]
+    assert kept.count(True) == LAST_LIMIT_BYTES // 1000
+    assert [queue.put(packet(f"c{n}", 2), 0.0) for n in range(600)].count(True) == CLASS_LIMIT
+    assert all(queue.put(packet(f"s{n}", FIRST), 0.0) for n in range(1000))
+    assert counts.frames_dropped == 36 + 88
+    old = SendQueue(SendCounts())
+    assert all(old.put(packet(f"r{n}", LAST, size=1000, expires_s=1.0), 0.0) for n in range(64))
+    assert old.put(packet("new", LAST, size=1000), 2.0), "what has expired makes room"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_whatever_comes_stop_motors_is_first_no_setpoint_is_late_and_no_class_starves(seed):
+    chance = random.Random(seed)
+    counts = SendCounts()
+    queue = SendQueue(counts)
+    put, taken, now_s, order = {}, set(), 0.0, 0
+    passed_over = [0] * CLASSES
+    stops_waiting = set()
+    for _ in range(4000):
+        now_s += chance.choice((0.0, 0.002, 0.02))
+        for _ in range(chance.choice((0, 1, 1, 2, 5))):
+            priority = chance.choices(range(CLASSES), (0.02, 0.1, 0.3, 1.0, 1.0))[0]
+            order += 1
+            lives_s = 1e9 if priority == FIRST else (0.5, 0.5, 0.1, 3.0)[priority - 1]
+            key = {3: f"sp{chance.randrange(4)}", 0: f"stop{order}"}.get(priority)
+            group = f"v{chance.randrange(4)}" if priority < 3 and chance.random() < 0.5 else None
+            put[order] = (priority, now_s + lives_s)
+            if queue.put(
+                packet(str(order), priority, expires_s=now_s + lives_s, key=key, group=group), now_s
+            ):
+                if priority == FIRST:
+                    stops_waiting.add(order)
+            else:
+                assert priority != FIRST
+        for _ in range(chance.choice((0, 0, 1, 1, 2))):
+            waiting = [bool(w) for w in queue._waiting]
+            got = queue.take(now_s)
+            if got is None:
+                assert not stops_waiting
+                continue
+            number = int(got.finish())
+            priority, expires_s = put[number]
+            assert number not in taken
+            taken.add(number)
+            assert expires_s >= now_s, "nothing leaves late"
+            assert priority == FIRST or not stops_waiting, "stop motors is first"
+            stops_waiting.discard(number)
+            for other in range(1, CLASSES):
+                still = waiting[other] and bool(queue._waiting[other]) and other != priority
+                passed_over[other] = passed_over[other] + (priority != FIRST) if still else 0
+                assert passed_over[other] <= LONGEST_WAIT_PACKETS, f"class {other} starves"
+    queue.purge(now_s)
+    assert len(taken) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(
+        queue
+    ) == len(put)
+    assert stops_waiting == {int(p.finish()) for p in queue._waiting[FIRST].values()}, "no stop was lost"

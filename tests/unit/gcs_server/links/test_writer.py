@@ -1,0 +1,322 @@
+"""A slow link under load on a clock of the test's: what leaves, when, and what never does."""
+
+import heapq
+import itertools
+import os
+import pty
+import struct
+import threading
+import time
+import tty
+
+import pytest
+
+from gcs_server.faults import FaultLog
+from gcs_server.links.base import Link, Peer
+from gcs_server.links.pacing import ACKED_WITHIN_S, LOOK_AGAIN_S, AckPacer, LinePacer
+from gcs_server.links.send_queue import Packet, SendCounts
+from gcs_server.links.serial import SerialLink
+from gcs_server.links.writer import LinkWriter
+from gcs_server.mavlink.codec import FrameParser
+from gcs_server.mavlink.connection import FrameSender
+from tests.slow_line import Line
+from tests.unit.gcs_server.links.test_links import Heard, run
+
+PEER = Peer("vehicle")
+SETPOINT, PARAM_READ, COMMAND = 84, 20, 76
+HOLD, ARM, STOP = (1.0, 4.0, 176), (1.0, 0.0, 400), (0.0, 21196.0, 400)
+
+
+class FakeLoop:
+    """Time that the test moves; timers run on it."""
+
+    def __init__(self):
+        self.now_s, self._timers, self._count = 1000.0, [], itertools.count()
+
+    def time(self):
+        return self.now_s
+
+    def call_at(self, at_s, callback):
+        heapq.heappush(self._timers, (at_s, next(self._count), callback))
+
+    def call_soon_threadsafe(self, callback, *arguments):
+        callback(*arguments)
+
+    def run(self, for_s):
+        end_s = self.now_s + for_s
+        while self._timers and self._timers[0][0] <= end_s:
+            at_s, _, callback = heapq.heappop(self._timers)
+            self.now_s = max(self.now_s, at_s)
+            callback()
+        self.now_s = end_s
+
+
+class SlowLink(Link):
+    """A link on a line's double, on fake time."""
+
+    def __init__(self, pacer=None, write=None):
+        super().__init__("slow", "serial")
+        self.loop = FakeLoop()
+        self.now_s = self.loop.time
+        self.line = Line(self.loop.time)
+        self.writer = LinkWriter(
+            self.loop,
+            write or (lambda data, _peer: self.line.write(data)),
+            self._counts,
+            self.faults,
+            self.loop.time,
+            pacer=pacer or LinePacer(57600, self.line.in_driver),
+        )
+        self._state = "open"
+        self._peers[PEER.name] = PEER
+        self.recorded = []
+        self.sender = FrameSender(self, 255, 190, self.recorded.append)
+
+    def _open(self):
+        raise AssertionError
+
+    def _close(self):
+        raise AssertionError
+
+    def _writer(self, peer):
+        return self.writer
+
+    def setpoint(self, system=1):
+        """It carries when it was made."""
+        made_ms = round((self.loop.now_s - 1000) * 1000)
+        payload = struct.pack("<I11fHBBB", made_ms, *range(1, 12), 2552, system, 1, 1)
+        return self.sender.send(SETPOINT, payload, PEER)
+
+    def command(self, command, system=1, **options):
+        first, second, number = command
+        payload = struct.pack("<7fHBBB", first, second, 0, 0, 0, 0, 0, number, system, 1, 0)
+        return self.sender.send(COMMAND, payload, PEER, **options)
+
+    def param(self, number):
+        return self.sender.send(PARAM_READ, struct.pack("<hBB16s", number, 1, 1, b""), PEER)
+
+    def under_load(self, for_s, done=lambda: False):
+        """A setpoint every 20 ms, and always parameters that wait."""
+        for _ in range(round(for_s / 0.02)):
+            self.setpoint()
+            self.parameters = getattr(self, "parameters", itertools.count())
+            while self.writer.waiting < 40:
+                self.param(next(self.parameters) % 30000)
+            self.loop.run(0.02)
+            if done():
+                return
+
+    def left(self, msg_id):
+        return [(at_s, frame) for at_s, frame in self.line.left if frame.msg_id == msg_id]
+
+    def ages_s(self):
+        return [
+            at_s - 1000 - struct.unpack_from("<I", frame.payload)[0] / 1000
+            for at_s, frame in self.left(SETPOINT)
+        ]
+
+
+def test_under_a_stream_and_a_parameter_load_stop_motors_leaves_within_50_ms():
+    link = SlowLink()
+    link.under_load(2.0)
+    late_s = []
+    for number in range(20):
+        link.loop.run(0.0013 * number)  # at any moment of what is on the line
+        asked_s, seen = link.loop.now_s, len(link.left(COMMAND))
+        assert link.command(STOP)
+        link.under_load(0.1)
+        late_s.append(link.left(COMMAND)[seen][0] - asked_s)
+    assert max(late_s) < 0.05
+    assert max(link.ages_s()) < 0.1
+    assert len(link.left(SETPOINT)) > 45 * 4, "the stream goes on"
+    assert len(link.left(PARAM_READ)) > 4 * 30, "so do the parameters"
+    assert sum(link.line.parser.lost.values()) == 0, "numbers have no gaps"
+
+
+def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
+    link = SlowLink()
+    link.under_load(1.0)
+    before = len(link.line.left)
+    stalled_s = link.loop.now_s
+    link.line.stall(5.0)
+    link.under_load(4.8)
+    link.command(ARM)
+    link.command(STOP)
+    link.under_load(2.0)
+    stop_s, _ = link.left(COMMAND)[0]
+    assert stop_s - (stalled_s + 5.0) < 0.05
+    after = [frame for at_s, frame in link.line.left if at_s > stalled_s + 5.0]
+    assert sum(f.msg_id == SETPOINT for f in after[: after.index(link.left(COMMAND)[0][1])]) <= 2
+    on_their_way = 2  # in the driver when the line stopped: nobody gets them back
+    assert sum(age_s > 0.1 for age_s in link.ages_s()) <= on_their_way
+    assert len(link.left(COMMAND)) == 1, "what was to arm it is not sent after its motors were stopped"
+    assert before
+    assert sum(link.line.parser.lost.values()) == 0
+    info = link.info()
+    assert info.frames_sent == len(link.recorded)
+    assert info.frames_replaced > 200
+
+
+def test_a_command_does_not_leave_once_it_was_given_up():
+    link = SlowLink()
+    link.under_load(0.5)
+    link.line.stall(3.0)
+    link.under_load(1.0)
+    link.command(HOLD)
+    link.command(STOP, until_s=link.loop.now_s + 0.2)
+    link.under_load(4.0)
+    assert link.left(COMMAND) == []
+    assert link.info().frames_expired >= 2
+
+
+def test_a_setpoint_that_reaches_the_link_too_late_is_not_sent():
+    link = SlowLink()
+    payload = struct.pack("<I11fHBBB", 1, *range(11), 2552, 1, 1, 1)
+    link.sender.send(SETPOINT, payload, PEER, made_s=link.loop.now_s - 0.11)
+    link.sender.send(SETPOINT, payload, PEER, made_s=link.loop.now_s - 0.09)
+    link.loop.run(0.1)
+    assert len(link.left(SETPOINT)) == 1
+    assert link.info().frames_expired == 1
+
+
+def test_streams_that_want_more_than_the_line_leave_something_to_parameters_and_share_the_rest():
+    link = SlowLink()
+    for _ in range(100):
+        for system in (1, 2, 3, 4):
+            link.setpoint(system)
+        link.param(len(link.left(PARAM_READ)))
+        link.loop.run(0.02)
+    by_system = [sum(f.payload[50] == system for _, f in link.left(SETPOINT)) for system in (1, 2, 3, 4)]
+    assert min(by_system) > 0.6 * max(by_system) > 10
+    assert len(link.left(PARAM_READ)) > 10
+
+
+def test_a_frame_that_was_begun_and_is_too_late_ends_so_that_nobody_obeys_it():
+    room, out = [20], bytearray()
+
+    def write(data, _peer):
+        taken = min(room[0], len(data))
+        if not taken:
+            raise BlockingIOError
+        room[0] -= taken
+        out.extend(data[:taken])
+        return taken
+
+    link = SlowLink(pacer=LinePacer(float("inf"), lambda: 0), write=write)
+    link.setpoint()
+    link.loop.run(1.0)
+    room[0] = 10_000
+    link.command(STOP)
+    link.loop.run(0.1)
+    parser = FrameParser()
+    assert [frame.msg_id for frame in parser.feed(bytes(out), 0.0)] == [COMMAND]
+    assert parser.crc_errors == 1
+
+
+def test_what_cannot_leave_keeps_its_number_for_the_next_and_waits_for_room():
+    full, out = [True], []
+
+    def write(data, _peer):
+        if full[0]:
+            raise BlockingIOError
+        out.append(data)
+        return len(data)
+
+    link = SlowLink(pacer=LinePacer(float("inf"), lambda: 0), write=write)
+    link.param(1)
+    link.param(2)
+    assert link.command(HOLD)
+    assert out == []
+    full[0] = False
+    link.loop.run(2 * LOOK_AGAIN_S)
+    assert [data[4] for data in out] == [0, 1, 2]
+    assert [data[7] for data in out] == [COMMAND, PARAM_READ, PARAM_READ]
+    assert link.recorded == out
+
+
+def test_a_frame_that_cannot_be_made_costs_itself_alone():
+    link = SlowLink()
+    link.line.stall(0.1)
+    link.under_load(0.06)
+
+    def fault():
+        raise struct.error("no such field")
+
+    assert link.submit(Packet(PEER, 10, fault, priority=0))
+    link.command(HOLD)
+    link.loop.run(1.0)
+    assert len(link.left(COMMAND)) == 1
+    assert link.info().handler_errors == 1
+
+
+@pytest.mark.parametrize("round_trip_s", [0.001, 0.6])
+def test_tcp_writes_no_more_while_an_acknowledgement_is_overdue(round_trip_s):
+    in_flight = [0]
+    pacer = AckPacer(lambda: in_flight[0], lambda: round_trip_s)
+    patience_s = ACKED_WITHIN_S + 2 * round_trip_s
+    now_s, written = 0.0, 0
+    while pacer.wait_s(now_s) == 0:  # nothing is acknowledged
+        pacer.wrote(65, now_s)
+        in_flight[0] += 65
+        written += 1
+        now_s += 0.02
+    assert now_s == pytest.approx(patience_s, abs=0.03)
+    in_flight[0] = 65  # all but the newest
+    assert pacer.wait_s(now_s) == 0
+    in_flight[0] = 0
+    assert pacer.wait_s(now_s + 100) == 0
+
+
+def test_a_closed_writer_takes_and_writes_nothing_more():
+    link = SlowLink()
+    link.line.stall(1.0)
+    link.under_load(0.2)
+    link.writer.close()
+    count = link.info().frames_sent
+    assert not link.command(STOP)
+    link.loop.run(2.0)
+    assert link.info().frames_sent == count
+
+
+def test_threads_that_send_on_one_serial_link_share_its_numbers_and_lose_no_stop():
+    async def story():
+        ours, theirs = pty.openpty()
+        tty.setraw(ours)
+        heard = Heard(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
+        (peer,) = heard.link.peers()
+        sender = FrameSender(heard.link, 255, 190, lambda _: None)
+        came, parser = [], FrameParser()
+
+        def read():
+            while len([f for f in came if f.msg_id == COMMAND]) < 40:
+                came.extend(parser.feed(os.read(ours, 4096), time.monotonic()))
+
+        def send(thread):
+            for number in range(100):
+                sender.send(PARAM_READ, struct.pack("<hBB16s", number + 1000 * thread, 1, 1, b""), peer)
+                if number % 10 == 9:
+                    stop = struct.pack(
+                        "<7fHBBB", 0, 21196, 0, 0, 0, 0, 0, 400, 10 * thread + number // 10, 1, 0
+                    )
+                    sender.send(COMMAND, stop, peer)
+
+        threads = [threading.Thread(target=send, args=(n,), daemon=True) for n in range(4)]
+        threads.append(threading.Thread(target=read, daemon=True))
+        for thread in threads:
+            thread.start()
+        await heard.until(lambda: not any(thread.is_alive() for thread in threads))
+        stops = {frame.payload[30] for frame in came if frame.msg_id == COMMAND}
+        assert stops == set(range(40))
+        assert sum(parser.lost.values()) == parser.crc_errors == 0
+        await heard.link.close()
+        os.close(ours)
+        os.close(theirs)
+
+    run(story)
+
+
+def test_faults_and_counts_are_the_links():
+    counts = SendCounts()
+    writer = LinkWriter(None, lambda data, _: len(data), counts, FaultLog("x"), lambda: 0.0)
+    assert writer.submit(Packet(PEER, 3, lambda: b"abc"))
+    assert (counts.frames_sent, counts.bytes_sent, writer.waiting) == (1, 3, 0)
