@@ -15,6 +15,7 @@ from . import (
     setpoints,
     simulator,
     slow_browser,
+    slow_link,
     stream,
 )
 
@@ -22,6 +23,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "latency": ("Round trips and latency", latency.table),
     "setpoints": ("Setpoint to datagram", setpoints.table),
     "stream": ("Offboard stream, lateness", stream.table),
+    "slow_link": ("A slow link under load", slow_link.table),
     "simulator": ("Simulated PX4", simulator.table),
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
     "ros2": ("Flights from ROS 2 messages, simulated PX4 / real PX4", ros2_flights.table),

@@ -3374,9 +3374,34 @@ export interface components {
             bytes_sent: number;
             /**
              * Bytes Dropped
-             * @description Not sent because the outbox was full or nobody was connected.
+             * @description Not sent because too much waited, the system refused it, or nobody was connected.
              */
             bytes_dropped: number;
+            /**
+             * Frames Sent
+             * @description Frames that have left.
+             */
+            frames_sent: number;
+            /**
+             * Frames Waiting
+             * @description Frames that wait now, because the link takes no more at the moment.
+             */
+            frames_waiting: number;
+            /**
+             * Frames Replaced
+             * @description Frames that waited until a newer one took their place: setpoints, commands sent again or overtaken.
+             */
+            frames_replaced: number;
+            /**
+             * Frames Expired
+             * @description Frames that waited too long and were not sent: a setpoint after 0.1 s, a command after 0.5 s.
+             */
+            frames_expired: number;
+            /**
+             * Frames Dropped
+             * @description Frames not sent because too much waited or the link failed.
+             */
+            frames_dropped: number;
             /**
              * Frames Received
              * @description Whole MAVLink frames, of peers that have gone, too; so are the next four.

@@ -14,6 +14,7 @@ import pytest
 
 from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.channel import PACES, WAKE_INTERVAL_S, pace
+from gcs_server.links.send_queue import Packet
 from gcs_server.links.serial import SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
 from gcs_server.links.tlog import TlogLink
@@ -104,6 +105,46 @@ def test_udpout_speaks_first():
         vehicle.close()
         await heard.link.close()
 
+    run(story)
+
+
+@pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
+def test_a_full_udp_buffer_lets_the_urgent_go_first_and_drops_what_is_late(number):
+    class Full:
+        left = 3
+
+        def sendto(self, data, address):
+            if self.left:
+                self.left -= 1
+                raise OSError(number, "no room")
+            return real.sendto(data, address)
+
+        def __getattr__(self, name):
+            return getattr(real, name)
+
+    async def story():
+        nonlocal real
+        vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(2)
+        heard = Heard(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
+        (peer,) = heard.link.peers()
+        link, full = heard.link, Full()
+        real = link._socket
+        write = link._write
+        link._write = lambda _sock, data, to: write(full, data, to)
+        for data, priority, lives_s in ((b"rest", 4, 9.0), (b"late", 3, 0.001), (b"stop", 0, 9.0)):
+            assert link.submit(
+                Packet(peer, 4, lambda data=data: data, priority=priority, expires_s=link.now_s() + lives_s)
+            )
+        assert link.info().frames_waiting == 3
+        await heard.until(lambda: not link.info().frames_waiting)
+        assert [vehicle.recv(10), vehicle.recv(10)] == [b"stop", b"rest"]
+        assert (link.info().frames_sent, link.info().frames_expired) == (2, 1)
+        await link.close()
+        vehicle.close()
+
+    real = None
     run(story)
 
 

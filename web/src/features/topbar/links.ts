@@ -51,6 +51,8 @@ function counted(link: LinkLine, several: boolean): [string, string][] {
   if (link.frames_unknown > 0) lines.push(['Unknown frames', String(link.frames_unknown)]);
   if (link.bytes_skipped > 0) lines.push(['No frames', `${bytesText(link.bytes_skipped)}: garbage or another protocol`]);
   if (link.handler_errors > 0) lines.push(['Server faults', `${link.handler_errors} messages skipped (see the server’s log)`]);
+  if (link.frames_waiting > 0) lines.push(['Waiting to be sent', `${link.frames_waiting} frames`]);
+  if (link.frames_expired > 0) lines.push(['Too late to be sent', `${link.frames_expired} frames`]);
   if (link.bytes_dropped > 0) lines.push(['Not sent', bytesText(link.bytes_dropped)]);
   return lines;
 }

@@ -1,0 +1,194 @@
+"""When stop motors leaves a serial link at 57,600 baud under a 50 Hz stream and a parameter load.
+
+And how old setpoints are when they leave. The line is a double with a real one's speed, behind a
+pseudo-terminal.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import pty
+import random
+import struct
+import termios
+import threading
+import time
+import tty
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_server.clock import SystemClock
+from gcs_server.links import serial
+from gcs_server.links.base import LinkInfo
+from gcs_server.mavlink.connection import Connection
+from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.supervise import Supervisor
+from tests.slow_line import Line
+
+from .process import load_average, quantiles_ms
+
+BAUD = 57_600
+RATE_HZ = 50.0
+STOPS = 60
+STALL_S, STALLS = 5.0, 3
+WAITING = 40
+"""Parameter requests always wait."""
+MSG_PARAM_REQUEST_READ, MSG_COMMAND_LONG, MSG_SETPOINT = 20, 76, 84
+MAV_CMD_COMPONENT_ARM_DISARM, FORCE = 400, 21196.0
+
+
+class SlowPort:
+    """A pseudo-terminal, its other end read at once into the line's driver."""
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = pty.openpty()
+        tty.setraw(self._ours)
+        self.device = os.ttyname(self._theirs)
+        self._lock = threading.Lock()
+        self._line = Line(time.monotonic, BAUD)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        try:
+            while data := os.read(self._ours, 4096):
+                with self._lock:
+                    self._line.write(data)
+        except OSError:
+            return
+
+    def in_driver(self, _fileno: int) -> int:
+        """As a serial driver tells it; a pseudo-terminal's own always says 0."""
+        with self._lock:
+            unread: int = struct.unpack("i", fcntl.ioctl(self._ours, termios.FIONREAD, b"\0" * 4))[0]
+            return unread + self._line.in_driver()
+
+    def stall(self, for_s: float) -> None:
+        with self._lock:
+            self._line.stall(for_s)
+
+    def left(self, msg_id: int) -> list[tuple[float, Any]]:
+        with self._lock:
+            return [(at_s, frame) for at_s, frame in self._line.left if frame.msg_id == msg_id]
+
+    def lost(self) -> int:
+        with self._lock:
+            return sum(self._line.parser.lost.values())
+
+    def close(self) -> None:
+        os.close(self._theirs)
+        os.close(self._ours)
+
+
+@contextmanager
+def _stream(connection: Connection, began_s: float) -> Generator[None]:
+    """Setpoints from a thread, as those that the streams' process hands over; each says when it was made."""
+    (peer,), end = connection.link.peers(), threading.Event()
+
+    def send() -> None:
+        next_s = time.monotonic()
+        while not end.wait(max(0.0, next_s - time.monotonic())):
+            made_s = time.monotonic()
+            payload = struct.pack("<I11fHBBB", round((made_s - began_s) * 1e6), *range(1, 12), 2552, 1, 1, 1)
+            connection.sender.send(MSG_SETPOINT, payload, peer, made_s=made_s)
+            next_s = max(next_s + 1 / RATE_HZ, made_s)
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
+
+
+async def _load_parameters(connection: Connection) -> None:
+    (peer,), number = connection.link.peers(), 0
+    while True:
+        while connection.link.info().frames_waiting < WAITING:
+            number = (number + 1) % 30_000
+            payload = struct.pack("<hBB16s", number, 1, 1, b"")
+            connection.sender.send(MSG_PARAM_REQUEST_READ, payload, peer)
+        await asyncio.sleep(0.02)
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    stop_after_s: list[float]
+    stop_after_stall_s: list[float]
+    ages_s: list[float]
+    seconds: float
+    parameters: int
+    lost: int
+    info: LinkInfo
+
+
+async def _measure(port: SlowPort) -> Result:
+    clock, chance = SystemClock(), random.Random(1)
+    supervisor = Supervisor(clock)
+    router = Router(clock, supervisor, RouterSettings())
+    router.add_link(f"serial://{port.device}?baud={BAUD}", "radio")
+    connection = router.connection("radio")
+    (peer,) = connection.link.peers()
+    stop = struct.pack("<7fHBBB", 0, FORCE, 0, 0, 0, 0, 0, MAV_CMD_COMPONENT_ARM_DISARM, 1, 1, 0)
+    began_s = time.monotonic()
+    load = supervisor.spawn("parameters", _load_parameters(connection))
+    after_s: list[float] = []
+    after_stall_s: list[float] = []
+    with _stream(connection, began_s):
+        await asyncio.sleep(1.0)
+        for number in range(STOPS):
+            asked_s = time.monotonic()
+            connection.sender.send(MSG_COMMAND_LONG, stop, peer)
+            await asyncio.sleep(chance.uniform(0.1, 0.25))
+            after_s.append(port.left(MSG_COMMAND_LONG)[number][0] - asked_s)
+        for number in range(STALLS):
+            ends_s = time.monotonic() + STALL_S
+            port.stall(STALL_S)
+            await asyncio.sleep(STALL_S - chance.uniform(0.1, 0.8))
+            connection.sender.send(MSG_COMMAND_LONG, stop, peer)
+            await asyncio.sleep(ends_s + 1.0 - time.monotonic())
+            after_stall_s.append(port.left(MSG_COMMAND_LONG)[STOPS + number][0] - ends_s)
+    load.cancel()
+    seconds, info = time.monotonic() - began_s - STALLS * STALL_S, router.links()[0]
+    ages_s = [
+        at_s - began_s - struct.unpack_from("<I", frame.payload)[0] / 1e6
+        for at_s, frame in port.left(MSG_SETPOINT)
+    ]
+    parameters = len(port.left(MSG_PARAM_REQUEST_READ))
+    await router.close()
+    await supervisor.close()
+    return Result(after_s, after_stall_s, ages_s, seconds, parameters, port.lost(), info)
+
+
+def table() -> Iterator[str]:
+    yield f"load average before: {load_average()}"
+    port, real = SlowPort(), serial.bytes_in_driver
+    serial.bytes_in_driver = port.in_driver
+    try:
+        result = asyncio.run(_measure(port))
+    finally:
+        serial.bytes_in_driver = real
+        port.close()
+    in_time = [age_s for age_s in result.ages_s if age_s < STALL_S / 2]
+    late = len(result.ages_s) - len(in_time)
+    info = result.info
+    stop = quantiles_ms(result.stop_after_s)
+    yield ""
+    yield "| what | figure |"
+    yield "|---|---|"
+    yield f"| stop motors has left after, {STOPS} times: p50 / p99 / max | {stop} ms (goal: 50) |"
+    stall = ", ".join(f"{s * 1e3:.1f}" for s in result.stop_after_stall_s)
+    yield f"| … after the end of a stall of {STALL_S:g} s, {STALLS} times | {stall} ms |"
+    yield f"| setpoints that left, a second | {len(result.ages_s) / result.seconds:.1f} of {RATE_HZ:g} |"
+    yield f"| their age when their last byte left: p50 / p99 / max | {quantiles_ms(in_time)} ms (goal: 100) |"
+    yield f"| … in the driver when the line stalled | {late} in {STALLS} stalls |"
+    yield f"| parameter requests beside them, a second | {result.parameters / result.seconds:.0f} |"
+    yield f"| frames lost by the numbers | {result.lost} |"
+    yield (
+        f"| replaced / expired / dropped, with the stalls | {info.frames_replaced} / {info.frames_expired} / "
+        f"{info.frames_dropped} |"
+    )
