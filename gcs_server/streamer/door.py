@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs_server.errors import Refused
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.news import Snapshot
@@ -114,8 +117,11 @@ def _check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
     for index, point in enumerate(path.points):
         _check_distance(point.position_ned_m, here, f"Point {index} of the path")
     curve = Curve(path, None)
-    for step in range(math.ceil(curve.duration_s / PATH_LOOK_S) + 1):
-        t_s = min(step * PATH_LOOK_S, curve.duration_s)
+    looked_at_s = np.minimum(
+        np.arange(math.ceil(curve.duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, curve.duration_s
+    )
+    for index in np.flatnonzero(_suspect(*curve.many(looked_at_s), bounds)):
+        t_s = float(looked_at_s[index])
         sample = curve.at(t_s)
         place, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
         assert place is not None
@@ -129,6 +135,21 @@ def _check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
         too_fast = _too_fast(velocity, bounds)
         if too_fast is not None:
             raise Refused(f"After {t_s:.1f} s {too_fast}.", remedy="Give the points more time.")
+
+
+def _suspect(
+    places: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
+) -> NDArray[np.bool_]:
+    """Which samples of a path are outside or too fast, all looked at together."""
+    region, down_m, down_m_s = bounds.region, places[:, 2], velocities[:, 2]
+    return (
+        region.ground_breaches(places[:, :2])
+        | (down_m < region.down_min_m)
+        | (down_m > region.down_max_m)
+        | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * FASTER_THAN)
+        | (-down_m_s > bounds.climb_m_s * FASTER_THAN)
+        | (down_m_s > bounds.sink_m_s * FASTER_THAN)
+    )
 
 
 def _too_fast(velocity: Vector3, bounds: Bounds) -> str | None:

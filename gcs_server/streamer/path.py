@@ -9,6 +9,9 @@ from __future__ import annotations
 import bisect
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs_server.streamer.setpoints import Path, Trajectory, Vector3
 
 
@@ -23,7 +26,7 @@ class Curve:
     def __init__(self, path: Path, yaw_kept_rad: float | None) -> None:
         self._times = [point.t_s for point in path.points]
         self._places = [point.position_ned_m for point in path.points]
-        self._slopes = [self._slope(index) for index in range(len(self._times))]
+        self._slopes = _slopes(self._times, self._places)
         self._yaws = _unwrapped([point.yaw_ned_rad for point in path.points])
         self._yaw_kept_rad = yaw_kept_rad
 
@@ -57,16 +60,32 @@ class Curve:
             )
         return Trajectory(position, velocity, acceleration, yaw)
 
-    def _slope(self, index: int) -> Vector3:
-        if index in (0, len(self._times) - 1):
-            return (0.0, 0.0, 0.0)
-        before_s = self._times[index] - self._times[index - 1]
-        after_s = self._times[index + 1] - self._times[index]
-        triples = zip(self._places[index - 1], self._places[index], self._places[index + 1], strict=True)
-        return _vector(
-            ((b - a) / before_s * after_s + (c - b) / after_s * before_s) / (before_s + after_s)
-            for a, b, c in triples
+    def many(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions (N, 3) and velocities (N, 3) at many moments of the path, as `at` has them."""
+        times = np.array(self._times)
+        places, slopes = np.array(self._places), np.array(self._slopes)
+        index = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
+        h = (times[index + 1] - times[index])[:, None]
+        u = (times_s[:, None] - times[index][:, None]) / h
+        p0, p1, m0, m1 = places[index], places[index + 1], slopes[index], slopes[index + 1]
+        position = (
+            (2 * u**3 - 3 * u**2 + 1) * p0
+            + (u**3 - 2 * u**2 + u) * h * m0
+            + (3 * u**2 - 2 * u**3) * p1
+            + (u**3 - u**2) * h * m1
         )
+        velocity = (6 * u**2 - 6 * u) * (p0 - p1) / h + (3 * u**2 - 4 * u + 1) * m0 + (3 * u**2 - 2 * u) * m1
+        return position, velocity
+
+
+def _slopes(times_s: list[float], places: list[Vector3]) -> list[Vector3]:
+    """At each point; of all points at once, since a path may have thousands."""
+    spans = np.diff(np.array(times_s))[:, None]
+    steps = np.diff(np.array(places), axis=0)
+    before, after = spans[:-1], spans[1:]
+    slopes = np.zeros((len(times_s), 3))
+    slopes[1:-1] = (steps[:-1] / before * after + steps[1:] / after * before) / (before + after)
+    return [(n, e, d) for n, e, d in slopes.tolist()]
 
 
 def _hermite(order: int, u: float, h: float, p0: float, m0: float, p1: float, m1: float) -> float:

@@ -9,6 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 Ground = tuple[float, float]
 """North, east [m]."""
 INSET_M = 0.5
@@ -59,6 +62,25 @@ class Region:
             if math.dist(p, disc.centre) > disc.radius_m:
                 return disc.name
         return next((polygon.name for polygon in self.polygons if not _within(p, polygon.corners)), None)
+
+    def ground_breaches(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """For many places (N, 2) at once: whether `ground_breach` has something against each."""
+        outside = np.zeros(len(places), dtype=bool)
+        north, east = places[:, 0], places[:, 1]
+        for disc in self.discs:
+            outside |= np.hypot(north - disc.centre[0], east - disc.centre[1]) > disc.radius_m
+        for polygon in self.polygons:
+            inside = np.zeros(len(places), dtype=bool)
+            a_beyond = polygon.corners[0][1] > east
+            for a, b in _edges(polygon.corners):
+                b_beyond = b[1] > east
+                level = np.flatnonzero(a_beyond != b_beyond)  # few: the edge's own stripe
+                a_beyond = b_beyond
+                if len(level):
+                    crossing = (b[0] - a[0]) * (east[level] - a[1]) / (b[1] - a[1]) + a[0]
+                    inside[level] ^= north[level] < crossing
+            outside |= ~inside
+        return outside
 
     def way_out_m(self, p: Ground, direction: Ground) -> float:
         """From a place inside: how far it may go along a direction (of length 1)."""
