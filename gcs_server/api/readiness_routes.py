@@ -11,14 +11,19 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
 from gcs_server.api.station import VehicleDep
-from gcs_server.vehicle.readiness import Cause, ModeReadiness, Readiness
+from gcs_server.vehicle.readiness import Cause, ModeReadiness, Offer, Readiness
 from gcs_server.vehicle.vehicle import Vehicle
 
 router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 
 CauseModel = model_of(Cause, "ReadinessCause")
 ModeModel = model_of(ModeReadiness, arming=tuple[CauseModel, ...], running=tuple[CauseModel, ...])
-ReadinessModel = model_of(Readiness, modes=tuple[ModeModel, ...], findings=tuple[CauseModel, ...])
+ReadinessModel = model_of(
+    Readiness,
+    modes=tuple[ModeModel, ...],
+    findings=tuple[CauseModel, ...],
+    offers=tuple[model_of(Offer, "ReadinessOffer"), ...],
+)
 ReadinessView = create_model(
     "VehicleReadiness",
     __base__=ReadinessModel,

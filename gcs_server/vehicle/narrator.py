@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 from gcs_server.clock import Clock
 from gcs_server.vehicle.events import EventFeed
@@ -10,7 +11,7 @@ from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, VehicleEvent
 from gcs_server.vehicle.reducers import Facts
-from gcs_server.vehicle.texts import TextJoiner
+from gcs_server.vehicle.texts import LineBudget, TextJoiner
 
 PAIR_WITHIN_S = 0.3
 """PX4 sends a text that ends in a tab and its event within a few milliseconds of each other."""
@@ -19,6 +20,8 @@ REMEMBERED_SEQUENCES = 64
 LATE_PAIR_S = 5.0
 """An event that the link had lost comes so long after its text at most."""
 WARNING, NOTICE = 4, 5
+MOST_UNWORDED = 20
+"""Events that wait for words; what is more is told without."""
 
 
 class Narrator:
@@ -38,6 +41,11 @@ class Narrator:
         self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
         self._lone_texts: deque[float] = deque(maxlen=8)
         """When texts that repeat an event were told without it."""
+        self._unworded: deque[tuple[float, VehicleEvent]] = deque()
+        """Events that nobody has words for: their text, or the vehicle's words, may still come."""
+        self._budget = LineBudget()
+        self.worded: Callable[[VehicleEvent, float], VehicleEvent | None] = lambda event, _: event
+        """(event, how long it has waited [s]) → it with the words that are known; None: they may come."""
 
     def text(self, payload: bytes, source: object) -> None:
         """STATUSTEXT heard from `source` (an endpoint)."""
@@ -57,6 +65,9 @@ class Narrator:
         if late and self._lone_texts and now_s - self._lone_texts.popleft() < LATE_PAIR_S:
             return  # its text was told already
         held = self._take_held(now_s)
+        if held is None and not event.is_worded and len(self._unworded) < MOST_UNWORDED:
+            self._unworded.append((now_s, event))
+            return
         if held is None:
             self._lone_events.append(now_s)
         self._line("event", event.level, held or event.text, event)
@@ -85,6 +96,22 @@ class Narrator:
             held_s, severity, text = self._held.popleft()
             self._lone_texts.append(now_s)
             self._line("status_text", severity, text, ago_s=now_s - held_s)
+        self._tell_unworded(now_s)
+        left_out = self._budget.left_out(now_s)
+        if left_out:
+            text = f"The vehicle sends too many messages: {left_out:,} of them were left out."
+            self._feed.add("warning", self._clock.unix_s(), text, severity=WARNING)
+
+    def _tell_unworded(self, now_s: float) -> None:
+        waiting: deque[tuple[float, VehicleEvent]] = deque()
+        for came_s, event in self._unworded:
+            waited_s = now_s - came_s
+            known = self.worded(event, waited_s) if waited_s > PAIR_WITHIN_S else None
+            if known is None:
+                waiting.append((came_s, event))
+            else:
+                self._line("event", known.level, known.text, known, ago_s=waited_s)
+        self._unworded = waiting
 
     def _one_text(self, severity: int, text: str, source: object, now_s: float) -> None:
         for then_s, other, said in self._seen_texts:
@@ -96,6 +123,10 @@ class Narrator:
             return
         if self._lone_events and now_s - self._lone_events.popleft() <= PAIR_WITHIN_S:
             return  # its event was told already
+        if self._unworded and now_s - self._unworded[-1][0] <= PAIR_WITHIN_S:
+            came_s, event = self._unworded.pop()
+            self._line("event", event.level, text.rstrip("\t"), event, ago_s=now_s - came_s)
+            return
         self._held.append((now_s, severity, text.rstrip("\t")))
 
     def _take_held(self, now_s: float) -> str | None:
@@ -105,5 +136,7 @@ class Narrator:
     def _line(
         self, kind: str, severity: int, text: str, event: VehicleEvent | None = None, *, ago_s: float = 0.0
     ) -> None:
+        if not self._budget.spend(self._clock.monotonic_s()):
+            return
         data = {"id": event.id, "sequence": event.sequence} if event is not None else {}
         self._feed.add(kind, self._clock.unix_s() - ago_s, text, severity=min(severity, 7), data=data)

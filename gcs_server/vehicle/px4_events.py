@@ -56,6 +56,12 @@ TEXTS: dict[int, str] = {
 }
 SWITCH_REFUSED_ID = 27280279
 
+COMPONENTS = {
+    0: "common events", 1: "autopilot", 25: "user", 100: "camera", 154: "gimbal", 161: "parachute",
+    169: "payload", 191: "onboard computer", 220: "GPS",
+}  # fmt: skip
+"""What MAVLink's component ids (MAV_COMPONENT) stand for."""
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleEvent:
@@ -73,6 +79,8 @@ class VehicleEvent:
     boot_ms: int
     """When it happened, on the vehicle's boot clock."""
     arguments: bytes
+    is_worded: bool = True
+    """Whether the vehicle or we have words for it."""
 
 
 def decode_event(payload: bytes, definitions: Definitions | None = None) -> VehicleEvent:
@@ -84,7 +92,13 @@ def decode_event(payload: bytes, definitions: Definitions | None = None) -> Vehi
     """
     event_id, boot_ms, sequence, _component, _system, levels, arguments = _event.unpack(payload)
     text, name, remedy = describe(event_id, arguments, definitions)
-    return VehicleEvent(event_id, sequence, levels & 0x0F, text, name, remedy, boot_ms, arguments)
+    is_worded = has_words(event_id, definitions)
+    return VehicleEvent(event_id, sequence, levels & 0x0F, text, name, remedy, boot_ms, arguments, is_worded)
+
+
+def has_words(event_id: int, definitions: Definitions | None) -> bool:
+    """Whether the vehicle or we have words for an event."""
+    return event_id in CHECKS or event_id in TEXTS or (definitions is not None and event_id in definitions)
 
 
 def describe(
@@ -98,9 +112,14 @@ def describe(
         return defined.text(arguments), defined.name, remedy or (check.remedy if check else None)
     if check is not None:
         return check.cause, check.name, check.remedy
-    text = TEXTS.get(event_id) or f"event {event_id}"
+    text = TEXTS.get(event_id) or f"unknown event {event_id} from {component_words(event_id >> 24)}"
     if event_id == SWITCH_REFUSED_ID:
         (custom_mode,) = struct.unpack_from("<I", arguments)
         mode = BY_NAV_STATE.get(arguments[4]) or BY_CUSTOM_MODE.get(custom_mode)
         text = f"The vehicle cannot switch to {mode.label} now" if mode else text
     return text, f"event_{event_id}", None
+
+
+def component_words(number: int) -> str:
+    """The component in an event id's top byte."""
+    return f"component {number} ({COMPONENTS[number]})" if number in COMPONENTS else f"component {number}"

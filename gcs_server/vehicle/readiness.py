@@ -1,7 +1,8 @@
 """Why a vehicle cannot arm or fly each of its modes: the health and arming report, joined and in words.
 
 A report is a summary, its findings and a second summary (PX4 sends it when something changed, or when asked).
-A long one comes in chunks of that shape, numbered from 0: what any of them forbids is forbidden.
+A long one comes in chunks of that shape, numbered from 0: what any of them forbids is forbidden. A report has
+limits; what is beyond them is left out and counted.
 """
 
 from __future__ import annotations
@@ -9,15 +10,25 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from gcs_server.vehicle.check_words import COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
-from gcs_server.vehicle.modes import MODES, Mode
+from gcs_server.vehicle.foreign import cut
+from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 
 ALL_MODES = 0xFFFFFFFF
 LEVEL_ERROR, LEVEL_WARNING = 3, 4
 STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 10, 15))
 """Manual, Altitude, Position, Position slow, Acro, Stabilized: those that a missing transmitter stops (as the
 recorded reports show; the finding itself names all modes)."""
+MOST_FINDINGS = 64
+"""Of one report."""
+MOST_CAUSES = 6
+"""That are told for one mode."""
+LONGEST_CAUSE, LONGEST_REMEDY = 240, 480
+"""Characters."""
+TO_ARM_IN = ("hold", "position")
+"""Modes that are offered where the present one cannot be armed in, best first."""
 NOT_SHOWN = frozenset({"ready", "termination", "vtol_takeoff"})
 EXTERNAL = "external_"
 
@@ -72,6 +83,8 @@ class Report:
     """Bit mask over components, as are the next two."""
     warnings: int = 0
     present: int = 0
+    left_out: int = 0
+    """How many findings were more than `MOST_FINDINGS`."""
 
     def causes(self, nav_state: int, *, running: bool = False) -> tuple[Finding, ...]:
         """What keeps the vehicle from arming in a mode (or from flying it), gravest first."""
@@ -93,12 +106,13 @@ class ReportJoiner:
         self._whole: Report | None = None
         """Chunks joined so far."""
         self._next_chunk = 0
+        self._left_out = 0
 
     def begin(self, arguments: bytes) -> None:
         """The first summary of a chunk."""
         self._chunk = _arming.unpack_from(arguments)
         if self._chunk[0] == 0:
-            self._whole, self._next_chunk = None, 0
+            self._whole, self._next_chunk, self._left_out = None, 0, 0
         self._findings = [] if self._chunk[0] == self._next_chunk else None
 
     @property
@@ -108,8 +122,13 @@ class ReportJoiner:
 
     def add(self, finding: Finding) -> None:
         """One between the summaries."""
-        if self._findings is not None:
+        if self._findings is None:
+            return
+        before = 0 if self._whole is None else len(self._whole.findings)
+        if before + len(self._findings) < MOST_FINDINGS:
             self._findings.append(finding)
+        else:
+            self._left_out += 1
 
     def end(self, arguments: bytes) -> Report | None:
         """The second summary; the report as far as it has come, None where its beginning was missed."""
@@ -122,7 +141,8 @@ class ReportJoiner:
         self._findings = None
         self._next_chunk += 1
         before = self._whole
-        self._whole = chunk if before is None else _joined(before, chunk)
+        whole = chunk if before is None else _joined(before, chunk)
+        self._whole = replace(whole, left_out=self._left_out)
         return self._whole
 
     def abandon(self) -> None:
@@ -189,6 +209,20 @@ class ModeReadiness:
 
 
 @dataclass(frozen=True, slots=True)
+class Offer:
+    """Something that can be done now about what keeps the vehicle from arming, ready for a button."""
+
+    code: Literal["choose_mode"]
+    """What: `choose_mode` is `POST /vehicles/{v}/mode` with the mode named here."""
+    mode: str
+    """The mode to switch to."""
+    label: str
+    """What people call that mode."""
+    text: str
+    """Why, and what to do, for people."""
+
+
+@dataclass(frozen=True, slots=True)
 class Readiness:
     """Why the vehicle cannot arm or fly each of its modes, as it last said."""
 
@@ -206,13 +240,24 @@ class Readiness:
     """Parts of the vehicle that report errors."""
     components_with_warnings: tuple[str, ...]
     """Parts of the vehicle that report warnings."""
+    left_out: str | None = None
+    """What the vehicle said beyond the limits of a report, in words; null: nothing."""
+    offers: tuple[Offer, ...] = ()
+    """What can be done now; empty where nothing is needed, or nothing here helps."""
 
 
 NOTHING_KNOWN = Readiness(False, None, "own", (), (), (), ())
 
 
-def told(report: Report, reported_unix_s: float, words: str) -> Readiness:
-    """The whole report for people and programs."""
+def told(report: Report, reported_unix_s: float, words: str, words_left_out: str | None = None) -> Readiness:
+    """The whole report for people and programs.
+
+    Args:
+        report: the newest complete one.
+        reported_unix_s: when it came.
+        words: `vehicle` or `own`.
+        words_left_out: what of the vehicle's own words could not be used.
+    """
     shown = [mode for mode in MODES if _is_shown(mode, report)]
     causes = {finding: _cause(finding, shown) for finding in report.findings}
     modes = tuple(
@@ -221,8 +266,8 @@ def told(report: Report, reported_unix_s: float, words: str) -> Readiness:
             mode.label,
             bool(report.can_arm >> mode.nav_state & 1),
             bool(report.can_run >> mode.nav_state & 1),
-            tuple(causes[f] for f in report.causes(mode.nav_state)),
-            tuple(causes[f] for f in report.causes(mode.nav_state, running=True)),
+            tuple(causes[f] for f in report.causes(mode.nav_state)[:MOST_CAUSES]),
+            tuple(causes[f] for f in report.causes(mode.nav_state, running=True)[:MOST_CAUSES]),
         )
         for mode in shown
     )
@@ -235,7 +280,39 @@ def told(report: Report, reported_unix_s: float, words: str) -> Readiness:
         findings,
         _components(report.errors),
         _components(report.warnings),
+        _left_out(report, words_left_out),
     )
+
+
+def _left_out(report: Report, words_left_out: str | None) -> str | None:
+    findings = None
+    if report.left_out:
+        findings = (
+            f"The vehicle reported {report.left_out + len(report.findings):,} findings; "
+            f"{len(report.findings)} of them are shown."
+        )
+    return " ".join(text for text in (findings, words_left_out) if text) or None
+
+
+def offers(report: Report | None, mode: Mode | None, armed: bool | None) -> tuple[Offer, ...]:
+    """What can be done now.
+
+    PX4 stays in Offboard (or Land, or Return) after it has landed and disarmed, and arms in none of them:
+    another mode must be chosen.
+
+    Args:
+        report: the newest complete one; None: nothing is known.
+        mode: that the vehicle is in; None: not known.
+        armed: whether its motors run; None: not known.
+    """
+    if report is None or mode is None or armed is not False or report.can_arm >> mode.nav_state & 1:
+        return ()
+    for name in TO_ARM_IN:
+        other = BY_NAME[name]
+        if report.can_arm >> other.nav_state & 1:
+            text = f"The vehicle is in {mode.label} and cannot be armed in it. Choose {other.label}."
+            return (Offer("choose_mode", other.name, other.label, text),)
+    return ()
 
 
 def sentence(text: str) -> str:
@@ -265,8 +342,8 @@ def _cause(finding: Finding, shown: Iterable[Mode]) -> Cause:
         severity,
         modes,
         finding.component,
-        sentence(finding.cause),
-        sentence(finding.remedy) if finding.remedy else None,
+        sentence(cut(finding.cause, LONGEST_CAUSE)),
+        sentence(cut(finding.remedy, LONGEST_REMEDY)) if finding.remedy else None,
     )
 
 

@@ -1,4 +1,4 @@
-"""STATUSTEXT: joins the chunks of long texts."""
+"""STATUSTEXT: joins the chunks of long texts, within limits; and how many lines a vehicle may say."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from dataclasses import dataclass, field
 
 _text = struct.Struct("<B50sHB")
 WAIT_FOR_CHUNKS_S = 1.0
+MOST_PENDING = 8
+"""Texts whose chunks are awaited at the same time; the oldest is finished for a further one."""
+MOST_CHUNKS = 20
+"""Of 50 bytes; those beyond are not taken."""
+LINES_AT_ONCE, LINES_PER_S = 200.0, 20.0
+"""Of one vehicle. A PX4 says about 60 when it starts."""
 
 
 @dataclass(slots=True)
@@ -30,12 +36,16 @@ class TextJoiner:
         part = raw.split(b"\0", 1)[0]
         if text_id == 0:
             return [*self.expire(now_s), (severity, _decoded(part))]
+        if chunk >= MOST_CHUNKS:
+            return []
         out: list[tuple[int, str]] = []
         pending = self._pending.get(text_id)
         if pending is not None and chunk in pending.chunks and pending.chunks[chunk] != part:
             out.append(self._finish(text_id))  # the id is used again
             pending = None
         if pending is None:
+            if len(self._pending) >= MOST_PENDING:
+                out.append(self._finish(next(iter(self._pending))))
             pending = self._pending[text_id] = _Pending(severity, now_s)
         pending.chunks[chunk] = part
         last = max(pending.chunks)
@@ -58,6 +68,35 @@ class TextJoiner:
         if not pending.complete:
             parts.append("‹…›")
         return pending.severity, "".join(parts)
+
+
+class LineBudget:
+    """How many lines a vehicle may still say; what is more is counted."""
+
+    def __init__(self) -> None:
+        self._left = LINES_AT_ONCE
+        self._filled_s: float | None = None
+        self._left_out = 0
+
+    def spend(self, now_s: float) -> bool:
+        """One line; False: it is too many."""
+        if self._filled_s is not None:
+            self._left = min(LINES_AT_ONCE, self._left + (now_s - self._filled_s) * LINES_PER_S)
+        self._filled_s = now_s
+        if self._left < 1.0:
+            self._left_out += 1
+            return False
+        self._left -= 1.0
+        return True
+
+    def left_out(self, now_s: float) -> int:
+        """How many were too many, once there is room for a line that says so; then it counts anew."""
+        if not self._left_out or self._filled_s is None:
+            return 0
+        if self._left + (now_s - self._filled_s) * LINES_PER_S < LINES_PER_S / 2:
+            return 0
+        count, self._left_out = self._left_out, 0
+        return count
 
 
 def _decoded(raw: bytes) -> str:

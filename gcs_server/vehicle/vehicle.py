@@ -95,7 +95,8 @@ class Vehicle:
         self.ftp = FtpService(self)
         self.metadata = MetadataService(self, self.ftp)
         self.params = ParamService(self, self.metadata)
-        self.health = HealthService(self, self._narrator.event)
+        self.health = HealthService(self, self._narrator.event, self._fetch_words)
+        self._narrator.worded = self.health.worded
         self._outsiders = Outsiders(
             self, self.command, lambda: None if self.offboard is None else self.offboard.asks_for()
         )
@@ -211,6 +212,9 @@ class Vehicle:
                 await work
 
         self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
+
+    def _fetch_words(self) -> None:
+        self.in_background("words for its events", self.health.learn(self.metadata))
 
     # --- written by the fleet only --------------------------------------------------------------
 

@@ -262,6 +262,7 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
         pilot.text("Only the text came\t", 4)
         await asyncio.sleep(1)
         pilot.event(99999, 0x44)
+        await asyncio.sleep(2)
         pilot.armed, pilot.mode = True, kit.TAKEOFF
         await asyncio.sleep(2)
         lines = [(e.kind, e.text) for e in vehicle.events.since(start)]
@@ -270,7 +271,7 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
             ("status_text", "x" * 60 + " end"),
             ("event", "Takeoff detected"),
             ("status_text", "Only the text came"),
-            ("event", "event 99999"),
+            ("event", "unknown event 99999 from component 0 (common events)"),
             *sorted(lines[5:]),
         ]
         assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}

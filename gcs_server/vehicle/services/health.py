@@ -21,10 +21,12 @@ from gcs_server.vehicle.modes import BY_CUSTOM_MODE
 from gcs_server.vehicle.px4_events import (
     ARMING_SUMMARY_ID,
     HEALTH_SUMMARY_ID,
+    LEVEL_PROTOCOL,
     TEXTS,
     VehicleEvent,
     decode_event,
     describe,
+    has_words,
 )
 from gcs_server.vehicle.readiness import Finding, Readiness, Report, ReportJoiner
 from gcs_server.vehicle.services.metadata import MetadataService
@@ -36,6 +38,12 @@ ASK_AGAIN_S, ASK_TIMES = 2.0, 4
 RESTART_S = 10.0
 """A boot clock that goes back by more was started anew."""
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
+TOLD_EVERY_S = 0.25
+"""A report that changes sooner is told with the next tick."""
+LEARN_AGAIN_S, LEARN_AGAIN_LONGEST_S = 30.0, 960.0
+"""How long after a failure the vehicle's words are asked for again; twice as long each time."""
+LEARN_WAIT_S = 5.0
+"""An event that has no words yet is told after so long without them."""
 
 _current = struct.Struct("<HB")
 _error = struct.Struct("<HH")
@@ -48,15 +56,28 @@ class HealthService:
         vehicle: whose.
         tell: takes each event that belongs to no report, as it comes, and whether it is an older one that the
             link had lost.
+        fetch_words: begins `learn` in the background.
     """
 
-    def __init__(self, vehicle: VehiclePort, tell: Callable[[VehicleEvent, bool], None]) -> None:
+    def __init__(
+        self,
+        vehicle: VehiclePort,
+        tell: Callable[[VehicleEvent, bool], None],
+        fetch_words: Callable[[], None] = lambda: None,
+    ) -> None:
         self._vehicle = vehicle
         self._tell = tell
         self._stream: EventStream[VehicleEvent] = EventStream()
         self._joiner = ReportJoiner()
         self._report: Report | None = None
         self._told: Readiness = readiness.NOTHING_KNOWN
+        self._told_s = float("-inf")
+        self._untold_unix_s: float | None = None
+        """When the report came that is not yet in `_told`."""
+        self._fetch_words = fetch_words
+        self._learning = False
+        self._learn_next_s = float("-inf")
+        self._learn_again_s = LEARN_AGAIN_S
         self._definitions: Definitions | None = None
         self._newest_boot_ms = 0
         self._reports = 0
@@ -75,6 +96,8 @@ class HealthService:
     @property
     def readiness(self) -> Readiness:
         """The newest report in words."""
+        if self._untold_unix_s is not None:
+            self._publish()
         return self._told
 
     @property
@@ -99,8 +122,24 @@ class HealthService:
 
     async def learn(self, metadata: MetadataService) -> None:
         """Has its events told in the vehicle's own words; raises as `metadata.events`."""
-        if self._definitions is None:
+        if self._definitions is not None:
+            self._learning = False
+            return
+        self._learning = True
+        try:
             self.use(await metadata.events())
+        finally:
+            self._learning = False
+            self._learn_next_s = self._vehicle.clock.monotonic_s() + self._learn_again_s
+            self._learn_again_s = min(self._learn_again_s * 2, LEARN_AGAIN_LONGEST_S)
+
+    def worded(self, event: VehicleEvent, waited_s: float) -> VehicleEvent | None:
+        """An event that came without words, with those that are known now; None: they may still come."""
+        text, name, remedy = describe(event.id, event.arguments, self._definitions)
+        is_worded = has_words(event.id, self._definitions)
+        if not is_worded and self._learning and waited_s < LEARN_WAIT_S:
+            return None
+        return replace(event, text=text, name=name, remedy=remedy, is_worded=is_worded)
 
     async def check(self) -> Readiness:
         """Has the vehicle run its checks now, and answers with what they say.
@@ -120,7 +159,7 @@ class HealthService:
                             await waiter.next()
                 except TimeoutError:
                     continue
-                return self._told
+                return self.readiness
         raise NoReply(
             f"Vehicle {vehicle.id} did not report its checks within {CHECK_DEADLINE_S:g} s.",
             deadline_s=CHECK_DEADLINE_S,
@@ -139,6 +178,7 @@ class HealthService:
         lost = self._stream.lost
         ready = self._stream.take(event.sequence, event)
         if not self._is_of_report(event):
+            self._ask_for_words(event)
             self._tell(event, late)
         self._take_in_order(ready, lost)
         self._ask_for_missing()
@@ -166,6 +206,8 @@ class HealthService:
         lost = self._stream.lost
         self._take_in_order(self._stream.give_up(now_s), lost)
         self._ask_for_missing()
+        if self._untold_unix_s is not None or self._offers() != self._told.offers:
+            self._publish()
         identity = self._vehicle.identity
         if now_s < self._next_ask_s:
             return
@@ -191,9 +233,20 @@ class HealthService:
         self._stream.reset()
         self._joiner.abandon()
         self._newest_boot_ms = 0
-        self._report, self._told = None, readiness.NOTHING_KNOWN
+        self._report, self._told, self._untold_unix_s = None, readiness.NOTHING_KNOWN, None
         self._changed()
         self.heard()
+
+    def _ask_for_words(self, event: VehicleEvent) -> None:
+        """The first event that nobody has words for fetches the vehicle's own."""
+        identity = self._vehicle.identity
+        if event.is_worded or event.level >= LEVEL_PROTOCOL or self._definitions is not None:
+            return
+        now_s = self._vehicle.clock.monotonic_s()
+        if self._learning or now_s < self._learn_next_s or identity.replayed or not identity.commandable:
+            return
+        self._learning = True  # until it ends, as `learn` sees to
+        self._fetch_words()
 
     def _ask_for_missing(self) -> None:
         if self._vehicle.identity.replayed:
@@ -247,12 +300,34 @@ class HealthService:
         return replace(finding, cause=text, name=name, remedy=remedy)
 
     def _set(self, report: Report) -> None:
+        clock = self._vehicle.clock
+        words = "vehicle" if self._definitions is not None else "own"
+        if (
+            self._untold_unix_s is None
+            and readiness.unchanged(report, self._report)
+            and words == self._told.words
+        ):
+            self._told = replace(self._told, reported_unix_s=clock.unix_s())
+            return
+        self._report, self._untold_unix_s = report, clock.unix_s()
+        if clock.monotonic_s() - self._told_s >= TOLD_EVERY_S:
+            self._publish()
+
+    def _offers(self) -> tuple[readiness.Offer, ...]:
+        facts = self._vehicle.facts
+        return readiness.offers(self._report, BY_CUSTOM_MODE.get(facts.custom_mode), facts.armed)
+
+    def _publish(self) -> None:
+        """Puts the newest report into words and tells that it has changed."""
+        report = self._report
+        assert report is not None
         now_s = self._vehicle.clock.unix_s()
         words = "vehicle" if self._definitions is not None else "own"
-        if readiness.unchanged(report, self._report) and words == self._told.words:
-            self._told = replace(self._told, reported_unix_s=now_s)
-            return
-        self._report, self._told = report, readiness.told(report, now_s, words)
+        left_out = None if self._definitions is None else self._definitions.left_out
+        reported_unix_s = self._untold_unix_s or self._told.reported_unix_s or now_s
+        told = readiness.told(report, reported_unix_s, words, left_out)
+        self._told = replace(told, offers=self._offers())
+        self._untold_unix_s, self._told_s = None, self._vehicle.clock.monotonic_s()
         self._changed()
         mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
         self._vehicle.events.add(

@@ -5126,6 +5126,33 @@ export interface components {
             remedy: string | null;
         };
         /**
+         * ReadinessOffer
+         * @description Something that can be done now about what keeps the vehicle from arming, ready for a button.
+         */
+        ReadinessOffer: {
+            /**
+             * Code
+             * @description What: `choose_mode` is `POST /vehicles/{v}/mode` with the mode named here.
+             * @constant
+             */
+            code: "choose_mode";
+            /**
+             * Mode
+             * @description The mode to switch to.
+             */
+            mode: string;
+            /**
+             * Label
+             * @description What people call that mode.
+             */
+            label: string;
+            /**
+             * Text
+             * @description Why, and what to do, for people.
+             */
+            text: string;
+        };
+        /**
          * RecordedFlight
          * @description One file of the data folder's `recordings`.
          */
@@ -6406,6 +6433,16 @@ export interface components {
              * @description Parts of the vehicle that report warnings.
              */
             components_with_warnings: string[];
+            /**
+             * Left Out
+             * @description What the vehicle said beyond the limits of a report, in words; null: nothing.
+             */
+            left_out: string | null;
+            /**
+             * Offers
+             * @description What can be done now; empty where nothing is needed, or nothing here helps.
+             */
+            offers: components["schemas"]["ReadinessOffer"][];
             /**
              * Vehicle
              * @description The vehicle's id.

@@ -8,12 +8,21 @@ import struct
 import pytest
 
 from gcs_server.mavlink.codec import FrameParser, full_payload
+from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle import event_document, readiness
 from gcs_server.vehicle.check_words import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.event_stream import EventStream
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
-from gcs_server.vehicle.readiness import Finding, ReportJoiner, head_of
+from gcs_server.vehicle.readiness import (
+    MOST_CAUSES,
+    MOST_FINDINGS,
+    Finding,
+    Report,
+    ReportJoiner,
+    head_of,
+)
+from tests.steps import lines_run
 
 GPS = "there is no global position"
 POSITION = "there is no position estimate"
@@ -205,7 +214,10 @@ def test_chunks_forbid_together_and_a_missing_one_spoils_the_report():
     first, second = chunk(0, 0b11000, 1, mission), chunk(1, 0b10100, 2, unknown)
     report = join(first + second)
     assert (report.can_arm, report.errors, len(report.findings)) == (0b10000, 3, 2)
-    assert [f.cause for f in report.causes(3)] == ["event 16777221", MISSION]
+    assert [f.cause for f in report.causes(3)] == [
+        "unknown event 16777221 from component 1 (autopilot)",
+        MISSION,
+    ]
     assert readiness.told(report, 0, "own").findings[0].name == "event_16777221"
     assert join(second) is None
     assert join(first[1:]) is None
@@ -246,3 +258,52 @@ def records(content):
         size = content[at + 9] + 12
         yield content[at + 8 : at + 8 + size]
         at += 8 + size
+
+
+def long_finding(n):
+    return Finding(n, "n" * 80, 3, 0x7FFFFFFF, "GPS", "c" * 1000, "r" * 1000, struct.pack("<I", n))
+
+
+def hostile_report(chunks, findings):
+    joiner, report = ReportJoiner(), None
+    for chunk in range(chunks):
+        joiner.begin(struct.pack("<BIIII", chunk, 0, 0, 0, 0))
+        for n in range(findings):
+            joiner.add(long_finding(n))
+        report = joiner.end(struct.pack("<BIII", chunk, 0, 0, 0))
+    return report
+
+
+@pytest.mark.parametrize(("chunks", "findings"), [(1, 20_000), (250, 80)])
+def test_a_report_without_end_is_cut_and_counted(chunks, findings):
+    report = hostile_report(chunks, findings)
+    assert len(report.findings) == MOST_FINDINGS
+    told = readiness.told(report, 0.0, "vehicle")
+    assert told.left_out == f"The vehicle reported 20,000 findings; {MOST_FINDINGS} of them are shown."
+    assert all(len(m.arming) <= MOST_CAUSES and len(m.running) <= MOST_CAUSES for m in told.modes)
+    assert len(encode(told)) < 500_000
+    assert lines_run(lambda: readiness.told(report, 0.0, "vehicle")) < 60_000
+
+
+def test_a_report_of_usual_length_leaves_nothing_out():
+    told = readiness.told(hostile_report(1, 3), 0.0, "own")
+    assert told.left_out is None
+    assert len(told.findings) == 3
+
+
+@pytest.mark.parametrize(
+    ("mode", "armed", "can_arm", "offered"),
+    [
+        ("offboard", False, ["hold", "position"], "hold"),
+        ("land", False, ["position"], "position"),
+        ("offboard", False, ["hold", "offboard"], None),
+        ("offboard", True, ["hold"], None),
+        ("offboard", None, ["hold"], None),
+        ("offboard", False, ["acro"], None),
+    ],
+)
+def test_a_mode_that_cannot_be_armed_in_offers_another(mode, armed, can_arm, offered):
+    report = Report(sum(1 << BY_NAME[name].nav_state for name in can_arm), 0)
+    found = readiness.offers(report, BY_NAME[mode], armed)
+    assert [(o.code, o.mode) for o in found] == ([] if offered is None else [("choose_mode", offered)])
+    assert all(o.label in o.text and BY_NAME[mode].label in o.text for o in found)

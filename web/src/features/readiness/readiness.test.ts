@@ -7,7 +7,7 @@ const battery: Cause = { id: 3, name: 'check_battery_low', severity: 'warning', 
 const mode = (name: string, label: string, arming: Cause[], running: Cause[] = arming): Readiness['modes'][number] =>
   ({ mode: name, label, can_arm: arming.length === 0, can_run: running.length === 0, arming, running });
 const told: Readiness = {
-  known: true, reported_unix_s: 1, words: 'own', components_with_errors: ['system'], components_with_warnings: [],
+  known: true, reported_unix_s: 1, words: 'own', components_with_errors: ['system'], components_with_warnings: [], left_out: null, offers: [],
   modes: [mode('position', 'Position', [sticks]), mode('offboard', 'Offboard', [signal]), mode('hold', 'Hold', []), mode('land', 'Land', [battery], [])],
   findings: [signal, sticks, battery],
 };

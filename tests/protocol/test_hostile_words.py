@@ -1,0 +1,147 @@
+"""What a vehicle says: too many texts, reports and unknown events are limited, and the rest is told."""
+
+import struct
+
+import pytest
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_payload
+from gcs_server.vehicle import metadata_files
+from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, TEXTS
+from gcs_server.vehicle.services.health import LEARN_WAIT_S
+from gcs_server.vehicle.texts import LINES_AT_ONCE, LINES_PER_S, MOST_CHUNKS, MOST_PENDING, TextJoiner
+from tests.protocol.one_vehicle import flight
+from tests.protocol.sim_world import SimPilot
+from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
+
+METADATA_ID = d.MAVLINK_MSG_ID_COMPONENT_METADATA
+HOLD_ONLY = 1 << BY_NAME["hold"].nav_state
+
+
+def event_payload(event_id, sequence, arguments=b"", level=6):
+    return encode_payload(
+        d.MAVLink_event_message(0, 0, event_id, 900_000, sequence, level, list(arguments.ljust(40, b"\0")))
+    ).ljust(53, b"\0")
+
+
+def report(pilot, can_arm, present=1):
+    pilot.event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
+    pilot.event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))
+
+
+def lines(vehicle, *kinds):
+    return [e.text for e in vehicle.events.since(0) if e.kind in kinds]
+
+
+def test_after_landing_in_offboard_another_mode_is_offered_until_it_is_chosen(kit, jump):
+    async def story(world, vehicle, pilot):
+        told = []
+        vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
+        pilot.mode = kit.OFFBOARD
+        await world.clock.sleep(3)
+        report(pilot, HOLD_ONLY)
+        await world.clock.sleep(3)
+        (offer,) = vehicle.health.readiness.offers
+        assert (offer.code, offer.mode, offer.label) == ("choose_mode", "hold", "Hold")
+        assert offer.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
+        seen = len(told)
+        pilot.mode = kit.HOLD
+        await world.clock.sleep(3)
+        assert vehicle.health.readiness.offers == ()
+        assert len(told) > seen
+
+    flight(kit, jump, story)
+
+
+def test_a_flood_of_changing_reports_is_told_a_few_times_a_second_and_the_last_counts(kit, jump):
+    async def story(world, vehicle, pilot):
+        told = []
+        vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
+        for n in range(2000):
+            report(pilot, HOLD_ONLY if n % 2 else 0, present=n)
+        await world.clock.sleep(1)
+        assert 1 <= len(told) <= 5
+        assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
+
+    flight(kit, jump, story)
+
+
+def test_the_first_event_without_words_fetches_them_and_is_told_in_them(kit, jump):
+    async def run():
+        world = kit.World()
+        pilot = SimPilot(world.link())
+        try:
+            vehicle = await world.ready()
+
+            async def inline(work):
+                return work()
+
+            async def read(kind, packed, crc):
+                return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
+
+            vehicle.metadata.aside, vehicle.metadata.read = inline, read
+            definitions = metadata_files.read_answer(
+                metadata_files.EVENTS, metadata_files.answer(metadata_files.EVENTS, BUILT_IN[EVENTS](), 0)
+            )
+            event_id = next(
+                i for i, e in definitions.items() if i not in TEXTS and not e.is_check and not e.arguments
+            )
+            sequence = vehicle.health._stream.expected
+            vehicle.health.event(event_payload(event_id, sequence))
+            await world.clock.sleep(LEARN_WAIT_S + 1)
+            assert lines(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
+        finally:
+            pilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+def test_an_event_that_stays_without_words_says_its_component_and_asks_seldom(kit, jump):
+    async def story(world, vehicle, pilot):
+        for _ in range(100):
+            pilot.event(17980399, 0x66)
+            await world.clock.sleep(1)
+        found = lines(vehicle, "event")
+        assert set(found) == {"unknown event 17980399 from component 1 (autopilot)"}
+        assert len(found) >= 95
+        asked = [m for m in pilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
+        assert 1 <= len(asked) <= 3 * 6
+
+    flight(kit, jump, story)
+
+
+def test_the_text_of_an_event_without_words_is_its_text(kit, jump):
+    async def story(world, vehicle, pilot):
+        pilot.event(99999, 0x44)
+        pilot.text("The text of it\t", 4)
+        await world.clock.sleep(2)
+        assert lines(vehicle, "event", "status_text") == ["The text of it"]
+
+    flight(kit, jump, story)
+
+
+def test_a_hundred_thousand_texts_are_limited_counted_and_named(kit, jump):
+    async def story(world, vehicle, pilot):
+        for n in range(100_000):
+            vehicle._narrator.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
+        await world.clock.sleep(5)
+        said = lines(vehicle, "status_text")
+        assert len(said) <= LINES_AT_ONCE + LINES_PER_S * 5
+        (warning,) = [text for text in lines(vehicle, "warning") if "too many messages" in text]
+        assert f"{100_000 - len(said):,}" in warning
+        pilot.text("Heard again", 4)
+        await world.clock.sleep(1)
+        assert lines(vehicle, "status_text")[-1] == "Heard again"
+
+    flight(kit, jump, story)
+
+
+@pytest.mark.parametrize("chunk", [0, 7, 19, 255])
+def test_chunks_without_end_take_limited_memory_and_make_texts_of_limited_length(chunk):
+    joiner, out = TextJoiner(), []
+    for text_id in range(1, 65536):
+        out += joiner.feed(struct.pack("<B50sHB", 4, b"x" * 50, text_id, chunk), 0.0)
+        assert len(joiner._pending) <= MOST_PENDING
+    assert all(len(text) <= MOST_CHUNKS * 50 + 10 for _, text in out)
