@@ -22,8 +22,16 @@ import numpy as np
 
 from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.separation import closest_m, stopping_m
-from gcs_server.streamer.setpoints import Order, Vector3
+from gcs_server.streamer.separation import (
+    UNKNOWN_ACCURACY_M,
+    UNSTEERED_SHARE,
+    Moving,
+    brakes_m_s2,
+    closest_m,
+    margin_m,
+    stopping_m,
+)
+from gcs_server.streamer.setpoints import Acceleration, Attitude, Order, Rates, Setpoint, Vector3
 
 LOOK_PERIOD_S = 0.05
 LATE_S = 1.0
@@ -82,6 +90,8 @@ class GuardState:
     """Who follows the group's orders no more."""
     nearest: tuple[str, str, float] | None = None
     """The two that are nearest now, and how near [m]."""
+    margin_m: float | None = None
+    """The largest that is added to the minimum for any two now."""
 
 
 class GroupGuard:
@@ -117,6 +127,8 @@ class GroupGuard:
         """Who follows the group's orders no more."""
         self.nearest: tuple[str, str, float] | None = None
         """The two that are nearest now, and how near."""
+        self.margin_m: float | None = None
+        """The largest of any two now."""
         self.findings: deque[Finding] = deque(maxlen=50)
         self._waits = dict(waits)
         self._orders = dict(orders)
@@ -137,7 +149,7 @@ class GroupGuard:
 
     def state(self) -> GuardState:
         """As others are to know it."""
-        return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest)
+        return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest, self.margin_m)
 
     def order_to_come(self, vehicle: str) -> Order | None:
         """What a member begins with at the instant; None once it has."""
@@ -214,43 +226,51 @@ class GroupGuard:
             return f"Vehicle {vehicle} was given another setpoint before the common start"
         return None
 
-    def _places(self, now_s: float, seen: Mapping[str, Seen]) -> dict[str, tuple[Vector3, Vector3]]:
-        """Place and velocity in the frame of the first who knows its own; by members whose place is known."""
+    def _places(self, now_s: float, seen: Mapping[str, Seen]) -> dict[str, Moving]:
+        """In the frame of the first who knows its own; by members whose place is known."""
         common: Origin | None = None
-        known: dict[str, tuple[Vector3, Vector3]] = {}
+        known: dict[str, Moving] = {}
         for vehicle in self.members:
             snapshot = seen[vehicle].snapshot
             place, origin = snapshot.position_at(now_s), snapshot.bounds.origin
             if place is None or origin is None or snapshot.lost:
                 continue
             common = common or origin
-            velocity = snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
-            known[vehicle] = (origin.into(common, place), velocity)
+            order = seen[vehicle].order
+            known[vehicle] = moving(
+                snapshot, now_s, origin.into(common, place), None if order is None else order.setpoint
+            )
         return known
 
-    def _keep_apart(
-        self, now_s: float, actions: Actions, known: Mapping[str, tuple[Vector3, Vector3]]
-    ) -> None:
-        self.nearest = None
-        pairs: list[tuple[str, str, float]] = []
+    def _keep_apart(self, now_s: float, actions: Actions, known: Mapping[str, Moving]) -> None:
+        self.nearest = self.margin_m = None
+        pairs: list[tuple[str, str, float, float]] = []
         for a, b in itertools.combinations(known, 2):
-            (place_a, velocity_a), (place_b, velocity_b) = known[a], known[b]
-            apart_m = math.dist(place_a, place_b)
+            one, other = known[a], known[b]
+            apart_m, margin = math.dist(one.place_ned_m, other.place_ned_m), margin_m(one, other)
             if self.nearest is None or apart_m < self.nearest[2]:
                 self.nearest = (a, b, apart_m)
-            reach_m = stopping_m(math.hypot(*velocity_a)) + stopping_m(math.hypot(*velocity_b))
-            if apart_m - reach_m < self.minimum_m and not (a in self.held and b in self.held):
-                pairs.append((a, b, apart_m))
+            self.margin_m = max(self.margin_m or 0.0, margin)
+            reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
+            if apart_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
+                pairs.append((a, b, apart_m, margin))
         if not pairs:
             return
-        first = np.array([known[a] for a, _, _ in pairs])  # pair, place or velocity, axis
-        second = np.array([known[b] for _, b, _ in pairs])
-        kept_m = closest_m(first[:, 0], first[:, 1], second[:, 0], second[:, 1])
-        for (a, b, apart_m), left_m in zip(pairs, kept_m, strict=True):
-            if left_m < self.minimum_m:
+        first, second = [known[a] for a, *_ in pairs], [known[b] for _, b, *_ in pairs]
+        kept_m = closest_m(
+            np.array([m.place_ned_m for m in first]),
+            np.array([m.velocity_ned_m_s for m in first]),
+            np.array([m.place_ned_m for m in second]),
+            np.array([m.velocity_ned_m_s for m in second]),
+            np.array([m.brakes_m_s2 for m in first]),
+            np.array([m.brakes_m_s2 for m in second]),
+        )
+        for (a, b, apart_m, margin), left_m in zip(pairs, kept_m, strict=True):
+            if left_m < self.minimum_m + margin:
                 why = (
                     f"Vehicles {a} and {b} are {apart_m:.1f} m apart, and stopping both now leaves "
-                    f"{left_m:.1f} m (at least {self.minimum_m:g} m are to be kept)"
+                    f"{left_m:.1f} m (at least {self.minimum_m:g} m are to be kept, and {margin:.1f} m of "
+                    "margin for what is not known exactly)"
                 )
                 self._stop(now_s, actions, "separation", (a, b), why, apart_m)
 
@@ -282,3 +302,23 @@ class GroupGuard:
         if self.phase == "waiting":
             self.phase = "flying"  # nothing begins any more: it ends when all stand
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
+
+
+def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint | None) -> Moving:
+    """A vehicle as it is kept apart.
+
+    Args:
+        snapshot: with a position.
+        now_s: monotonic.
+        place: where it is now by that, in the common frame [m].
+        setpoint: what it flies.
+    """
+    steered = not isinstance(setpoint, Acceleration | Attitude | Rates)
+    accuracy_m = snapshot.accuracy_m
+    return Moving(
+        place,
+        snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
+        UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
+        max(0.0, now_s - snapshot.heard_s),
+        brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if steered else UNSTEERED_SHARE),
+    )

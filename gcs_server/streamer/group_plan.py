@@ -15,11 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs_server.streamer.group_guard import moving
 from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.path import Curve
 from gcs_server.streamer.resolve import Aim, turned
-from gcs_server.streamer.separation import Vectors, closest_m
+from gcs_server.streamer.separation import Vectors, closest_m, margin_m, stopping_m
 from gcs_server.streamer.setpoints import (
     Follow,
     Partial3,
@@ -35,6 +36,8 @@ from gcs_server.streamer.setpoints import (
 )
 
 STEP_S = 0.25
+AT_ONCE = 200
+"""Steps whose way of braking is worked out together."""
 LONGEST_PLAN_S = 600.0
 VELOCITY_AHEAD_S = 120.0
 """A velocity is looked ahead for no longer, however long it is valid."""
@@ -43,6 +46,7 @@ SPEED_M_S, CLIMB_M_S = 12.0, 3.0
 ACCELERATION_M_S2 = 3.0
 """Of a step to a place or a velocity (MPC_ACC_HOR's default)."""
 STANDING_M_S = 0.05
+HERE: Vector3 = (0.0, 0.0, 0.0)
 NOTHING: Partial3 = (None, None, None)
 
 
@@ -71,13 +75,15 @@ class Conflict:
     """Of the first one then."""
     while_stopping: bool
     """They would pass farther apart, but could not be stopped in time."""
+    margin_m: float = 0.0
+    """What is kept beside the minimum, for what is not known exactly."""
 
     def words(self, minimum_m: float) -> str:
         """For people."""
         a, b = self.vehicles
         n, e, d = self.place_ned_m
         where = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
-        wanted = f"at least {minimum_m:g} m were asked for"
+        wanted = f"at least {minimum_m:g} m were asked for, with {self.margin_m:.1f} m of margin"
         if self.after_s == 0.0 and not self.while_stopping:
             return (
                 f"Vehicles {a} and {b} are {self.distance_m:.1f} m apart now ({wanted}), vehicle {a} {where}."
@@ -111,19 +117,35 @@ def first_conflict(members: Sequence[Planned], now_s: float, minimum_m: float) -
         t_s += STEP_S
     found: list[Conflict] = []
     for a, b in itertools.combinations(courses, 2):
-        conflict = _between(a, b, minimum_m)
+        conflict = _between(a, b, minimum_m, now_s)
         if conflict is not None:
             found.append(conflict)
     return min(found, key=lambda conflict: conflict.after_s, default=None)
 
 
-def _between(a: _Course, b: _Course, minimum_m: float) -> Conflict | None:
+def _between(a: _Course, b: _Course, minimum_m: float, now_s: float) -> Conflict | None:
+    one, other = (moving(course.member.snapshot, now_s, HERE, course.member.setpoint) for course in (a, b))
+    margin = margin_m(one, other)
+    minimum_m += margin
     common = a.origin
     place_a, velocity_a = np.array(a.places), np.array(a.velocities)
     shift = np.array(b.origin.into(common, (0.0, 0.0, 0.0)))
     place_b, velocity_b = np.array(b.places) + shift, np.array(b.velocities)
     apart: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
-    kept = closest_m(place_a, velocity_a, place_b, velocity_b)
+    kept = apart.copy()
+    reach_m = sum(
+        stopping_m(np.sqrt(np.sum(velocity**2, axis=-1)), brakes)
+        for velocity, brakes in ((velocity_a, one.brakes_m_s2), (velocity_b, other.brakes_m_s2))
+    )
+    asked = np.nonzero(apart - reach_m < minimum_m)[0]  # nowhere else can they come so near
+    for some in np.array_split(asked, len(asked) // AT_ONCE + 1):
+        if len(some):
+            kept[some] = closest_m(
+                place_a[some], velocity_a[some], place_b[some], velocity_b[some],
+                one.brakes_m_s2, other.brakes_m_s2,
+            )  # fmt: skip
+            if np.any(kept[some] < minimum_m):
+                break  # the first is what is told
     near = np.nonzero(kept < minimum_m)[0]
     if not len(near):
         return None
@@ -139,7 +161,7 @@ def _between(a: _Course, b: _Course, minimum_m: float) -> Conflict | None:
     n, e, d = (float(x) for x in place_a[index])
     distance_m = float(kept[index] if while_stopping else apart[index])
     return Conflict(
-        (a.member.vehicle, b.member.vehicle), index * STEP_S, distance_m, (n, e, d), while_stopping
+        (a.member.vehicle, b.member.vehicle), index * STEP_S, distance_m, (n, e, d), while_stopping, margin
     )
 
 

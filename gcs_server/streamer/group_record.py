@@ -48,6 +48,7 @@ class Group:
         """
         guard, ended = self.guard, self.state == "ended"
         nearest = guard.nearest if guard is not None and not ended else None
+        margin_m = guard.margin_m if guard is not None and not ended else None
         valid = [s.valid_left_s for s in streams.values() if s.phase == "streaming"]
         valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
         return GroupStatus(
@@ -55,6 +56,7 @@ class Group:
             state=self.state,
             client=self.order.client,
             minimum_separation_m=self.order.minimum_separation_m,
+            margin_m=None if margin_m is None else round(margin_m, 2),
             others_go_on=self.order.others_go_on,
             created_unix_s=self.created_unix_s,
             start_unix_s=self.start_unix_s,

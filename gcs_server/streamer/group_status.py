@@ -60,7 +60,10 @@ class GroupStatus:
     client: str
     """Whose setpoints they are."""
     minimum_separation_m: float
-    """How far apart all are kept, the way of braking included [m]."""
+    """How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m]."""
+    margin_m: float | None
+    """What the guard adds to it now, at most, for the accuracy and age of the vehicles' positions and the
+    wind: it stops two whose positions would come nearer than both together. Null before the first look."""
     others_go_on: bool
     """Whether those whom trouble does not concern fly on; else all hold."""
     created_unix_s: float

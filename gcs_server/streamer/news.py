@@ -53,6 +53,8 @@ class Snapshot:
     """The limits, in its local frame."""
     leader: Leader | None = None
     """Where this vehicle follows another."""
+    accuracy_m: float | None = None
+    """Of the position, one sigma: the worse of horizontal and vertical; None where it reports none."""
 
     @property
     def heard_s(self) -> float:
@@ -62,7 +64,8 @@ class Snapshot:
     def plausible(self) -> Snapshot:
         """Without numbers that cannot be: they count as not known, as if the vehicle had not told them."""
         position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
-        numbers = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, *(self.q_ned_frd or ()))
+        told = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
+        numbers = (*told, *(self.q_ned_frd or ()))
         moves = velocity is None or _within(velocity, FASTEST_M_S)
         here = position is None or (moves and _within(position, FARTHEST_M))
         led = leader is None or (
@@ -81,6 +84,7 @@ class Snapshot:
             hover_thrust=_finite(self.hover_thrust),
             q_ned_frd=self.q_ned_frd if _within(self.q_ned_frd or (), 2.0) else None,
             leader=leader if led else None,
+            accuracy_m=_finite(self.accuracy_m),
         )
 
     def position_at(self, now_s: float) -> Vector3 | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from gcs_server.streamer.failsafe import MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Leader, Snapshot
@@ -18,6 +20,8 @@ from gcs_server.vehicle.samples import (
 from gcs_server.vehicle.vehicle import Vehicle
 
 ESTIMATE_FRESH_S = 1.0
+ACCURACY_FRESH_S = 10.0
+"""ESTIMATOR_STATUS comes every one or two seconds."""
 PAIR_WITHIN_S = 0.3
 """Two positions heard further apart than this are not of one place."""
 # ESTIMATOR_STATUS_FLAGS
@@ -83,6 +87,15 @@ class Observer:
         """Whether it knows how it lies."""
         return self.attitude() is not None and self.has(ATTITUDE)
 
+    def accuracy_m(self) -> float | None:
+        """Of the position, one sigma: the worse of the two that the estimator reports; None where unknown."""
+        sample = self._vehicle.topic("estimator")
+        if sample is None or not isinstance(sample.value, Estimator):
+            return None
+        worse_m = max(sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
+        stale = self._age_s(sample.received_monotonic_s) > ACCURACY_FRESH_S
+        return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
+
     def hears_transmitter(self) -> bool:
         """Whether a transmitter is there and healthy."""
         sample = self._vehicle.topic("health")
@@ -132,6 +145,7 @@ class Observer:
             armed=status.armed,
             lost=status.link_lost or not vehicle.endpoints,
             home_alt_amsl_m=None if home is None else home.alt_amsl_m,
+            accuracy_m=self.accuracy_m(),
             **more,  # type: ignore[arg-type]
         )
 

@@ -41,11 +41,16 @@ class OffboardPilot(FakeAutopilot):
         self.next_mode_s = 0.0
         self._every(0.03, self.local_position)
         self._every(0.05, self.attitude)
+        self._every(1.0, self.estimator_status)
         self._every(0.05, self.commander)
 
     def local_position(self) -> None:
         if self.estimates:
             self.send(sim.MAVLink_local_position_ned_message(self.boot_ms(), *self.ned, *self.velocity))
+
+    def estimator_status(self) -> None:
+        if self.estimates:
+            self.send(sim.MAVLink_estimator_status_message(0, 895, 0, 0, 0, 0, 0, 0, 0.1, 0.1))
 
     def attitude(self) -> None:
         self.send(sim.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0.5, 0, 0, 0))

@@ -19,11 +19,12 @@ class SimulatedWorld(OffboardWorld):
     Args:
         count: how many.
         parameters: of all of them, as if set before boot.
+        seed: of noise and gusts.
     """
 
-    def __init__(self, count: int = 1, parameters: dict[str, float] | None = None) -> None:
+    def __init__(self, count: int = 1, parameters: dict[str, float] | None = None, *, seed: int = 3) -> None:
         super().__init__()
-        self.sim = VehicleSim(count, links=(("gcs", "gcs"),), parameters=parameters, seed=3)
+        self.sim = VehicleSim(count, links=(("gcs", "gcs"),), parameters=parameters, seed=seed)
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feeder(row)) for row in range(count)]
         for link in self._links:
             self.router.add(link)

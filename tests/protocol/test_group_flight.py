@@ -146,7 +146,7 @@ def test_the_end_of_the_server_holds_a_group_without_findings(jump):
     desk(jump, story)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_with_every_fifth_packet_lost_a_group_begins_changes_and_is_held(jump, seed):
     async def story(at):
         for index, pilot in enumerate(at.pilots.values()):
@@ -223,7 +223,7 @@ def sky(jump, story, count=2):
 
 def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_above_the_minimum(jump):
     async def story(at, vehicles):
-        await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=2)
+        await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=1)
         await until(lambda: apart_m(vehicles) > 22, 30)
         held = view(await group_routes.hold("1", at.station, ANNA))
         assert (held["state"], held["findings"]) == ("ended", [])

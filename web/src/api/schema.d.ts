@@ -2718,9 +2718,15 @@ export interface components {
             client: string;
             /**
              * Minimum Separation M
-             * @description How far apart all are kept, the way of braking included [m].
+             * @description How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m].
              */
             minimum_separation_m: number;
+            /**
+             * Margin M
+             * @description What the guard adds to it now, at most, for the accuracy and age of the vehicles' positions and the
+             *     wind: it stops two whose positions would come nearer than both together. Null before the first look.
+             */
+            margin_m: number | null;
             /**
              * Others Go On
              * @description Whether those whom trouble does not concern fly on; else all hold.

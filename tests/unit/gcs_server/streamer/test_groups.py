@@ -1,16 +1,17 @@
 """What keeps a group apart, without any vehicle: braking, looking ahead, and the guard's decisions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gcs_server.streamer.bounds import Bounds
-from gcs_server.streamer.group_guard import GroupGuard, Seen
+from gcs_server.streamer.group_guard import GroupGuard, Seen, moving
 from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
 from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.separation import closest_m, stopping_m
+from gcs_server.streamer.separation import UNSTEADY_M, Moving, closest_m, margin_m, stopping_m
 from gcs_server.streamer.setpoints import (
     Attitude,
     Follow,
@@ -32,7 +33,9 @@ def origin(east_m=0.0):
 
 
 def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
-    return Snapshot(101.0, "offboard", position, velocity, yaw, bounds=Bounds(origin=origin(east_m)))
+    """Of a vehicle whose estimate is exact: wind and braking alone make the margin, 0.8 m for two."""
+    bounds = Bounds(origin=origin(east_m))
+    return Snapshot(101.0, "offboard", position, velocity, yaw, bounds=bounds, accuracy_m=0.0)
 
 
 def planned(vehicle, setpoint, east_m=0.0, lasts_s=30.0, **more):
@@ -69,6 +72,36 @@ def test_a_fast_pass_between_two_samples_is_seen():
     assert float(left_m) == pytest.approx(0.4, abs=0.02)
 
 
+def test_the_margin_grows_with_inaccuracy_and_age():
+    def of(accuracy_m, age_s):
+        return Moving((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), accuracy_m, age_s)
+
+    exact = of(0.0, 0.0)
+    assert margin_m(exact, exact) == pytest.approx(2 * UNSTEADY_M)
+    assert margin_m(of(0.3, 0.0), of(0.4, 0.0)) == pytest.approx(2 * UNSTEADY_M + 2.0 * 0.5)
+    late_m = margin_m(of(0.0, 0.4), exact) - 2 * UNSTEADY_M
+    assert late_m == pytest.approx(1.5 * 0.4 * (0.2 + 0.8))
+
+
+def test_a_vehicle_that_reports_no_accuracy_gets_a_margin_of_its_own():
+    silent = replace(snapshot(), accuracy_m=None)
+    assert moving(silent, 101.0, HERE, None).accuracy_m == 1.0
+    assert moving(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
+
+
+def test_who_allows_itself_little_tilt_or_flies_by_attitude_is_stopped_earlier():
+    def brakes(tilt_deg, setpoint):
+        bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
+        return moving(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
+
+    steered, drifting = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
+    assert brakes(45, steered) == 2.5
+    assert brakes(10, steered) == pytest.approx(0.78, abs=0.01)
+    assert brakes(45, drifting) == pytest.approx(1.5)
+    weak_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (30, 0, 0), (0, 0, 0)), brakes(10, steered))
+    assert float(weak_m) == pytest.approx(30 - 4 * 0.8 - 16 / (2 * 0.778), abs=0.05)
+
+
 # --- looking ahead --------------------------------------------------------------------------------
 
 
@@ -86,7 +119,7 @@ def test_two_that_stand_too_near_are_found_at_once():
     found = conflict(planned("1", None), planned("2", None, east_m=2.0))
     assert found is not None
     assert (found.after_s, found.distance_m) == (0.0, pytest.approx(2.0, abs=0.01))
-    assert "are 2.0 m apart now (at least 3 m were asked for)" in found.words(3.0)
+    assert "are 2.0 m apart now (at least 3 m were asked for, with 0.8 m of margin)" in found.words(3.0)
 
 
 def test_paths_are_compared_in_time():

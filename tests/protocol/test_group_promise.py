@@ -1,0 +1,111 @@
+"""The promise of a group: the true distance, which the simulator knows, never falls below the minimum.
+
+Simulated vehicles with the noise of their GPS and estimators, in wind and gusts, are sent towards each other
+past the group's look ahead, and the server hears of them late: only the guard of the flight can stop them.
+"""
+
+import asyncio
+import math
+import random
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gcs_server.streamer.offboard import BEAT_PERIOD_S
+from gcs_server.streamer.setpoints import Attitude, OnExpiry, Order, Position, Velocity
+from tests.protocol.group_world import ANNA, begin
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.test_dangerous_calls import station_of
+
+MINIMUM_M = 4.0
+FAR_M = 13.0
+"""From the middle, before each encounter."""
+STAY = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
+
+
+def tilted(roll_rad, yaw_rad=0.0):
+    """Looks north and leans east: it drifts there ever faster."""
+    half = roll_rad / 2.0
+    return Attitude((math.cos(half), math.sin(half), 0.0, 0.0), 0.5)
+
+
+def lasting(setpoint):
+    return Order(setpoint, 60.0, OnExpiry("hold", 1.0), "anna")
+
+
+ENCOUNTERS = {
+    "head_on": (Velocity((0.0, 3.0, 0.0), yaw_ned_rad=0.0), Velocity((0.0, -3.0, 0.0), yaw_ned_rad=0.0)),
+    "fast_at_one_that_stands": (Velocity((0.0, 5.0, 0.0), yaw_ned_rad=0.0), None),
+    "drifting": (tilted(math.radians(2.0)), None),
+    "leaning": (tilted(math.radians(10.0)), tilted(math.radians(-6.0))),
+}
+
+
+def truly_apart_m(world):
+    place_ned_m = world.sim.simulation.truth.position_ned_m
+    return math.dist(place_ned_m[0], place_ned_m[1])
+
+
+async def one_encounter(at, vehicles, setpoints):
+    """Sends both past the look ahead; returns the smallest true distance until both stand in Hold."""
+    world = at.world
+    for vehicle, east_m in zip(vehicles, (-FAR_M, FAR_M - 3.0), strict=True):  # they took off 3 m apart
+        await vehicle.offboard.start(lasting(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
+    await until(lambda: truly_apart_m(world) > 2 * FAR_M - 1.5, 40)
+    for vehicle in vehicles:
+        await vehicle.offboard.stop()
+    await asyncio.sleep(3.0)
+    await begin(at, dict.fromkeys("12", STAY), ANNA, minimum_separation_m=MINIMUM_M)
+    await asyncio.sleep(1.0)
+    for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
+        if setpoint is not None:
+            await vehicle.offboard.setpoint(lasting(setpoint))
+    nearest_m, standing_s = math.inf, 0.0
+    for _ in range(1500):
+        await asyncio.sleep(0.02)
+        nearest_m = min(nearest_m, truly_apart_m(world))
+        held = {v.status.mode for v in vehicles} == {"hold"}
+        standing_s = standing_s + 0.02 if held else 0.0
+        if standing_s > 6.0:
+            return nearest_m
+    raise AssertionError("they were not stopped")
+
+
+def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
+    """Smallest true distances, by encounter; the server hears of its vehicles up to `late_s` late."""
+
+    async def run():
+        world = SimulatedWorld(2, parameters, seed=seed)
+        chance = random.Random(seed)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                flying = [tasks.create_task(world.in_the_air(v, 10.0)) for v in "12"]
+            at = SimpleNamespace(world=world, station=station_of(world))
+            simulation = world.sim.simulation
+            simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
+            simulation.set_gusts(1.0)
+            await asyncio.sleep(8.0)
+            beat, hurry = world.streamer.beat_once, world.clock.monotonic_s
+            next_s = 0.0
+
+            def late():
+                nonlocal next_s
+                if hurry() >= next_s:
+                    beat()
+                    next_s = hurry() + max(BEAT_PERIOD_S, chance.uniform(0.0, late_s))
+
+            world.streamer.beat_once = late
+            vehicles = [f.result() for f in flying]
+            return {name: await one_encounter(at, vehicles, ENCOUNTERS[name]) for name in names}
+        finally:
+            await world.close()
+
+    return jump(run)
+
+
+@pytest.mark.parametrize(("seed", "late_s", "wind_m_s"), [(1, 0.0, 4.0), (2, 0.4, 4.0)])
+def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(jump, seed, late_s, wind_m_s):
+    nearest_m = encounters(jump, seed, late_s, wind_m_s)
+    assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
+    assert max(nearest_m.values()) < 3 * MINIMUM_M, "and is not kept by stopping at once"
