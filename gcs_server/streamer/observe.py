@@ -92,7 +92,8 @@ class Observer:
         sample = self._vehicle.topic("estimator")
         if sample is None or not isinstance(sample.value, Estimator):
             return None
-        worse_m = max(sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
+        told_m = (sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
+        worse_m = max((each if each is not None else math.inf) for each in told_m)
         stale = self._age_s(sample.received_monotonic_s) > ACCURACY_FRESH_S
         return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
 
