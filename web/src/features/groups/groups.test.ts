@@ -22,7 +22,7 @@ function vehicle(id: string, position_ned_m: number[] | null, lat_deg = 47): Veh
 }
 
 const GROUP: Group = {
-  id: '1', state: 'flying', client: 'me', minimum_separation_m: 5, others_go_on: false, created_unix_s: 100, start_unix_s: 110, valid_left_s: 4,
+  id: '1', state: 'flying', client: 'me', minimum_separation_m: 5, margin_m: 1.6, others_go_on: false, created_unix_s: 100, start_unix_s: 110, valid_left_s: 4,
   members: ['1', '2'].map((id) => ({ vehicle: id, ordered_type: 'position', stream: 'streaming', mode: 'offboard', held: false })),
   nearest: { vehicles: ['1', '2'], distance_m: 7 }, findings: [], ended: null,
 };
