@@ -37,7 +37,7 @@ class _Bit(msgspec.Struct):
 
 
 class _Entry(msgspec.Struct, rename="camel"):
-    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_.]{1,16}$")]
+    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_.-]{1,16}$")]
     type: str
     group: str = ""
     category: str = "Standard"

@@ -17,7 +17,7 @@ MOST_PARAMETERS = 5_000
 CACHE_VERSION = 1
 _value = struct.Struct("<4sHH16sB")
 _float = struct.Struct("<f")
-_name = re.compile(r"[A-Za-z0-9_.]{1,16}")
+_name = re.compile(r"[A-Za-z0-9_.-]{1,16}")
 _integers = {
     d.MAV_PARAM_TYPE_UINT8: "<B", d.MAV_PARAM_TYPE_INT8: "<b", d.MAV_PARAM_TYPE_UINT16: "<H",
     d.MAV_PARAM_TYPE_INT16: "<h", d.MAV_PARAM_TYPE_UINT32: "<I", d.MAV_PARAM_TYPE_INT32: "<i",

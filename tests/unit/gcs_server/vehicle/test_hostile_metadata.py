@@ -254,3 +254,15 @@ def test_the_cache_keeps_limited_bytes_in_all(monkeypatch, tmp_path):
         cache.write(f"f{n}", bytes(300))
     assert sum(p.stat().st_size for p in tmp_path.iterdir()) <= 1000
     assert cache.read("f19") is not None
+
+
+@pytest.mark.parametrize("name", ["uavcan.pubp-pres", "gnss.dyn_model", "COM_OF_LOSS_T"])
+def test_names_as_px4_has_them_are_taken(name):
+    assert name in param_document.parse(parameters({"name": name, "type": "Int32"}))
+
+
+def test_the_files_of_a_real_px4_are_read_whole(shared):
+    for kind, name, count in ((PARAMETERS, "parameters", 1821), (EVENTS, "events", 370)):
+        packed = (shared / f"px4/{name}.json.xz").read_bytes()
+        found = metadata_files.read_answer(kind, metadata_files.answer(kind, packed, 0))
+        assert (len(found), found.left_out) == (count, None)
