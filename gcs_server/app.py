@@ -86,6 +86,7 @@ class Server:
         )
         self.streamer = Streamer(clock, streams, limits)
         self.fleet.on_vehicle_added(self.streamer.attach)
+        self.fleet.on_vehicle_removed(self.streamer.detach)
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))

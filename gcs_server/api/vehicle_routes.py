@@ -61,6 +61,20 @@ async def show_vehicle(vehicle: VehicleDep) -> Response:
     return answer(responses.vehicle_view(vehicle))
 
 
+@router.delete("/{v}", status_code=204)
+async def remove_vehicle(v: str, station: StationDep, client: ClientDep) -> Response:
+    """Forgets a vehicle that is not heard any more; 409 while it is heard, streamed to or another's.
+
+    Heard again it is there again, as a new one.
+    """
+    with journaled(station, client, "vehicles/remove", None, {"vehicle": v}):
+        refused = station.authority.refusal(client, "remove", [v])
+        if refused is not None:
+            raise refused
+        station.fleet.remove(v, str(client))
+    return Response(status_code=204)
+
+
 @router.get("/{v}/history", response_model=responses.History)
 async def history(
     vehicle: VehicleDep,

@@ -60,6 +60,13 @@ class Streamer:
         limits = VehicleOperatorLimits(vehicle, self.limits, self._limit_owners)
         vehicle.offboard = OffboardControl(self._clock, vehicle, self._streams, self._find, limits)
 
+    def detach(self, vehicle: Vehicle) -> None:
+        """It is not known any more; a stream to it ends first, with a word."""
+        known = self._vehicles.get(vehicle.id) is vehicle
+        if known and self._streams.state(vehicle.id).phase == "idle":
+            del self._vehicles[vehicle.id]
+            self._streams.forget(vehicle.id)
+
     def start(self, supervisor: Supervisor) -> None:
         """Begins the streams and their beat."""
         self._streams.start()
@@ -139,7 +146,8 @@ class Streamer:
             self._isolation.run(f"the limits of vehicle {vehicle.id}", vehicle.offboard.operator.recognise)
         to_come = self._streams.watched()
         seen = dict.fromkeys(self._streams.active()) | to_come
-        self._streams.beat({vid: s for vid in seen if (s := self._snapshot(vid, seen[vid])) is not None})
+        known = [vehicle_id for vehicle_id in seen if vehicle_id in self._vehicles]
+        self._streams.beat({vid: s for vid in known if (s := self._snapshot(vid, seen[vid])) is not None})
         self._isolation.run("the look after groups", self.groups.look)
         for vehicle_id, report in self._streams.take_reports():
             self._tell(vehicle_id, report.text, report.severity, report.code)
@@ -160,6 +168,7 @@ class Streamer:
 
     def _tell(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
         kind = "warning" if severity <= 4 else "command"
-        self._vehicles[vehicle_id].events.add(
-            kind, self._clock.unix_s(), text, severity=severity, data={"source": "offboard", "code": code}
-        )
+        vehicle = self._vehicles.get(vehicle_id)
+        if vehicle is not None:
+            data = {"source": "offboard", "code": code}
+            vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)

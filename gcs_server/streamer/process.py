@@ -17,7 +17,7 @@ from gcs_server.streamer import worker_messages as to
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import NOTICE, WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order
-from gcs_server.streamer.streams import PayloadSender, Streams, StreamState
+from gcs_server.streamer.streams import Nobody, PayloadSender, Streams, StreamState
 from gcs_server.streamer.worker_calls import WorkerCalls, WorkerDied
 
 STARTS_WITHIN_S = 10.0
@@ -126,6 +126,9 @@ class StreamProcess(Streams):
         if self._calls.worker is not None and vehicle_id not in self._begun:
             self._calls.worker.attached.discard(vehicle_id)  # it may have another component now
         self._spawn()
+
+    def forget(self, vehicle_id: str) -> None:
+        self._vehicles[vehicle_id].sender = Nobody()
 
     def active(self) -> list[str]:
         return [vehicle_id for vehicle_id in sorted(self._begun) if self.state(vehicle_id).phase != "idle"]

@@ -14,7 +14,7 @@ from gcs_server.streamer.core import StreamCore
 from gcs_server.streamer.group_guard import Actions, Finding, GroupGuard, GuardState, Seen
 from gcs_server.streamer.news import WARNING, Report, Snapshot
 from gcs_server.streamer.setpoints import Order
-from gcs_server.streamer.streams import PayloadSender, StreamState
+from gcs_server.streamer.streams import Nobody, PayloadSender, StreamState
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +94,10 @@ class Rounds:
         core = StreamCore(*target, server_silent_limit_s=self._silent_limit_s)
         nothing = Snapshot(-1.0, "", None, None, None)
         self._streams[vehicle_id] = _Stream(core, sender, nothing, number=number)
+
+    def forget(self, vehicle_id: str) -> None:
+        """See `Streams`."""
+        self._streams[vehicle_id].sender = Nobody()
 
     def active(self) -> list[str]:
         return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.core.streaming]

@@ -35,6 +35,16 @@ class PayloadSender(Protocol):
         ...
 
 
+class Nobody(PayloadSender):
+    """The way out of a vehicle that has gone."""
+
+    def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
+        return False
+
+    def way_out(self) -> None:
+        return None
+
+
 @dataclass(frozen=True, slots=True)
 class StreamState:
     """How a stream stands, read in one moment."""
@@ -84,6 +94,10 @@ class Streams(Protocol):
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
         """Makes a vehicle known by its (system, component) id; sends nothing."""
+        ...
+
+    def forget(self, vehicle_id: str) -> None:
+        """It has gone, and nothing is streamed to it: its way out is not kept."""
         ...
 
     def active(self) -> list[str]:

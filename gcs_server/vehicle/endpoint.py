@@ -74,6 +74,8 @@ class Endpoint:
     boot_next_s: float = float("-inf")
     asked: int = 0
     ask_next_s: float = 0.0
+    refused_until_s: float = float("-inf")
+    """There was no room for another vehicle (`population.py`)."""
 
     def hear(self, frame: Frame) -> None:
         """Notes what tells who this is."""

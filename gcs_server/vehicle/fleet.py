@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
-from gcs_server.errors import UnknownVehicle
+from gcs_server.errors import Refused, UnknownVehicle
 from gcs_server.links.base import LinkInfo, Peer
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, encode_payload, full_payload
@@ -16,6 +16,13 @@ from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.endpoint import SILENT_AFTER_S, Endpoint, Same, same_vehicle
 from gcs_server.vehicle.events import Event, EventFeed
 from gcs_server.vehicle.identity import Identity, read_version
+from gcs_server.vehicle.population import (
+    MAX_ENDPOINTS_ON_LINK,
+    Refusals,
+    forgettable,
+    last_heard_s,
+    no_room,
+)
 from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
@@ -31,8 +38,8 @@ class Notice:
     """One line of `GET /warnings`: stands until its cause has gone."""
 
     kind: str
-    """link, recording, duplicate_id, telemetry (values of a vehicle that cannot be used), fault (of this
-    program), journal, …"""
+    """link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
+    be used), fault (of this program)."""
     text: str
     link: str | None = None
     vehicle: str | None = None
@@ -56,6 +63,8 @@ class Fleet(FrameSink):
         self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
         self._subscribers: list[Callable[[Event], None]] = []
         self._on_added: list[Callable[[Vehicle], None]] = []
+        self._on_removed: list[Callable[[Vehicle], None]] = []
+        self._refusals = Refusals()
         self._link_states: dict[str, tuple[str, str]] = {}
         self.events.subscribe(self._publish)
         router.sink = self
@@ -87,9 +96,40 @@ class Fleet(FrameSink):
         for vehicle in self.all():
             callback(vehicle)
 
+    def on_vehicle_removed(self, callback: Callable[[Vehicle], None]) -> None:
+        """Calls back for each vehicle that goes, so that nobody keeps it."""
+        self._on_removed.append(callback)
+
+    def remove(self, vehicle_id: str, by: str) -> None:
+        """Forgets a vehicle that is not heard; heard again it is a new one.
+
+        Raises:
+            UnknownVehicle: there is none of that id.
+            Refused: it is heard, streamed to, or a recording's.
+        """
+        vehicle = self.get(vehicle_id)
+        if vehicle.identity.replayed:
+            raise Refused(
+                f"Vehicle {vehicle_id} is of a recording.",
+                remedy="Close its replay; the vehicle goes with it.",
+            )
+        if self._clock.monotonic_s() - last_heard_s(vehicle) <= SILENT_AFTER_S:
+            raise Refused(
+                f"Vehicle {vehicle_id} is heard on {', '.join(vehicle.links)}: it would be back at once.",
+                remedy="Switch it off, or close the link; a vehicle can be removed once it is silent.",
+            )
+        if vehicle.offboard is not None and vehicle.offboard.status().streaming:
+            raise Refused(
+                f"Setpoints are streamed to vehicle {vehicle_id}.",
+                remedy="Stop the stream (offboard/stop) first.",
+            )
+        self._drop(vehicle, f"{by} removed it")
+
     def warnings(self) -> list[Notice]:
         """What stands now."""
         notices = [Notice(kind, text, link=link) for kind, link, text in self._router.warnings()]
+        refusals = self._refusals.standing(self._clock.monotonic_s())
+        notices += [Notice("too_many", text, link=link) for link, text in refusals]
         for vehicle in self.all():
             notices += [
                 Notice("duplicate_id", text, vehicle=vehicle.id) for text in vehicle.identity.warnings
@@ -156,6 +196,8 @@ class Fleet(FrameSink):
         payload = full_payload(frame)
         if payload[5] == d.MAV_AUTOPILOT_INVALID or not frame.system_id:
             return None
+        if len(self._endpoints) >= MAX_ENDPOINTS_ON_LINK and not self._may_have_endpoint(connection):
+            return None
         now_s = frame.received_monotonic_s
         endpoint = Endpoint(
             connection, peer, frame.system_id, frame.component_id, payload, first_heard_s=now_s, heard_s=now_s
@@ -164,7 +206,33 @@ class Fleet(FrameSink):
         self._ask_version(endpoint, now_s)
         return endpoint
 
+    def _may_have_endpoint(self, connection: Connection) -> bool:
+        """Whether there is room for one more on a link, or one without a vehicle makes room."""
+        here = [e for e in self._endpoints.values() if e.connection is connection]
+        strangers = [e for e in here if e.vehicle is None]
+        if len(here) >= MAX_ENDPOINTS_ON_LINK and strangers:
+            self._forget(min(strangers, key=lambda e: e.heard_s))
+        return len(here) < MAX_ENDPOINTS_ON_LINK or bool(strangers)
+
+    def _has_room(self, endpoint: Endpoint) -> bool:
+        """Whether it may be one more vehicle; one that has long been silent may have to go for it."""
+        now_s = self._clock.monotonic_s()
+        found = no_room(endpoint, self.all())
+        if found is None:
+            return True
+        why, others = found
+        leaves = forgettable(others, now_s)
+        if leaves is not None:
+            self._drop(leaves, "it had long been silent, and another needed its place")
+            return True
+        text = self._refusals.refuse(endpoint, why, now_s)
+        if text is not None:
+            self.events.add("warning", self._clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
+        return False
+
     def _place(self, endpoint: Endpoint) -> None:
+        if self._clock.monotonic_s() < endpoint.refused_until_s:
+            return
         rivals = [
             v
             for v in self.all()
@@ -182,7 +250,7 @@ class Fleet(FrameSink):
                 rival.attach(endpoint)
                 return
             undecided = undecided or verdict is Same.NOT_KNOWN
-        if not undecided:
+        if not undecided and self._has_room(endpoint):
             self._add(endpoint)
 
     def _could_be(self, endpoint: Endpoint, vehicle: Vehicle) -> bool:
@@ -262,9 +330,19 @@ class Fleet(FrameSink):
         self._remove(gone, f"it is vehicle {into.id} on another link")
         self._warn_of_twins(into.identity.system_id)
 
+    def _drop(self, vehicle: Vehicle, why: str) -> None:
+        """With all places where it was heard."""
+        for endpoint in vehicle.endpoints:
+            self._forget(endpoint)
+            vehicle.detach(endpoint)
+        self._remove(vehicle, why)
+        self._warn_of_twins(vehicle.identity.system_id)
+
     def _remove(self, vehicle: Vehicle, why: str) -> None:
         self._vehicles.pop(vehicle.id, None)
         vehicle.disconnected(why)
+        for callback in self._on_removed:
+            callback(vehicle)
         self._tell("vehicle_removed", f"Vehicle {vehicle.id} is gone: {why}", vehicle.id)
 
     def _forget(self, endpoint: Endpoint) -> None:

@@ -122,6 +122,12 @@ class Vehicle:
         return self._outsiders.mode_cause
 
     @property
+    def in_use(self) -> bool:
+        """Whether setpoints go to it, or a client has control of it."""
+        streamed = self.offboard is not None and self.offboard.status().streaming
+        return streamed or (self.control is not None and self.control.status().holder is not None)
+
+    @property
     def links(self) -> tuple[str, ...]:
         """Names of the links on which it is heard, most recent first."""
         ordered = sorted(self._endpoints, key=lambda e: -e.heard_s)
@@ -255,9 +261,9 @@ class Vehicle:
         self._identity = with_version(self._identity, version)
 
     def warn(self, text: str) -> None:
-        """Adds to the identity's warnings, once."""
+        """Makes this the identity's warning, once."""
         if text not in self._identity.warnings:
-            self._identity = replace(self._identity, warnings=(*self._identity.warnings, text))
+            self._identity = replace(self._identity, warnings=(text,))
             self.events.add("warning", self.clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
 
     def clear_warnings(self) -> None:

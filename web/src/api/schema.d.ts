@@ -165,7 +165,13 @@ export interface paths {
         get: operations["show_vehicle_api_v1_vehicles__v__get"];
         put?: never;
         post?: never;
-        delete?: never;
+        /**
+         * Remove Vehicle
+         * @description Forgets a vehicle that is not heard any more; 409 while it is heard, streamed to or another's.
+         *
+         *     Heard again it is there again, as a new one.
+         */
+        delete: operations["remove_vehicle_api_v1_vehicles__v__delete"];
         options?: never;
         head?: never;
         patch?: never;
@@ -3850,8 +3856,8 @@ export interface components {
         Notice: {
             /**
              * Kind
-             * @description link, recording, duplicate_id, telemetry (values of a vehicle that cannot be used), fault (of this
-             *     program), journal, …
+             * @description link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
+             *     be used), fault (of this program).
              */
             kind: string;
             /**
@@ -7080,6 +7086,71 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["Vehicle"];
                 };
+            };
+            /** @description No such vehicle, group, link or recording. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Malformed; names the field. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The link to the vehicle was lost. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    remove_vehicle_api_v1_vehicles__v__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description No such vehicle, group, link or recording. */
             404: {

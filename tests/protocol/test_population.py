@@ -1,0 +1,135 @@
+"""Floods of vehicles that do not exist: bounded, named, removable, and never in a real one's place."""
+
+import asyncio
+import tracemalloc
+
+import pytest
+
+from gcs_server.errors import Refused, UnknownVehicle
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_frame, encode_payload
+from gcs_server.vehicle.population import (
+    FORGETTABLE_AFTER_S,
+    MAX_OF_ONE_ID,
+    MAX_ON_LINK,
+    MAX_VEHICLES,
+)
+from tests.protocol.offboard_world import OffboardWorld, order
+
+HEARTBEAT = encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
+
+
+def told(jump, story):
+    async def run():
+        world = OffboardWorld()
+        try:
+            await story(world)
+        finally:
+            await world.close()
+
+    return jump(run)
+
+
+def fake(link, system, peer):
+    link.inject(encode_frame(d.MAVLINK_MSG_ID_HEARTBEAT, HEARTBEAT, 0, system, 1), peer)
+
+
+def test_many_sources_of_one_system_id_are_bounded_and_named(jump):
+    async def story(world):
+        link = world.link()
+        tracemalloc.start()
+        for _ in range(10):
+            for n in range(200):
+                fake(link, 9, f"10.0.0.1:{n}")
+            await asyncio.sleep(1.0)
+        grown = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+        assert len(world.fleet.all()) == MAX_OF_ONE_ID
+        assert grown < 10e6, f"{grown / 1e6:.1f} MB"
+        (warning,) = [w for w in world.fleet.warnings() if w.kind == "too_many"]
+        assert (warning.link, "system id 9" in warning.text) == ("memory", True)
+        assert len([e for e in world.fleet.events.since() if e.kind == "warning"]) == 1, "told once"
+        await asyncio.sleep(70.0)
+        assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "it is over"
+
+    told(jump, story)
+
+
+def test_a_flood_of_fakes_is_bounded_and_takes_no_known_vehicles_place(jump):
+    async def story(world):
+        links = [world.link(name) for name in ("a", "b")]
+        pilot = world.offboard_pilot(links[0], peer="real")
+        pilot.fly()
+        real = await world.ready()
+        pilot.alive = False  # its link is gone for a while: it may be anywhere
+        for _ in range(2):
+            for n, link in enumerate(links):
+                for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
+                    fake(link, system, f"10.0.0.2:{system}")
+            await asyncio.sleep(FORGETTABLE_AFTER_S + 5.0)
+        assert len(world.fleet.all()) == MAX_VEHICLES
+        assert world.fleet.get("1") is real
+        pilot.alive = True
+        await asyncio.sleep(4.0)
+        assert not real.status.link_lost
+
+    told(jump, story)
+
+
+def test_a_new_vehicle_gets_the_place_of_a_fake_that_fell_silent(jump):
+    async def story(world):
+        link = world.link()
+        for system in range(2, 255):
+            fake(link, system, f"10.0.0.2:{system}")
+        await asyncio.sleep(3.0)
+        assert len(world.fleet.all()) == MAX_ON_LINK
+        world.pilot(link, peer="real", system=1)
+        await asyncio.sleep(10.0)
+        assert "1" not in [v.id for v in world.fleet.all()], "all others were heard just now"
+        await asyncio.sleep(FORGETTABLE_AFTER_S)
+        assert (await world.ready()).id == "1"
+        assert len(world.fleet.all()) <= MAX_ON_LINK
+
+    told(jump, story)
+
+
+def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump):
+    async def story(world):
+        world.fleet.on_vehicle_removed(world.streamer.detach)
+        link = world.link()
+        pilot = world.offboard_pilot(link)
+        pilot.fly()
+        vehicle = await world.ready()
+        with pytest.raises(Refused, match="is heard"):
+            world.fleet.remove("1", "test")
+        await vehicle.offboard.start(order(valid_for_s=600.0))
+        pilot.alive = False
+        await asyncio.sleep(3.6)
+        with pytest.raises(Refused, match="streamed"):
+            world.fleet.remove("1", "test")
+        await asyncio.sleep(15.0)  # the stream has given up
+        world.fleet.remove("1", "test")
+        assert world.fleet.all() == []
+        assert world.fleet.events.since()[-1].text == "Vehicle 1 is gone: test removed it"
+        with pytest.raises(UnknownVehicle):
+            world.streamer._find("1")
+        pilot.alive = True
+        again = await world.ready()
+        assert again is not vehicle
+        await again.offboard.start(order(valid_for_s=60.0))
+        assert again.status.mode == "offboard"
+
+    told(jump, story)
+
+
+def test_twins_are_warned_of_in_one_sentence_however_many_come(jump):
+    async def story(world):
+        link = world.link()
+        for second in range(60):
+            for n in range(MAX_OF_ONE_ID):
+                if second > 8 * n:
+                    fake(link, 9, f"10.0.0.1:{n}")
+            await asyncio.sleep(1.0)
+        assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_OF_ONE_ID
+
+    told(jump, story)
