@@ -1,0 +1,145 @@
+"""Hostile clients: `python -m tests.hostile.clients ATTACK HOST:PORT` prints the statuses it was answered."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+from collections.abc import Awaitable, Callable
+
+API = "/api/v1"
+PIECE = b"x" * 65536
+SECONDS = 8.0
+Found = set[int]
+
+
+async def answered(
+    host: str, port: int, pieces: list[bytes], repeat: int = 0, *, wait_s: float = 20.0
+) -> int:
+    """Sends a request as bytes, the last piece over and over; the status answered, 0 for none."""
+    with contextlib.suppress(OSError, asyncio.IncompleteReadError, TimeoutError):
+        reader, writer = await asyncio.open_connection(host, port)
+        try:
+            with contextlib.suppress(OSError):
+                for piece in [*pieces, *([pieces[-1]] * repeat)]:
+                    writer.write(piece)
+                    await asyncio.wait_for(writer.drain(), wait_s)  # noqa: TID251 an attacker, not the server
+            async with asyncio.timeout(wait_s):
+                line = await reader.readline()
+            return int(line.split()[1]) if line.startswith(b"HTTP/") else 0
+        finally:
+            writer.close()
+    return 0
+
+
+def post(path: str, headers: str, body: bytes = b"") -> bytes:
+    """The bytes of a POST."""
+    head = f"POST {API}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n{headers}\r\n"
+    return head.encode() + body
+
+
+async def bodies(host: str, port: int) -> Found:
+    """Bodies of megabytes: with their length, in chunks, as one deep or wide JSON value."""
+    wide = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
+    deep = b"[" * 400_000
+    takeoff = "/vehicles/101/offboard/setpoint"
+    tries = [
+        answered(host, port, [post(takeoff, f"Content-Length: {len(body)}\r\n"), body])
+        for body in (wide, deep, b"9" * 3_500_000)
+    ]
+    tries.append(answered(host, port, [post(takeoff, "Content-Length: 100000000\r\n"), PIECE], 1500))
+    chunk = b"10000\r\n" + PIECE + b"\r\n"
+    tries.append(answered(host, port, [post(takeoff, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
+    return set(await asyncio.gather(*tries))
+
+
+async def headers(host: str, port: int) -> Found:
+    """A header, a line of headers and an address without end."""
+    start = f"GET {API}/vehicles".encode()
+    end = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    return set(
+        await asyncio.gather(
+            answered(host, port, [start + end + b"X-Long: ", PIECE], 3000),
+            answered(host, port, [start + end, b"X-Many: 1\r\n" * 6000], 500),
+            answered(host, port, [start + b"?", PIECE], 3000),
+        )
+    )
+
+
+async def idle(host: str, port: int) -> Found:
+    """A thousand connections that say nothing, or a byte now and then."""
+    open_now: list[asyncio.StreamWriter] = []
+    for n in range(1100):
+        with contextlib.suppress(OSError):
+            _, writer = await asyncio.open_connection(host, port)
+            open_now.append(writer)
+            if n % 2:
+                writer.write(b"G")
+    await asyncio.sleep(SECONDS)
+    for writer in open_now:
+        writer.close()
+    return set()
+
+
+async def unread(host: str, port: int) -> Found:
+    """WebSockets that send nonsense and never read what is answered."""
+    key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+    upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\n"
+    text = b"\x81\xfe\x00\x80\0\0\0\0" + b"{" * 128
+    found: Found = set()
+    for path in ("/telemetry", "/vehicles/101/offboard/stream"):
+        for _ in range(4):
+            request = f"GET {API}{path} HTTP/1.1\r\n{upgrade}".encode()
+            found.add(await answered(host, port, [request, text * 400], 2000, wait_s=4.0))
+    return found
+
+
+async def requests(host: str, port: int) -> Found:
+    """Three thousand who ask for control, and as many invalid commands."""
+    found: Found = set()
+
+    async def ask(n: int) -> None:
+        body = json.dumps({"reason": "now" * 50}).encode()
+        path = ("/vehicles/101/control/request", "/vehicles/101/arm", "/vehicles/101/takeoff")[n % 3]
+        more = f"X-Client-Id: stranger-{n}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n"
+        found.add(await answered(host, port, [post(path, more, body)]))
+
+    for start in range(0, 3000, 20):
+        await asyncio.gather(*(ask(n) for n in range(start, start + 20)))
+    return found
+
+
+async def nonsense(host: str, port: int) -> Found:
+    """What is no HTTP, or nearly."""
+    bad = [
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + PIECE,
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"\0" * 1000 + b"\r\n\r\n",
+        b"GET /\xff\xfe%00%zz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        post("/vehicles/101/arm", "Content-Length: -5\r\n"),
+        post("/vehicles/101/arm", "Content-Length: 5\r\nTransfer-Encoding: chunked\r\n", b"zz\r\n"),
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 500,
+    ]
+    found: Found = set()
+    for _ in range(30):
+        found |= set(await asyncio.gather(*(answered(host, port, [each], wait_s=3.0) for each in bad)))
+    return found
+
+
+Attack = Callable[[str, int], Awaitable[Found]]
+ATTACKS: dict[str, Attack] = {f.__name__: f for f in (bodies, headers, idle, unread, requests, nonsense)}
+
+
+def main(name: str, address: str) -> None:
+    """Runs one attack."""
+    host, _, port = address.rpartition(":")
+
+    async def run() -> Found:
+        return await ATTACKS[name](host, int(port))
+
+    print(*sorted(asyncio.run(run())))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

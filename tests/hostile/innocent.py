@@ -1,0 +1,144 @@
+"""The innocent: a vehicle that flies Offboard while others attack, and what must not happen to it."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+
+from gcs_server.client import SyncGcs, SyncVehicle
+from tests.bench.process import family, resident_mb
+from tests.bench.relay import Relay
+from tests.station import free_port, running, server_command, vehicle, wait_until
+
+PERIOD_S = 0.02
+LATE_S = 0.02
+"""How much longer than a period two setpoints may lie apart."""
+GROWTH_MB = 100.0
+LOOK_EVERY_S = 0.2
+VALID_FOR_S = 600
+
+
+@dataclass
+class Innocent:
+    """A flight, and what was seen of it while somebody attacked."""
+
+    url: str
+    process: subprocess.Popen[bytes]
+    data: Path
+    log: Path
+    hostile_port: int
+    relay: Relay
+    drone: SyncVehicle
+    statuses: set[int] = field(default_factory=set)
+    """Of the answers that the innocent's own client got during the attack."""
+    grown_mb: float = 0.0
+
+    @contextlib.contextmanager
+    def under_attack(self) -> Iterator[None]:
+        """Looks on while the block attacks, and judges at its end."""
+        before_mb = self._memory_mb()
+        log_bytes = self.log.stat().st_size
+        self.relay.setpoints.clear()
+        over = threading.Event()
+        looking = threading.Thread(target=self._look, args=(over, before_mb))
+        looking.start()
+        try:
+            yield
+        finally:
+            over.set()
+            looking.join()
+        self._judge(log_bytes)
+
+    def _look(self, over: threading.Event, before_mb: float) -> None:
+        with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "innocent"}) as client:
+            while not over.wait(LOOK_EVERY_S):
+                for path in ("/api/v1/vehicles/101", "/api/v1/vehicles", "/api/v1/vehicles/101/offboard"):
+                    self.statuses.add(client.get(path).status_code)
+                self.grown_mb = max(self.grown_mb, self._memory_mb() - before_mb)
+
+    def _memory_mb(self) -> float:
+        """Of the server and the processes that live as long as it does."""
+        streams = [pid for pid in family(self.process.pid) if _is_lasting(pid)]
+        return sum(resident_mb(pid) for pid in streams)
+
+    def _judge(self, log_bytes: int) -> None:
+        arrivals = self.relay.arrivals_s()[101]
+        gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
+        assert max(gaps) <= PERIOD_S + LATE_S, f"a gap of {max(gaps) * 1e3:.0f} ms in the innocent's stream"
+        assert len(arrivals) > 100, "too short to say anything"
+        assert self.statuses == {200}
+        assert self.grown_mb < GROWTH_MB, f"the server grew by {self.grown_mb:.0f} MB"
+        shown = self.drone.show()["status"]
+        assert (shown["mode"], shown["armed"]) == ("offboard", True), self._story()
+        said = self.log.read_bytes()[log_bytes:]
+        assert b"Traceback" not in said, said[-4000:].decode("utf-8", "replace")
+        assert len(said) < 100_000, "an attack fills the log"
+
+
+    def _story(self) -> str:
+        """What the innocent was told, and how its stream stands: for who reads a failure."""
+        messages = self.drone.request("GET", "/messages")["messages"][-12:]
+        stream = self.drone.request("GET", "/offboard")
+        return "\n".join([*(str(message["text"]) for message in messages), str(stream.get("ended"))])
+
+
+def _is_lasting(pid: int) -> bool:
+    command = Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b"serve" in command or b"streamer.worker" in command
+
+
+@contextlib.contextmanager
+def innocent(folder: Path) -> Iterator[Innocent]:
+    """A server of its own with two UDP links, and a vehicle that hovers in Offboard on the first."""
+    own_port, hostile_port, http_port = free_port(), free_port(), free_port(socket.SOCK_STREAM)
+    url, log, data = f"http://127.0.0.1:{http_port}", folder / "server.log", folder / "data"
+    links = [f"udpin://127.0.0.1:{port}" for port in (own_port, hostile_port)]
+    with contextlib.ExitStack() as open_now:
+        output = open_now.enter_context(log.open("wb"))
+        process = open_now.enter_context(
+            running(server_command(http_port, links, data), stdout=output, stderr=subprocess.STDOUT)
+        )
+        wait_until(lambda: _answers(url), "the server")
+        relay = open_now.enter_context(Relay(own_port))
+        open_now.enter_context(vehicle(relay.vehicle_port, more=["--no-log"]))
+        gcs = open_now.enter_context(SyncGcs(url, client="innocent", client_id="innocent"))
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        open_now.enter_context(drone.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))
+        drone.arm()
+        drone.until(
+            lambda v: v["topics"]["local_position"]["value"]["position_ned_m"][2] < -4.5, what="the hover"
+        )
+        yield Innocent(url, process, data, log, hostile_port, relay, drone)
+
+
+def attack(module: str, *arguments: object, deadline_s: float = 240.0) -> str:
+    """Runs an attack in a process of its own; answers what it printed.
+
+    Raises:
+        subprocess.CalledProcessError: the attack itself is broken.
+    """
+    command = [sys.executable, "-m", f"tests.hostile.{module}", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=deadline_s, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+    return done.stdout
+
+
+def _answers(url: str) -> bool:
+    with contextlib.suppress(httpx.TransportError):
+        return httpx.get(f"{url}/api/v1/health", timeout=1).status_code == 200
+    return False
+
+
+def pause(seconds: float) -> None:
+    """Real time in which the attack may still take effect."""
+    time.sleep(seconds)

@@ -1,0 +1,66 @@
+"""Somebody hostile beside a vehicle in Offboard: its stream misses no period, nothing grows, nothing fails.
+
+One server and one flight for all attacks, so that what one leaves behind is there when the next begins.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.hostile.innocent import Innocent, attack, innocent, pause
+
+FUZZ_FRAMES = int(os.environ.get("HOSTILE_FRAMES", "500000"))
+SHEDDING = {503}
+"""What a server may answer to somebody who asks for too much, in words."""
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Innocent]:
+    with innocent(tmp_path_factory.mktemp("hostile")) as flying:
+        yield flying
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("extremes", 30), ("texts", 20_000), ("sources", 300)], ids=lambda value: str(value)
+)
+def test_a_vehicle_that_says_anything_harms_nobody(flight: Innocent, name: str, count: int) -> None:
+    with flight.under_attack():
+        assert int(attack("vehicles", name, flight.hostile_port, 1, count)) > 100
+        pause(2)
+
+
+def test_a_vehicle_whose_files_and_parameters_never_end_harms_nobody(flight: Innocent) -> None:
+    """It is asked for them: its readiness, its parameters and what these mean."""
+    asked: set[int] = set()
+
+    def ask() -> None:
+        with httpx.Client(base_url=f"{flight.url}/api/v1/vehicles/66", timeout=60) as client:
+            for path in ("", "/readiness", "/params", "/params", "/offboard", "/history?topics=attitude"):
+                asked.add(client.get(path).status_code)
+            asked.add(client.post("/params/refresh").status_code)
+
+    with flight.under_attack():
+        asking = threading.Timer(2.0, ask)
+        asking.start()
+        attack("vehicles", "files", flight.hostile_port, 1, 25)
+        asking.join()
+    assert not {status for status in asked if status >= 500 and status not in (503, 504)}, asked
+
+
+@pytest.mark.parametrize("name", ["bodies", "headers", "idle", "unread", "requests", "nonsense"])
+def test_a_client_that_asks_for_anything_harms_nobody(flight: Innocent, name: str) -> None:
+    with flight.under_attack():
+        statuses = {int(each) for each in attack("clients", name, flight.url.removeprefix("http://")).split()}
+        pause(1)
+    assert not {status for status in statuses if status >= 500} - SHEDDING
+
+
+def test_half_a_million_frames_of_nonsense_harm_nobody(flight: Innocent) -> None:
+    with flight.under_attack():
+        assert int(attack("vehicles", "fuzz", flight.hostile_port, 7, FUZZ_FRAMES)) >= FUZZ_FRAMES
+        pause(2)

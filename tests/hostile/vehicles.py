@@ -1,0 +1,269 @@
+"""Hostile vehicles on a UDP link: `python -m tests.hostile.vehicles ATTACK PORT [SEED] [COUNT]`.
+
+Every frame is well formed MAVLink 2 with a right checksum: only what it says is bad.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+from vehicle_sim.mavlink import generated_dialect as d
+
+Address = tuple[str, int]
+FLOATS = (math.nan, math.inf, -math.inf, 1e38, -1e38, 0.0, -0.0, 1e-45, 3.4e38)
+INTEGERS = (
+    0,
+    1,
+    -1,
+    127,
+    -128,
+    255,
+    32767,
+    -32768,
+    65535,
+    2**31 - 1,
+    -(2**31),
+    2**32 - 1,
+    2**63 - 1,
+    2**64 - 1,
+)
+HOSTILE = 66
+FRAMES_PER_S = 5000
+HEARTBEAT = 0
+FTP_HEAD = struct.Struct("<HBBBBBBI")
+OPEN, READ, BURST, ACK, NAK = 4, 5, 15, 128, 129
+ENDLESS_BYTES = 900_000
+
+
+class Sender:
+    """One socket that speaks as any system, at a bounded pace."""
+
+    def __init__(self, port: int, frames_per_s: float = FRAMES_PER_S) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.to: Address = ("127.0.0.1", port)
+        self._wires: dict[tuple[int, int], d.MAVLink] = {}
+        self._every_s = 1.0 / frames_per_s
+        self._due_s = time.monotonic()
+        self.sent = 0
+
+    def say(self, message: d.MAVLink_message, system: int = HOSTILE, component: int = 1) -> None:
+        """Packs and sends."""
+        wire = self._wires.get((system, component))
+        if wire is None:
+            wire = self._wires[system, component] = d.MAVLink(None, system, component)
+        raw = bytes(message.pack(wire))
+        wire.seq = (wire.seq + 1) % 256
+        self.raw(raw)
+
+    def raw(self, data: bytes) -> None:
+        """Sends a datagram, not faster than the pace."""
+        self._due_s = max(self._due_s + self._every_s, time.monotonic() - 0.05)
+        wait_s = self._due_s - time.monotonic()
+        if wait_s > 0.002:
+            time.sleep(wait_s)
+        self.socket.sendto(data, self.to)
+        self.sent += 1
+
+    def heartbeat(self, system: int = HOSTILE, component: int = 1) -> None:
+        """That of a PX4 quadrotor that flies Offboard."""
+        mode = 6 << 16
+        self.say(d.MAVLink_heartbeat_message(2, 12, 128 | 1, mode, 4, 3), system, component)
+
+    def heard(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
+        """What the server sends back until nothing comes for so long."""
+        parser = d.MAVLink(None, HOSTILE, 1)
+        parser.robust_parsing = True
+        self.socket.settimeout(timeout_s)
+        while True:
+            try:
+                data = self.socket.recv(2048)
+            except TimeoutError:
+                return
+            yield from parser.parse_buffer(data) or ()
+
+
+def payload(kind: type[d.MAVLink_message], pick: Callable[[str], object]) -> bytes:
+    """A payload of a message, each element picked by its type's letter."""
+    packer = kind.unpacker
+    values = [pick(code) for code in _codes(packer.format)]
+    return packer.pack(*values)
+
+
+def _codes(layout: str) -> Iterator[str]:
+    count = ""
+    for letter in layout.lstrip("<"):
+        if letter.isdigit():
+            count += letter
+        elif letter == "s":
+            yield f"{count or 1}s"
+            count = ""
+        else:
+            yield from letter * int(count or 1)
+            count = ""
+
+
+def _fits(code: str, value: int) -> int:
+    bits = struct.calcsize("<" + code) * 8
+    value &= (1 << bits) - 1
+    return value - (1 << bits) if code.islower() and value >= 1 << bits - 1 else value
+
+
+def _text(code: str, chance: random.Random) -> bytes:
+    size = int(code[:-1])
+    return chance.choice(
+        (b"\xff" * size, b"\0" * size, b"<a " * size, bytes(chance.randrange(256) for _ in range(size)))
+    )[:size]
+
+
+def frame(kind: type[d.MAVLink_message], body: bytes, seq: int, system: int, component: int) -> bytes:
+    """A MAVLink 2 frame around a payload, with its checksum."""
+    body = body.rstrip(b"\0") or body[:1]
+    number = kind.id
+    head = struct.pack(
+        "<BBBBBBBHB", 0xFD, len(body), 0, 0, seq & 255, system, component, number & 0xFFFF, number >> 16
+    )
+    crc = d.x25crc(head[1:] + body)
+    crc.accumulate(bytes((kind.crc_extra,)))
+    return head + body + struct.pack("<H", crc.crc)
+
+
+def extremes(sender: Sender, chance: random.Random, count: int) -> None:
+    """Every message of the dialect, its fields at one extreme after the other."""
+    seq = itertools.count()
+    kinds = list(d.mavlink_map.values())
+    for turn in range(count):
+        float_, integer = FLOATS[turn % len(FLOATS)], INTEGERS[turn % len(INTEGERS)]
+
+        def pick(code: str, float_: float = float_, integer: int = integer) -> object:
+            if code.endswith("s"):
+                return _text(code, chance)
+            if code == "c":
+                return b"\xff"
+            return float_ if code in "fd" else _fits(code, integer)
+
+        for kind in kinds:
+            if kind.id % 16 == 0:
+                sender.heartbeat()
+            sender.raw(frame(kind, payload(kind, pick), next(seq), HOSTILE, 1))
+
+
+def fuzz(sender: Sender, chance: random.Random, count: int) -> None:
+    """Random messages with random contents, of a few systems and components."""
+    seq = itertools.count()
+    kinds = list(d.mavlink_map.values())
+
+    def pick(code: str) -> object:
+        if code.endswith("s"):
+            return _text(code, chance)
+        if code == "c":
+            return bytes((chance.randrange(256),))
+        if code in "fd":
+            return chance.choice(FLOATS) if chance.random() < 0.5 else chance.gauss(0.0, 1000.0)
+        return _fits(code, chance.choice(INTEGERS) if chance.random() < 0.5 else chance.getrandbits(64))
+
+    while sender.sent < count:
+        kind = chance.choice(kinds)
+        system, component = (
+            chance.choice((HOSTILE, HOSTILE, HOSTILE + 1, chance.randrange(1, 256))),
+            chance.choice((1, 1, 154, 100)),
+        )
+        if system == 101:
+            continue  # the innocent's own: another test's matter
+        if chance.random() < 0.02:
+            sender.heartbeat(system, component)
+        sender.raw(frame(kind, payload(kind, pick), next(seq), system, component))
+
+
+def sources(sender: Sender, chance: random.Random, count: int) -> None:
+    """Vehicles without end: every system id, many components, from many addresses."""
+    for _ in range(count):
+        other = Sender(sender.to[1])
+        for _ in range(20):
+            other.heartbeat(chance.randrange(1, 101), chance.randrange(1, 256))
+        other.socket.close()
+
+
+def texts(sender: Sender, chance: random.Random, count: int) -> None:
+    """Status texts in parts that never end, and events that nobody knows."""
+    for n in range(count):
+        if n % 500 == 0:
+            sender.heartbeat()
+        if n % 2:
+            sender.say(d.MAVLink_statustext_message(chance.randrange(8), b"<a " * 16, 1 + n % 60000, n % 200))
+        else:
+            arguments = [chance.randrange(256) for _ in range(40)]
+            sender.say(
+                d.MAVLink_event_message(
+                    0, 0, chance.getrandbits(32), 1000 + n, n % 65536, chance.randrange(256), arguments
+                )
+            )
+
+
+def files(sender: Sender, chance: random.Random, count: int) -> None:
+    """A vehicle whose files never end: one byte a piece, wherever it is asked; count: for so many seconds."""
+    end_s = time.monotonic() + count
+    while time.monotonic() < end_s:
+        sender.heartbeat()
+        for message in sender.heard(0.2):
+            _answer(sender, chance, message)
+            if time.monotonic() > end_s:
+                break
+
+
+def _answer(sender: Sender, chance: random.Random, message: d.MAVLink_message) -> None:
+    kind = message.get_type()
+    if kind == "FILE_TRANSFER_PROTOCOL":
+        sequence, session, opcode, _, _, _, _, offset = FTP_HEAD.unpack_from(bytes(message.payload))
+        if opcode == OPEN:
+            _ftp(sender, sequence + 1, session, opcode, 0, struct.pack("<I", ENDLESS_BYTES))
+        elif opcode == BURST:
+            for n in range(200):
+                _ftp(sender, sequence + 1 + n, session, opcode, offset + n, b"<")
+        elif opcode == READ:
+            _ftp(sender, sequence + 1, session, opcode, offset, b"<")
+        else:
+            _ftp(sender, sequence + 1, session, opcode, 0, b"")
+    elif kind == "COMMAND_LONG":
+        sender.say(d.MAVLink_command_ack_message(message.command, 0))
+        if message.command == 512 and int(message.param1) == 397:
+            uri = b"mftp://etc/extras/parameters.json.xz"
+            sender.say(d.MAVLink_component_metadata_message(0, chance.getrandbits(32), uri))
+    elif kind == "PARAM_REQUEST_LIST":
+        for n in range(3000):
+            name = bytes(chance.randrange(1, 256) for _ in range(16))
+            sender.say(
+                d.MAVLink_param_value_message(
+                    name, chance.choice(FLOATS), chance.choice((6, 9, 0, 255)), 65535, n * 7 % 65536
+                )
+            )
+        sender.say(d.MAVLink_param_value_message(b"_HASH_CHECK", math.nan, 5, 65535, 65535))
+    elif kind == "PARAM_REQUEST_READ":
+        sender.say(d.MAVLink_param_value_message(b"COM_OBL_RC_ACT", math.nan, 255, 1, 0))
+
+
+def _ftp(sender: Sender, sequence: int, session: int, to: int, offset: int, data: bytes) -> None:
+    head = FTP_HEAD.pack(sequence & 0xFFFF, session, ACK, len(data), to, 0, 0, offset & 0xFFFFFFFF)
+    sender.say(d.MAVLink_file_transfer_protocol_message(0, 255, 190, list((head + data).ljust(251, b"\0"))))
+
+
+ATTACKS = {f.__name__: f for f in (extremes, fuzz, sources, texts, files)}
+
+
+def main(name: str, port: str, seed: str = "0", count: str = "1000") -> None:
+    """Runs one attack and prints how much was sent."""
+    sender = Sender(int(port))
+    sender.heartbeat()
+    ATTACKS[name](sender, random.Random(int(seed)), int(count))
+    print(sender.sent)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
