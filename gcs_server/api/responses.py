@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any, Literal
@@ -29,6 +29,9 @@ from gcs_server.vehicle.samples import TOPICS, BatteryReading, OutputGroup, Samp
 from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
+
+LINES_A_TURN = 500
+"""Of a history, encoded in one turn of the event loop."""
 
 
 class _Out(BaseModel):
@@ -309,26 +312,29 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
     }
 
 
-def history_view(vehicle: Vehicle, samples: Iterable[Sample]) -> dict[str, object]:
-    """Lines of the history; where they cannot be encoded, those that can."""
+def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[bytes]:
+    """Lines of the history as JSON, LINES_A_TURN at a time; a line that cannot be encoded is left out."""
     run = vehicle.isolation.run
 
-    def line(sample: Sample) -> Raw:
-        return Raw(encode({"vehicle": vehicle.id, "topic": sample.topic, **sample_view(sample)}))
+    def line(sample: Sample) -> dict[str, object]:
+        return {"vehicle": vehicle.id, "topic": sample.topic, **sample_view(sample)}
 
-    def together(lines: list[dict[str, object]]) -> Raw:
-        return Raw(encode(lines))
+    def together(part: Sequence[Sample]) -> bytes:
+        return encode([line(sample) for sample in part])[1:-1]
 
-    kept = list(samples)
-    whole = run(
-        "the history",
-        together,
-        [{"vehicle": vehicle.id, "topic": s.topic, **sample_view(s)} for s in kept],
-    )
-    if whole is not None:
-        return {"samples": whole}
-    lines = [run(f"the history of {sample.topic}", line, sample) for sample in kept]
-    return {"samples": [made for made in lines if made is not None]}
+    for start in range(0, len(samples), LINES_A_TURN):
+        part = samples[start : start + LINES_A_TURN]
+        piece = run("the history", together, part)
+        if piece is None:
+            each = (run(f"the history of {sample.topic}", together, [sample]) for sample in part)
+            piece = b",".join(made for made in each if made)
+        if piece:
+            yield piece
+
+
+def history_view(pieces: Sequence[bytes]) -> dict[str, object]:
+    """The whole history of its pieces."""
+    return {"samples": Raw(b"[" + b",".join(pieces) + b"]")}
 
 
 def message_view(event: Event) -> dict[str, object]:

@@ -84,7 +84,6 @@ class Innocent:
         assert b"Traceback" not in said, said[-4000:].decode("utf-8", "replace")
         assert len(said) < 100_000, "an attack fills the log"
 
-
     def _story(self) -> str:
         """What the innocent was told, and how its stream stands: for who reads a failure."""
         messages = self.drone.request("GET", "/messages")["messages"][-12:]

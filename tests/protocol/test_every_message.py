@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from gcs_server.api.responses import answer, history_view, vehicle_view
+from gcs_server.api.responses import answer, history_pieces, history_view, vehicle_view
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
 from gcs_server.mavlink.tables import LAYOUTS
@@ -214,7 +214,8 @@ def test_every_field_of_what_is_decoded_at_its_extremes_hurts_nobody(msg_id):
                 look.world.fleet.tick()
         look.world.fleet.tick()
         for vehicle in (look.bad, look.good):
-            past = answer(history_view(vehicle, vehicle.history(tuple(TOPICS), 0.0))).body
+            pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
+            past = answer(history_view(pieces)).body
             assert len(json.loads(past)["samples"]) > 10
         look.world.fleet.warnings()
         look.no_fault()

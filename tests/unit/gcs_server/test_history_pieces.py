@@ -1,0 +1,36 @@
+"""A vehicle's past is encoded a piece at a time, so that the event loop turns in between."""
+
+import json
+import logging
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api.responses import LINES_A_TURN, answer, history_pieces, history_view
+from gcs_server.clock import SystemClock
+from gcs_server.isolation import Isolation
+from gcs_server.vehicle.samples import Sample
+
+
+def vehicle():
+    return SimpleNamespace(id="1", isolation=Isolation(SystemClock(), logging.getLogger("test"), "Vehicle 1"))
+
+
+def sample(n, value=None):
+    return Sample("local_position", None, float(n), float(n), value or {"n": n})
+
+
+def lines(pieces):
+    return json.loads(answer(history_view(pieces)).body)["samples"]
+
+
+@pytest.mark.parametrize("count", [0, 1, LINES_A_TURN, 3 * LINES_A_TURN + 7])
+def test_a_long_past_comes_in_pieces_of_a_bounded_number_of_lines(count):
+    pieces = list(history_pieces(vehicle(), [sample(n) for n in range(count)]))
+    assert len(pieces) == -(-count // LINES_A_TURN)
+    assert [line["value"]["n"] for line in lines(pieces)] == list(range(count))
+
+
+def test_a_line_that_cannot_be_encoded_costs_itself():
+    samples = [sample(0), sample(1, value=object()), sample(2)]
+    assert [line["value"]["n"] for line in lines(list(history_pieces(vehicle(), samples)))] == [0, 2]
