@@ -39,3 +39,11 @@ def station() -> Iterator[Station]:
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.wait_for_vehicle("101", ready=True, timeout_s=120))
+
+
+def move_aside(drone: SyncVehicle, east_m: float) -> None:
+    """Flies a vehicle there, into Hold: simulated ones take off 3 m apart, which leaves little of a group's
+    margin on a busy machine."""
+    n, e, d = drone.position_ned_m()
+    with drone.offboard(position_ned_m=(n, e + east_m, d), valid_for_s=60):
+        drone.until(lambda v: (v["offboard"]["health"]["position_error_m"] or 9.0) < 1.0, what="the place")

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 
 from gcs_server.client import SyncGcs, setpoints
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, number, opened, slide, tab_to
-from tests.e2e.conftest import FAST
+from tests.e2e.conftest import FAST, move_aside
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
@@ -58,6 +58,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
             drone.takeoff(8)
         for drone in drones:
             drone.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+        move_aside(drones[1], 8.0)
         room = open_group(page)
 
         # What is missing is said in the form, what the server refuses beside the button, naming vehicles.
