@@ -25,6 +25,7 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import Terms
 from gcs_server.errors import GcsError
+from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.replay.service import Replays
@@ -72,6 +73,7 @@ class Server:
             RouterSettings(
                 system_id=settings.system_id,
                 component_id=COMPONENT_ID,
+                signing_dir=folder.signing,
                 recording_dir=folder.recordings if settings.record else None,
             ),
         )
@@ -134,8 +136,10 @@ class Server:
             try:
                 self.router.add_link(url)
             except GcsError as error:
-                log.warning("link %s: %s", url, error)
-                self._link_errors.append(Notice("link", f"{url}: {error.message}", link=url))
+                shown = shown_url(url)
+                log.warning("link %s: %s", shown, error)
+                text = f"{shown}: {error.message}" + (f" {error.remedy}" if error.remedy else "")
+                self._link_errors.append(Notice("link", text, link=shown))
         self.streamer.start(self.supervisor)
         self.station.authority.start()
         if self.scene is not None:

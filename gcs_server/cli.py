@@ -9,12 +9,14 @@ import logging
 import os
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import uvicorn
 
+from gcs_server import key_command
 from gcs_server.addresses import links
 from gcs_server.app import create_app
 from gcs_server.errors import GcsError
@@ -22,7 +24,7 @@ from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
 
-COMMANDS = ("serve", "sim", "replay")
+COMMANDS = ("serve", "sim", "replay", "key")
 EXIT_CANNOT_START = 2
 UNSENT_BYTES = 32_768
 """What the system may hold back for a browser: a slow one sees what is new, not what came megabytes ago."""
@@ -36,6 +38,7 @@ examples:
   gcs serve --link udpin://127.0.0.1:14650 --sim-args='--gcs-remote-port 14650 --gcs-local-port 18670'
                                            a simulated vehicle on other ports
   gcs serve --host 0.0.0.0                 let other machines in, too: prints a link with the token they need
+  gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
   gcs replay flight.tlog --speed 2         look at a recording
   gcs sim --help                           the simulated PX4 by itself
 
@@ -54,7 +57,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"gcs {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,replay}")
+    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,replay,key}")
     serve = commands.add_parser(
         "serve",
         help="run the server (the default)",
@@ -89,6 +92,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "sim", help="run the simulated PX4 by itself", description="Passes everything on to vehicle_sim."
     )
+    key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
     return parser
 
 
@@ -118,8 +122,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.execv(sys.executable, command)
     if not arguments or (arguments[0].startswith("-") and arguments[0] not in ("-h", "--help", "--version")):
         arguments.insert(0, "serve")
-    options = vars(build_parser().parse_args(arguments))
+    parsed = build_parser().parse_args(arguments)
+    options = vars(parsed)
     command = options.pop("command")
+    if command == "key":
+        return _reported(lambda: key_command.run(parsed))
     config = options.pop("config")
     verbose = options.pop("verbose")
     logging.basicConfig(
@@ -129,15 +136,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         logging.getLogger(noisy).setLevel(logging.WARNING)
     # Logs a traceback for each connection that closes before it said anything (the 3D view's own probe).
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+    return _reported(lambda: _serve(command, options, config))
+
+
+def _serve(command: str, options: dict[str, Any], config: Path | None) -> int:
     more_links: tuple[str, ...] = ()
+    if command == "replay":
+        more_links = (_replay_link(options.pop("file"), options.pop("speed")),)
+        options |= {"sim": 0, "links": [], "record": False}
+    if options.get("sim_args") is not None:
+        options["sim_args"] = split_arguments(options["sim_args"], "--sim-args")
+    settings = load({k: v for k, v in options.items() if v is not None}, config=config)
+    return serve(settings, more_links)
+
+
+def _reported(work: Callable[[], int]) -> int:
     try:
-        if command == "replay":
-            more_links = (_replay_link(options.pop("file"), options.pop("speed")),)
-            options |= {"sim": 0, "links": [], "record": False}
-        if options.get("sim_args") is not None:
-            options["sim_args"] = split_arguments(options["sim_args"], "--sim-args")
-        settings = load({k: v for k, v in options.items() if v is not None}, config=config)
-        return serve(settings, more_links)
+        return work()
     except GcsError as error:
         print(f"gcs: {error.message}" + (f" {error.remedy}" if error.remedy else ""), file=sys.stderr)
         return EXIT_CANNOT_START

@@ -16,7 +16,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.control.authority import ControlStatus
 from gcs_server.control.journal import Entry
 from gcs_server.control.lease import ControlRequest
-from gcs_server.links.base import LinkInfo, Recording
+from gcs_server.links.base import LinkInfo, Recording, SigningReport
 from gcs_server.replay.catalogue import RecordingInfo
 from gcs_server.replay.marks import ArmedSpan, ModeSpan, Said, VehicleMarks
 from gcs_server.replay.service import RecordingIndex, Replay
@@ -48,7 +48,9 @@ StatusModel = TOPIC_MODELS["status"]
 RoiModel = model_of(Roi)
 GimbalLimitedModel = model_of(GimbalLimited)
 GimbalModel = TOPIC_MODELS["gimbal"]
-LinkModel = model_of(LinkInfo, "Link", recording=model_of(Recording) | None)
+LinkModel = model_of(
+    LinkInfo, "Link", recording=model_of(Recording) | None, signing=model_of(SigningReport) | None
+)
 NoticeModel = model_of(Notice)
 JournalEntryModel = model_of(Entry, "JournalEntry")
 

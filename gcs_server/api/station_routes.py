@@ -12,6 +12,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import ClientDep, Station, StationDep, client_of, journaled, names_itself
 from gcs_server.control.link_guard import LinkGuard
+from gcs_server.links.names import shown_url
 from gcs_server.links.url import make_link
 from gcs_server.telemetry.wire import SCHEMA_VERSION
 from gcs_server.version import __version__
@@ -54,7 +55,8 @@ async def add_link(body: models.LinkRequest, station: StationDep, client: Client
     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
     control of a vehicle: that station could command it.
     """
-    with journaled(station, client, "links/add", None, body.model_dump(exclude_none=True)):
+    arguments: dict[str, object] = {**body.model_dump(exclude_none=True), "url": shown_url(body.url)}
+    with journaled(station, client, "links/add", None, arguments):
         link = make_link(body.url, body.name)
         if link.forward:
             _guard(station).may_forward(client)

@@ -43,6 +43,38 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class SigningOptions:
+    """How a link's MAVLink frames are signed, as its URL says."""
+
+    key: str
+    """The key's name; the key itself stands in no URL."""
+    required: bool
+    """Whether unsigned frames are refused; wrongly signed ones always are."""
+
+
+@dataclass(frozen=True, slots=True)
+class SigningReport:
+    """Signing of a link, and how many frames it refused."""
+
+    key: str
+    """The key's name."""
+    mode: str
+    """required: unsigned frames are refused; allowed: they are taken. Wrongly signed ones are refused."""
+    link_id: int
+    """In all signatures of this link, 0 to 255."""
+    unsigned: int
+    """Refused: no signature, where one is required."""
+    wrong_signature: int
+    """Refused: signed with another key, or changed on the way."""
+    replayed: int
+    """Refused: no later than a frame that this sender has sent already."""
+    too_old: int
+    """Refused: a sender's first frame, more than a minute behind this server's time."""
+    too_many_streams: int
+    """Refused: another sender with this key, where there are too many."""
+
+
+@dataclass(frozen=True, slots=True)
 class LinkInfo:
     """One line of `GET /links`."""
 
@@ -81,6 +113,12 @@ class LinkInfo:
     """Bytes that belong to no frame: garbage, another protocol, a wrong baud rate."""
     handler_errors: int = 0
     """What arrived and could not be handled because of a fault in this server; it was skipped and logged."""
+    frames_refused: int = 0
+    """Frames that were not taken for their signature or the want of one; `signing` says why."""
+    frames_unverified: int = 0
+    """Signed frames that were taken as they are, since this link has no key."""
+    signing: SigningReport | None = None
+    """Null where the link's URL names no key."""
     recording: Recording | None = None
     """Null where nothing is to be recorded: a replay, or a server with --no-record."""
 
@@ -103,6 +141,8 @@ class Link(ABC):
     """True where what arrives is a recording; nothing can be sent."""
     clock: Clock | None = None
     """Whose time it is for those heard here: a recording has its own; None is the server's."""
+    signing: SigningOptions | None = None
+    """Which key signs what is sent and heard; None: nothing is signed, and no signature is checked."""
     quiet = False
     """True while what arrives only makes a vehicle what it was: nobody is told of its events."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from urllib.parse import unquote
 
 from gcs_server.errors import InvalidRequest
 
@@ -14,6 +15,8 @@ NAME_IN_WORDS = (
 )
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME_LENGTH - 1}}}")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
+_LOOKS_SECRET = re.compile(r"[0-9A-Fa-f]{32,}|[A-Za-z0-9_-]{43}")
+"""As 32 bytes look in hexadecimal digits or base64."""
 _HOST = re.compile(r"(?=.{1,253}\Z)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
 
 
@@ -28,6 +31,34 @@ def checked_name(name: str) -> str:
             "name", f"{_short(name)} cannot be the name of a link.", remedy=f"A name has {NAME_IN_WORDS}."
         )
     return name
+
+
+def checked_key_name(name: str) -> str:
+    """The name of a signing key as it is: it stands in URLs and is its file's name.
+
+    Raises:
+        InvalidRequest: it cannot. The name is not repeated: it may be the key itself, given by mistake.
+    """
+    if not _NAME.fullmatch(name) or _LOOKS_SECRET.fullmatch(name):
+        raise InvalidRequest(
+            "key",
+            "What was given as a key's name cannot be one.",
+            remedy=f"A key's name has {NAME_IN_WORDS}. Never put the key itself here: see gcs key --help.",
+        )
+    return name
+
+
+def shown_url(url: str) -> str:
+    """A link's URL as it may stand in a journal or a log: what is no key's name is not shown."""
+
+    def shown(match: re.Match[str]) -> str:
+        try:
+            checked_key_name(unquote(match[2]))
+        except InvalidRequest:
+            return f"{match[1]}(not shown)"
+        return match[0]
+
+    return re.sub(r"([?&]key=)([^&#]*)", shown, url, flags=re.IGNORECASE)
 
 
 def derived_name(text: str) -> str:

@@ -8,7 +8,9 @@
     tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
 
 `forward=1` on a network link marks another ground station: it gets what the vehicles say, and what it
-says goes to the vehicles.
+says goes to the vehicles. `key=NAME` on any link but a recording signs what is sent and checks what comes
+with that key (docs/links.md): `signing=required`, the default, refuses unsigned frames, `signing=allowed`
+takes them.
 """
 
 from __future__ import annotations
@@ -19,14 +21,16 @@ from pathlib import Path
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from gcs_server.errors import InvalidRequest, LinkError
-from gcs_server.links.base import Link
-from gcs_server.links.names import checked_host, checked_name, checked_path, derived_name
+from gcs_server.links.base import Link, SigningOptions
+from gcs_server.links.names import checked_host, checked_key_name, checked_name, checked_path, derived_name
 from gcs_server.links.serial import DEFAULT_BAUD, SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
 from gcs_server.links.tlog import TlogLink
 from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
+ANY_LIVE = frozenset({"forward", "key", "signing"})
+"""Options of every link that is no recording."""
 KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
 REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev/ttyACM0?baud=57600."
 
@@ -42,6 +46,14 @@ def make_link(url: str, name: str | None = None) -> Link:
         InvalidRequest: the URL is not understood, or the name cannot be one.
         LinkError: a recording that is not there.
     """
+    for given in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
+        checked_key_name(unquote(given))  # first of all: messages below repeat the URL
+    link = _link(url, name)
+    link.signing = _signing(url)
+    return link
+
+
+def _link(url: str, name: str | None) -> Link:
     if name is not None:
         checked_name(name)
     try:
@@ -54,8 +66,8 @@ def make_link(url: str, name: str | None = None) -> Link:
         raise InvalidRequest(
             "url", f"{url!r} is not a link: it must begin with one of {', '.join(KINDS)}.", remedy=REMEDY
         )
-    options = {key: values[-1] for key, values in parse_qs(parts.query, keep_blank_values=True).items()}
-    allowed = {"serial": {"baud", "forward"}, "tlog": {"speed"}}.get(kind, {"forward"})
+    options = _options(parts.query)
+    allowed = {"serial": {"baud", *ANY_LIVE}, "tlog": {"speed"}}.get(kind, ANY_LIVE)
     for key in options.keys() - allowed:
         raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)
     forward = _flag(url, options.get("forward", "0"))
@@ -88,6 +100,24 @@ def make_link(url: str, name: str | None = None) -> Link:
     if kind == "tcpin":
         return TcpServerLink(name, url, host, port, forward=forward)
     return UdpLink(name, url, host, port, outgoing=kind == "udpout", forward=forward)
+
+
+def _options(query: str) -> dict[str, str]:
+    return {key: values[-1] for key, values in parse_qs(query, keep_blank_values=True).items()}
+
+
+def _signing(url: str) -> SigningOptions | None:
+    options = _options(urlsplit(url).query)
+    mode = options.get("signing", "required")
+    if mode not in ("required", "allowed"):
+        raise InvalidRequest("url", f"{url!r}: signing must be required or allowed, not {mode!r}.")
+    if "key" not in options:
+        if "signing" in options:
+            raise InvalidRequest(
+                "url", f"{url!r}: signing needs a key.", remedy="Name one: key=NAME (see gcs key --help)."
+            )
+        return None
+    return SigningOptions(checked_key_name(options["key"]), mode == "required")
 
 
 def _tlog(url: str, name: str | None, path_text: str, options: dict[str, str]) -> TlogLink:

@@ -13,6 +13,7 @@ from typing import Any
 import fastcrc
 
 from gcs_server.mavlink.dialect import MAVLink_header, MAVLink_message
+from gcs_server.mavlink.signing import FrameSigner
 from gcs_server.mavlink.tables import CRC_EXTRA, LAYOUTS
 
 STX_V1, STX_V2 = 0xFE, 0xFD
@@ -55,11 +56,21 @@ class FrameParser:
     know cannot be checked; it is taken where another frame (or the end of what came) follows it.
     """
 
-    __slots__ = ("_last_seq", "_rest", "bytes_skipped", "crc_errors", "frames", "frames_unknown", "lost")
+    __slots__ = (
+        "_last_seq",
+        "_rest",
+        "bytes_skipped",
+        "crc_errors",
+        "frames",
+        "frames_signed",
+        "frames_unknown",
+        "lost",
+    )
 
     def __init__(self) -> None:
         self.frames = 0
         self.frames_unknown = 0
+        self.frames_signed = 0
         self.bytes_skipped = 0
         self.crc_errors = 0
         self.lost: dict[tuple[int, int], int] = {}
@@ -136,6 +147,8 @@ class FrameParser:
             self.crc_errors += 1
             return None
         self._count(system_id, component_id, seq)
+        if whole > end:
+            self.frames_signed += 1
         return Frame(
             msg_id,
             system_id,
@@ -209,11 +222,31 @@ def encode_payload(message: MAVLink_message) -> bytes:
     return layout.unpacker.pack(*values)
 
 
-def encode_frame(msg_id: int, payload: bytes, seq: int, system_id: int, component_id: int) -> bytes:
-    """A MAVLink 2 frame, unsigned; trailing zeros of the payload are cut off as the protocol wants."""
+def encode_frame(
+    msg_id: int,
+    payload: bytes,
+    seq: int,
+    system_id: int,
+    component_id: int,
+    signer: FrameSigner | None = None,
+) -> bytes:
+    """A MAVLink 2 frame; trailing zeros of the payload are cut off as the protocol wants.
+
+    Args:
+        signer: signs it; frames leave in the order in which they were signed. None: unsigned.
+    """
     payload = payload.rstrip(b"\0") or payload[:1]
     header = _header_v2.pack(
-        STX_V2, len(payload), 0, 0, seq, system_id, component_id, msg_id & 0xFFFF, msg_id >> 16
+        STX_V2,
+        len(payload),
+        0 if signer is None else SIGNED,
+        0,
+        seq,
+        system_id,
+        component_id,
+        msg_id & 0xFFFF,
+        msg_id >> 16,
     )
     body = header + payload
-    return body + _checksum.pack(_crc(body[1:] + CRC_EXTRA[msg_id]))
+    frame = body + _checksum.pack(_crc(body[1:] + CRC_EXTRA[msg_id]))
+    return frame if signer is None else frame + signer.trailer(frame)

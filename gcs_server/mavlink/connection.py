@@ -9,7 +9,9 @@ from gcs_server.clock import Clock
 from gcs_server.links.base import Link, LinkInfo, Peer
 from gcs_server.links.send_queue import Packet
 from gcs_server.mavlink.codec import LEAST_V2, SIGNATURE, Frame, FrameParser, encode_frame
+from gcs_server.mavlink.link_signing import LinkSigning
 from gcs_server.mavlink.priority import classify, classify_forwarded
+from gcs_server.mavlink.signing import FrameSigner
 from gcs_server.mavlink.tables import NAMES
 from gcs_server.mavlink.tlog_writer import TlogChannel, stamp
 
@@ -23,6 +25,7 @@ class ParserCounts:
     bytes_skipped: int
     crc_errors: int
     frames_lost: int
+    frames_signed: int = 0
 
     def plus(self, other: ParserCounts) -> ParserCounts:
         """The sum."""
@@ -32,6 +35,7 @@ class ParserCounts:
             self.bytes_skipped + other.bytes_skipped,
             self.crc_errors + other.crc_errors,
             self.frames_lost + other.frames_lost,
+            self.frames_signed + other.frames_signed,
         )
 
 
@@ -44,12 +48,18 @@ class FrameSender:
     """
 
     def __init__(
-        self, link: Link, system_id: int, component_id: int, record: Callable[[bytes], None]
+        self,
+        link: Link,
+        system_id: int,
+        component_id: int,
+        record: Callable[[bytes], None],
+        signer: FrameSigner | None = None,
     ) -> None:
         self._link = link
         self._system_id = system_id
         self._component_id = component_id
         self._record = record
+        self._signer = signer
         self._seq: dict[str, int] = {}
 
     def send(
@@ -101,7 +111,7 @@ class FrameSender:
 
     def _finish(self, msg_id: int, payload: bytes, peer: Peer) -> bytes:
         seq = self._seq.get(peer.name, 0)
-        return encode_frame(msg_id, payload, seq, self._system_id, self._component_id)
+        return encode_frame(msg_id, payload, seq, self._system_id, self._component_id, self._signer)
 
     def _left(self, raw: bytes, peer: Peer) -> None:
         self._seq[peer.name] = (self._seq.get(peer.name, 0) + 1) & 0xFF
@@ -115,7 +125,8 @@ class Connection:
     """One link in use.
 
     Args:
-        recording: gets every frame, both ways; None for replays.
+        recording: gets every frame that was taken or sent; None for replays.
+        signing: signs what is sent and refuses what is not signed well; None: neither.
         on_frame: gets each frame heard.
     """
 
@@ -130,6 +141,7 @@ class Connection:
         system_id: int,
         component_id: int,
         recording: TlogChannel | None,
+        signing: LinkSigning | None = None,
         on_frame: OnFrame,
         on_new_peer: Callable[[Connection, Peer], None],
         on_peer_gone: Callable[[Connection, Peer], None],
@@ -138,6 +150,7 @@ class Connection:
         self.link = link
         self._clock = clock
         self._recording = recording
+        self.signing = signing
         self._on_frame = on_frame
         self._on_new_peer = on_new_peer
         self._on_peer_gone = on_peer_gone
@@ -147,7 +160,8 @@ class Connection:
         """When the newest bytes came, and what the recording calls that."""
         self._gone = ParserCounts(0, 0, 0, 0, 0)
         """Of peers that have gone."""
-        self.sender = FrameSender(link, system_id, component_id, self._record)
+        signer = None if signing is None else signing.signer
+        self.sender = FrameSender(link, system_id, component_id, self._record, signer)
 
     @property
     def name(self) -> str:
@@ -194,6 +208,9 @@ class Connection:
             frames_lost=0 if self.link.replay else total.frames_lost,  # jumps leave gaps of our own
             crc_errors=total.crc_errors,
             bytes_skipped=total.bytes_skipped,
+            frames_refused=0 if self.signing is None else self.signing.refused(),
+            frames_unverified=total.frames_signed if self.signing is None and not self.link.replay else 0,
+            signing=None if self.signing is None else self.signing.report(),
             recording=None if self._recording is None else self._recording.info(),
         )
 
@@ -209,16 +226,18 @@ class Connection:
         frames = parser.feed(data, received_s)
         if not frames:
             return
+        if is_new:  # greeted though it may be refused: a vehicle gets its signing time from what it hears
+            try:
+                self._on_new_peer(self, peer)
+            except Exception as error:
+                self.link.faults.add(error, "greeting a new peer")
+        if self.signing is not None:
+            frames = [frame for frame in frames if self.signing.accepts(frame)]
         if self._recording is not None:
             if received_s != self._stamped_s:  # many datagrams are read in one go
                 self._stamped_s, self._stamp = received_s, stamp(int(self._clock.unix_s() * 1e6))
             for frame in frames:
                 self._recording.append(self._stamp, frame.raw)
-        if is_new:
-            try:
-                self._on_new_peer(self, peer)
-            except Exception as error:
-                self.link.faults.add(error, "greeting a new peer")
         on_frame = self._on_frame
         for frame in frames:
             try:  # one frame's fault costs that frame only
@@ -246,4 +265,5 @@ def _counts_of(parser: FrameParser) -> ParserCounts:
         parser.bytes_skipped,
         parser.crc_errors,
         sum(parser.lost.values()),
+        parser.frames_signed,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from gcs_server.mavlink import dialect
 from gcs_server.mavlink.codec import Frame, encode_payload
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.forwarding import Forwarder
+from gcs_server.mavlink.key_store import KeyStore
+from gcs_server.mavlink.link_signing import KEEP_INTERVAL_S, Signing
 from gcs_server.mavlink.tlog_writer import TlogRecorder
 from gcs_server.supervise import Supervisor
 
@@ -28,6 +31,8 @@ class RouterSettings:
 
     system_id: int = 255
     component_id: int = 190
+    signing_dir: Path | None = None
+    """Where signing keys lie; None: no link can sign."""
     recording_dir: Path | None = None
     """Where tlogs go; None records nothing."""
     recording_max_bytes: int = 200_000_000
@@ -58,6 +63,7 @@ class Router:
         self._connections: dict[str, Connection] = {}
         self._on_change: list[Callable[[LinkInfo], None]] = []
         self._forwarder = Forwarder(settings.system_id)
+        self.signing = Signing(clock, KeyStore(settings.signing_dir) if settings.signing_dir else None)
         self._recorder = (
             TlogRecorder(
                 settings.recording_dir,
@@ -83,6 +89,7 @@ class Router:
         if self._recorder is not None:
             self._recorder.start()
         self._supervisor.start("heartbeats", self._send_heartbeats)
+        self._supervisor.start("signing", self._keep_signing_time)
 
     def add_link(self, url: str, name: str | None = None) -> LinkInfo:
         """Opens a link: udpin, udpout, tcp, tcpin, serial, tlog; options as in `links/url.py`.
@@ -106,6 +113,7 @@ class Router:
                 remedy="Remove it first, or give another name.",
             )
         self._refuse_loop(link)
+        signing = None if link.signing is None else self.signing.open(link.name, link.signing)
         recording = self._recorder.channel(link.name) if self._recorder and not link.replay else None
         connection = Connection(
             link,
@@ -113,6 +121,7 @@ class Router:
             system_id=self.settings.system_id,
             component_id=self.settings.component_id,
             recording=recording,
+            signing=signing,
             on_frame=self._frame,
             on_new_peer=self._new_peer,
             on_peer_gone=self._peer_gone,
@@ -127,6 +136,8 @@ class Router:
             self._forwarder.use(self._connections.values())
             if recording is not None:
                 recording.closing = True
+            if signing is not None:
+                self.signing.release(signing)
             raise
         return connection.info()
 
@@ -140,6 +151,8 @@ class Router:
         del self._connections[name]
         self._forwarder.use(self._connections.values())
         await connection.close()
+        if connection.signing is not None:
+            self.signing.release(connection.signing)
 
     def links(self) -> list[LinkInfo]:
         """State and counters of all links."""
@@ -170,8 +183,14 @@ class Router:
             if c.link.faults.recent
         ]
         waiting = [("link", i.name, i.detail) for i in self.links() if i.state in TROUBLED and i.detail]
+        refused = [
+            ("signing", name, text)
+            for name, c in self._connections.items()
+            if c.signing is not None
+            for text in c.signing.warnings()
+        ]
         problems = self._recorder.problems() if self._recorder else []
-        return waiting + faults + [("recording", link, why) for link, why in problems]
+        return waiting + faults + refused + [("recording", link, why) for link, why in problems]
 
     def on_change(self, callback: Callable[[LinkInfo], None]) -> None:
         """Calls back when a link's state or its peers change."""
@@ -183,6 +202,7 @@ class Router:
             await self.remove_link(name)
         if self._recorder is not None:
             self._recorder.close()
+        self.signing.keep()
 
     def _refuse_loop(self, link: Link) -> None:
         ends = {c.link.url.split("?")[0].split("://")[-1]: c.link for c in self._connections.values()}
@@ -218,6 +238,12 @@ class Router:
                 callback(info)
             except Exception as error:
                 connection.link.faults.add(error, "telling of a change")
+
+    async def _keep_signing_time(self) -> None:
+        while True:
+            await self._clock.sleep(KEEP_INTERVAL_S)
+            if self.signing.in_use:
+                await asyncio.to_thread(self.signing.keep)
 
     async def _send_heartbeats(self) -> None:
         next_s = self._clock.monotonic_s()

@@ -47,6 +47,11 @@ class DataFolder:
         return self.path / "token"
 
     @property
+    def signing(self) -> Path:
+        """MAVLink signing: a file for each key, and the timestamps used; its owner's alone to read."""
+        return self.path / "signing"
+
+    @property
     def maps(self) -> Path:
         """The operator's own PMTiles and MBTiles."""
         return self.path / "maps"

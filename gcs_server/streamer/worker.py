@@ -27,11 +27,12 @@ from dataclasses import replace
 
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.mavlink.codec import encode_frame
+from gcs_server.mavlink.signing import FrameSigner, SecretKey, SigningClock
 from gcs_server.streamer.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.rounds import Rounds
 from gcs_server.streamer.setpoints import Order
 from gcs_server.streamer.streams import StreamState
-from gcs_server.streamer.worker_messages import Answer, Hello, Numbered, Request, Route, Update
+from gcs_server.streamer.worker_messages import Answer, Hello, Numbered, Request, Route, RouteSigning, Update
 
 log = logging.getLogger(__name__)
 
@@ -107,7 +108,8 @@ class Outlet:
         worker, route = self._worker, self.route
         if route is None:
             return worker.mail.relay(self._vehicle_id, msg_id, payload)
-        raw = encode_frame(msg_id, payload, self._seq, *worker.own_ids)
+        signer = None if route.signing is None else worker.signer(route.signing)
+        raw = encode_frame(msg_id, payload, self._seq, *worker.own_ids, signer)
         try:
             worker.sockets[route.socket_number].sendto(raw, route.address)
         except OSError:
@@ -148,6 +150,19 @@ class Worker:
         self.own_ids = own_ids
         self.mail = Mail(way)
         self.sockets: dict[int, socket.socket] = {}
+        self._signing_clock = SigningClock(lambda: clock.unix_s())
+        """One for all vehicles: a link's setpoints are one stream of signatures."""
+        self._signers: dict[RouteSigning, FrameSigner] = {}
+
+    def signer(self, signing: RouteSigning) -> FrameSigner:
+        """Of a route."""
+        signer = self._signers.get(signing)
+        if signer is None:
+            self._signing_clock.run_ahead(signing.ahead_ticks)
+            key = SecretKey(signing.key)
+            self._signers = {k: s for k, s in self._signers.items() if k.link_id != signing.link_id}
+            signer = self._signers[signing] = FrameSigner(key, signing.link_id, self._signing_clock)
+        return signer
 
     def run(self) -> None:
         """Returns when the server has gone."""

@@ -19,9 +19,10 @@ from typing import Any
 
 from gcs_server.faults import FaultLog
 from gcs_server.mavlink.connection import Connection
+from gcs_server.mavlink.signing import TICKS_PER_S
 from gcs_server.streamer.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.streams import PayloadSender
-from gcs_server.streamer.worker_messages import Numbered, Post, Request, Route
+from gcs_server.streamer.worker_messages import Numbered, Post, Request, Route, RouteSigning
 
 log = logging.getLogger(__name__)
 
@@ -170,7 +171,7 @@ class WorkerHandle:
                 return None
             self._handed_over = self._numbers[link_socket] = number
             self.connections[number] = way.connection
-        return Route(self._numbers[link_socket], way.peer.address)
+        return Route(self._numbers[link_socket], way.peer.address, _signing(way.connection))
 
     # --- its end ----------------------------------------------------------------------------------
 
@@ -272,3 +273,11 @@ class WorkerHandle:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+
+def _signing(connection: Connection) -> RouteSigning | None:
+    signing = connection.signing
+    if signing is None:
+        return None
+    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S  # seldom another one
+    return RouteSigning(signing.signer.key.reveal(), signing.signer.link_id, ahead_s * TICKS_PER_S)

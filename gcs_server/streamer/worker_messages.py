@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import pickle
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
@@ -26,11 +26,23 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
+class RouteSigning:
+    """What the process needs to sign as the server does; it comes by the server's socket only."""
+
+    key: bytes = field(repr=False)
+    link_id: int
+    ahead_ticks: int
+    """How far the server's timestamps run before the machine's clock, in whole seconds."""
+
+
+@dataclass(frozen=True, slots=True)
 class Route:
     """Where a vehicle's datagrams go."""
 
     socket_number: int
     address: Address
+    signing: RouteSigning | None = None
+    """None: frames leave unsigned."""
 
 
 class WorkerSide(Protocol):

@@ -133,3 +133,13 @@ def test_a_client_may_call_itself_what_it_likes(client, name):
     assert client.get("/api/v1/me", headers=headers).status_code == 200
     assert client.post("/api/v1/vehicles/1/arm", headers=headers).status_code == 404
     assert client.get("/api/v1/journal").status_code == 200
+
+
+def test_a_key_sent_for_its_name_stands_in_no_answer_journal_log_or_file(client, caplog):
+    secret = bytes(range(32)).hex()
+    answer = client.post("/api/v1/links", json={"url": f"udpin://127.0.0.1:0?key={secret}"})
+    assert (answer.status_code, answer.json()["field"]) == (422, "key")
+    entries = client.get("/api/v1/journal?limit=1").json()["entries"]
+    assert entries[0]["arguments"]["url"] == "udpin://127.0.0.1:0?key=(not shown)"
+    said = answer.text + json.dumps(entries) + caplog.text + client.get("/api/v1/warnings").text
+    assert secret not in said

@@ -3444,6 +3444,18 @@ export interface components {
              * @description What arrived and could not be handled because of a fault in this server; it was skipped and logged.
              */
             handler_errors: number;
+            /**
+             * Frames Refused
+             * @description Frames that were not taken for their signature or the want of one; `signing` says why.
+             */
+            frames_refused: number;
+            /**
+             * Frames Unverified
+             * @description Signed frames that were taken as they are, since this link has no key.
+             */
+            frames_unverified: number;
+            /** @description Null where the link's URL names no key. */
+            signing: components["schemas"]["SigningReport"] | null;
             /** @description Null where nothing is to be recorded: a replay, or a server with --no-record. */
             recording: components["schemas"]["Recording"] | null;
         };
@@ -5480,6 +5492,52 @@ export interface components {
              * @description Text.
              */
             text: string;
+        };
+        /**
+         * SigningReport
+         * @description Signing of a link, and how many frames it refused.
+         */
+        SigningReport: {
+            /**
+             * Key
+             * @description The key's name.
+             */
+            key: string;
+            /**
+             * Mode
+             * @description required: unsigned frames are refused; allowed: they are taken. Wrongly signed ones are refused.
+             */
+            mode: string;
+            /**
+             * Link Id
+             * @description In all signatures of this link, 0 to 255.
+             */
+            link_id: number;
+            /**
+             * Unsigned
+             * @description Refused: no signature, where one is required.
+             */
+            unsigned: number;
+            /**
+             * Wrong Signature
+             * @description Refused: signed with another key, or changed on the way.
+             */
+            wrong_signature: number;
+            /**
+             * Replayed
+             * @description Refused: no later than a frame that this sender has sent already.
+             */
+            replayed: number;
+            /**
+             * Too Old
+             * @description Refused: a sender's first frame, more than a minute behind this server's time.
+             */
+            too_old: number;
+            /**
+             * Too Many Streams
+             * @description Refused: another sender with this key, where there are too many.
+             */
+            too_many_streams: number;
         };
         /**
          * StartGroup

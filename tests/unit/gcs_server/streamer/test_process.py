@@ -11,13 +11,16 @@ import struct
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from pymavlink.dialects.v20 import common
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.links.base import Peer
+from gcs_server.mavlink.signing import TICKS_PER_S, FrameSigner, SecretKey, SigningClock
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.failsafe import Failsafe
 from gcs_server.streamer.group_guard import GroupGuard
@@ -45,7 +48,7 @@ class Vehicle:
         self.datagrams = True
         link = SimpleNamespace(datagrams=lambda: self.link_socket if self.datagrams else None)
         self.way = SimpleNamespace(
-            connection=SimpleNamespace(link=link, sent_elsewhere=self._record),
+            connection=SimpleNamespace(link=link, sent_elsewhere=self._record, signing=None),
             peer=Peer("peer", self.heard.getsockname()),
         )
         threading.Thread(target=self._listen, daemon=True).start()
@@ -157,6 +160,37 @@ async def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams,
     assert [frame[4] for frame in frames] == list(range(len(frames)))
     assert abs(vehicle.recorded[-1][0] / 1e6 - time.clock_gettime(time.CLOCK_REALTIME)) < 5
     assert vehicle.relayed == []
+
+
+@flown
+async def test_what_goes_out_is_signed_with_the_links_key_which_no_argument_shows(streams, vehicle):
+    key = bytes(range(32))
+    signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
+    vehicle.way.connection.signing = SimpleNamespace(signer=signer)
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.frames) >= 10)
+    signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # a vehicle's clock is ahead
+    count = len(vehicle.frames)
+    for _ in range(25):
+        streams.beat({"1": snapshot()})
+        await asyncio.sleep(0.02)
+    await soon(lambda: len(vehicle.frames) >= count + 10)
+    frames = [raw for _, raw in vehicle.frames]
+    other = common.MAVLink(None)
+    other.signing.secret_key = key
+    messages = [other.decode(bytearray(raw)) for raw in frames]
+    assert all(message.get_signed() for message in messages)
+    assert {message.get_link_id() for message in messages} == {5}
+    first, last = (int.from_bytes(raw[-12:-6], "little") for raw in (frames[0], frames[-1]))
+    assert 99 < (last - first) / TICKS_PER_S < 110
+    shown = shown_to_other_users(streams.pid)
+    assert b"gcs_server.streamer.worker" in shown
+    assert key not in shown
+    assert key.hex().encode() not in shown
+
+
+def shown_to_other_users(pid):
+    return b"".join(Path(f"/proc/{pid}/{name}").read_bytes() for name in ("cmdline", "environ"))
 
 
 @flown

@@ -1,0 +1,170 @@
+"""Signing of the server's links: which key, which link id, what is refused, and what people are told."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+from gcs_server.clock import Clock
+from gcs_server.errors import InvalidRequest
+from gcs_server.links.base import SigningOptions, SigningReport
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame
+from gcs_server.mavlink.key_store import KeyStore, KeyUnusable
+from gcs_server.mavlink.signing import (
+    TICKS_PER_S,
+    FrameSigner,
+    KeyVerifier,
+    Refusal,
+    SecretKey,
+    SigningClock,
+    is_signed,
+)
+
+log = logging.getLogger(__name__)
+
+UNSIGNED_TAKEN = frozenset({d.MAVLINK_MSG_ID_RADIO_STATUS})
+"""A telemetry radio adds these itself and has no key (MAVLink guide, "Accepting Unsigned Packets")."""
+WARNED_FOR_S = 60.0
+"""A refusal is a warning for so long after the last one."""
+KEEP_INTERVAL_S = 10.0
+"""How often the newest timestamp is written down; the guide asks for once a minute."""
+MAX_LINK_IDS = 256
+
+_WORDS = {
+    Refusal.UNSIGNED: "sends frames without a signature, and this link requires one. Give the vehicle the "
+    "key, or open the link with signing=allowed.",
+    Refusal.WRONG_SIGNATURE: "sends frames with a wrong signature: it has another key, or somebody forges "
+    "frames in its name. Give it the key of this link.",
+    Refusal.REPLAYED: "sends frames that are no later than earlier ones: somebody replays them, or two "
+    "senders with this key have the same system id, component and link id.",
+    Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. It should take over this "
+    "server's time from the frames that it gets; if it does not, set its clock.",
+    Refusal.TOO_MANY_STREAMS: "is one sender too many with this key. Restart the server.",
+}
+
+
+@dataclass(slots=True)
+class _Refused:
+    count: int = 0
+    last_s: float = float("-inf")
+    system_id: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class LinkSigning:
+    """One link's."""
+
+    link: str
+    options: SigningOptions
+    signer: FrameSigner
+    verifier: KeyVerifier
+    clock: Clock
+    _refused: dict[Refusal, _Refused] = field(default_factory=lambda: {r: _Refused() for r in Refusal})
+
+    def accepts(self, frame: Frame) -> bool:
+        """Whether a frame that came in may be recorded, forwarded and acted upon; counts it where not."""
+        raw = frame.raw
+        if not is_signed(raw) and (not self.options.required or frame.msg_id in UNSIGNED_TAKEN):
+            return True
+        why = self.verifier.refusal(raw, frame.system_id, frame.component_id)
+        if why is None:
+            return True
+        now_s, refused = self.clock.monotonic_s(), self._refused[why]
+        is_news = now_s - refused.last_s > WARNED_FOR_S
+        refused.count, refused.last_s, refused.system_id = refused.count + 1, now_s, frame.system_id
+        if is_news:
+            log.warning("link %s: %s", self.link, self._text(why, refused))
+        return False
+
+    def report(self) -> SigningReport:
+        """For `GET /links`."""
+        return SigningReport(
+            key=self.options.key,
+            mode="required" if self.options.required else "allowed",
+            link_id=self.signer.link_id,
+            **{why.value: refused.count for why, refused in self._refused.items()},
+        )
+
+    def refused(self) -> int:
+        """How many frames, for whatever reason."""
+        return sum(refused.count for refused in self._refused.values())
+
+    def warnings(self) -> list[str]:
+        """What was refused of late, in words."""
+        before_s = self.clock.monotonic_s() - WARNED_FOR_S
+        return [self._text(why, r) for why, r in self._refused.items() if r.last_s >= before_s]
+
+    def _text(self, why: Refusal, refused: _Refused) -> str:
+        key = f"(key {self.options.key!r}; refused so far: {refused.count})"
+        return f"System {refused.system_id} {_WORDS[why]} {key}"
+
+
+class Signing:
+    """All signing of one server: its keys in use, its time, its link ids.
+
+    Args:
+        store: where keys lie; None: there are none.
+    """
+
+    def __init__(self, clock: Clock, store: KeyStore | None) -> None:
+        self._clock = clock
+        self._store = store
+        self.clock = SigningClock(clock.unix_s)
+        newest = 0 if store is None else store.newest_timestamp()
+        if newest >= self.clock.now():  # the machine's clock went back, or a vehicle's was ahead of it
+            unwritten = round(KEEP_INTERVAL_S * TICKS_PER_S)
+            self.clock = SigningClock(clock.unix_s, newest + unwritten)
+        self._verifiers: list[tuple[SecretKey, KeyVerifier]] = []
+        """Kept when a key's links are closed: so are the timestamps that were heard."""
+        self._link_ids: set[int] = set()
+        self._failed = False
+
+    @property
+    def in_use(self) -> bool:
+        """Whether a link signs."""
+        return bool(self._link_ids)
+
+    def open(self, link: str, options: SigningOptions) -> LinkSigning:
+        """For a link that is being opened.
+
+        Raises:
+            InvalidRequest: its key cannot be used; says why. Or no link id is free.
+        """
+        try:
+            if self._store is None:
+                raise KeyUnusable("This server keeps no signing keys.")
+            key = self._store.read(options.key)
+        except KeyUnusable as error:
+            raise InvalidRequest("url", error.message, remedy=error.remedy) from None
+        link_id = next((n for n in range(MAX_LINK_IDS) if n not in self._link_ids), None)
+        if link_id is None:
+            raise InvalidRequest("url", f"{MAX_LINK_IDS} links sign already.", remedy="Close one of them.")
+        self._link_ids.add(link_id)
+        signer = FrameSigner(key, link_id, self.clock)
+        return LinkSigning(link, options, signer, self._verifier(key), self._clock)
+
+    def _verifier(self, key: SecretKey) -> KeyVerifier:
+        """One for each key, whatever names it has: what was heard on one link is a replay on another."""
+        for known, verifier in self._verifiers:
+            if known == key:
+                return verifier
+        verifier = KeyVerifier(key, self.clock)
+        self._verifiers.append((key, verifier))
+        return verifier
+
+    def release(self, signing: LinkSigning) -> None:
+        """Its link was closed."""
+        self._link_ids.discard(signing.signer.link_id)
+
+    def keep(self) -> None:
+        """Writes down how far the timestamps are; from any thread."""
+        if self._store is None or not self._verifiers:
+            return
+        try:
+            self._store.keep_timestamp(self.clock.now())
+            self._failed = False
+        except OSError as error:
+            if not self._failed:
+                log.warning("the newest signing timestamp cannot be kept: %s", error.strerror or error)
+            self._failed = True

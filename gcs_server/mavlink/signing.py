@@ -1,0 +1,197 @@
+"""MAVLink 2 message signing: signatures made and checked, timestamps that never go back. No I/O.
+
+Rules and layout are those of the MAVLink guide ("Message signing"): after the checksum a frame carries a link
+id (one byte), a timestamp (48 bits, 10 us since 2015-01-01) and the first 48 bits of the SHA-256 over the
+secret key and all that comes before them. A stream is one (link id, system, component): its timestamps rise
+with each frame; a stream that was not heard before may be at most a minute behind.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import struct
+import threading
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Literal, NoReturn
+
+KEY_BYTES = 32
+SIGNATURE_BYTES = 13
+"""Link id, timestamp, signature."""
+EPOCH_UNIX_S = 1_420_070_400.0
+"""2015-01-01 00:00 UTC."""
+TICKS_PER_S = 100_000
+OLDEST_NEW_STREAM_TICKS = 60 * TICKS_PER_S
+MAX_TIMESTAMP = (1 << 48) - 1
+LATEST_ADOPTED_TIMESTAMP = MAX_TIMESTAMP - 366 * 86_400 * TICKS_PER_S
+"""A timestamp at the very end of the range would leave nothing to sign with after it."""
+MAX_STREAMS = 1024
+"""Of one key. Only who has the key can make a new one."""
+STX_V2 = 0xFD
+SIGNED_FLAG = 0x01
+_time_low_high = struct.Struct("<IH")
+
+
+class Refusal(StrEnum):
+    """Why a frame is not taken."""
+
+    UNSIGNED = "unsigned"
+    """It carries no signature, and the link requires one."""
+    WRONG_SIGNATURE = "wrong_signature"
+    """Signed with another key, or changed on its way."""
+    REPLAYED = "replayed"
+    """No later than a frame that its stream has sent already."""
+    TOO_OLD = "too_old"
+    """The first of its stream, and more than a minute behind this server's time."""
+    TOO_MANY_STREAMS = "too_many_streams"
+
+
+class SecretKey:
+    """32 bytes that nothing prints: neither `repr`, nor a log, nor an error shows them."""
+
+    __slots__ = ("_bytes",)
+
+    def __init__(self, key: bytes) -> None:
+        """Raises ValueError, without the value."""
+        if len(key) != KEY_BYTES:
+            raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
+        self._bytes = bytes(key)
+
+    def __repr__(self) -> str:
+        return "SecretKey(not shown)"
+
+    def __format__(self, format_spec: str) -> str:
+        return repr(self)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SecretKey) and hmac.compare_digest(self._bytes, other._bytes)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise TypeError("a signing key is not pickled by chance; see `reveal`")
+
+    def reveal(self) -> bytes:
+        """The bytes, for the process that flies the streams and for the key's file: for nobody else."""
+        return self._bytes
+
+    def signature(self, frame: bytes) -> bytes:
+        """Of a frame with its checksum, link id and timestamp."""
+        return hashlib.sha256(self._bytes + frame).digest()[:6]
+
+
+class SigningClock:
+    """The timestamps of all that one process signs: each later than every one before, from any thread.
+
+    They follow the machine's clock and run ahead of it where a correctly signed frame did: a vehicle
+    refuses a new stream that is a minute behind its own time.
+
+    Args:
+        unix_s: the machine's clock [s since 1970].
+        at_least: a timestamp that was used before; the first one is later.
+    """
+
+    def __init__(self, unix_s: Callable[[], float], at_least: int = 0) -> None:
+        self._unix_s = unix_s
+        self._last = min(at_least, LATEST_ADOPTED_TIMESTAMP)
+        self._lock = threading.Lock()
+        self.ahead_ticks = 0
+        """How far the timestamps run before the machine's clock."""
+        if at_least:
+            self._run_ahead_of(self._last)
+
+    def next(self) -> int:
+        """The timestamp of the next frame."""
+        with self._lock:
+            self._last = max(self._machine_ticks() + self.ahead_ticks, self._last + 1)
+            return self._last
+
+    def now(self) -> int:
+        """What `next` would not be earlier than."""
+        return max(self._machine_ticks() + self.ahead_ticks, self._last)
+
+    def adopt(self, timestamp: int) -> None:
+        """A frame with a correct signature carries this timestamp: later ones of ours are later."""
+        if self.now() < timestamp <= LATEST_ADOPTED_TIMESTAMP:
+            with self._lock:
+                self._run_ahead_of(timestamp)
+
+    def run_ahead(self, ticks: int) -> None:
+        """As far before the machine's clock as another process of ours does."""
+        with self._lock:
+            self.ahead_ticks = max(self.ahead_ticks, ticks)
+
+    def _run_ahead_of(self, timestamp: int) -> None:
+        # Never rounded up: a vehicle takes over our time as we take over its, and each round would add to it.
+        self.ahead_ticks = max(self.ahead_ticks, timestamp - self._machine_ticks())
+
+    def _machine_ticks(self) -> int:
+        return max(0, int((self._unix_s() - EPOCH_UNIX_S) * TICKS_PER_S))
+
+
+class FrameSigner:
+    """Signs what leaves by one link.
+
+    Args:
+        key: the link's.
+        link_id: tells the links of one key apart, 0 to 255.
+        clock: one for all that the process signs.
+    """
+
+    __slots__ = ("_link_id", "clock", "key", "link_id")
+
+    def __init__(self, key: SecretKey, link_id: int, clock: SigningClock) -> None:
+        self.key = key
+        self.link_id = link_id
+        self._link_id = bytes([link_id])
+        self.clock = clock
+
+    def trailer(self, frame: bytes) -> bytes:
+        """The 13 bytes that follow a frame with its checksum. Call it as the frame leaves, in their order."""
+        timed = self._link_id + self.clock.next().to_bytes(6, "little")
+        return timed + self.key.signature(frame + timed)
+
+
+class KeyVerifier:
+    """Checks what is signed with one key, on all links that use it: a frame counts once, wherever it comes.
+
+    Args:
+        key: the key.
+        clock: this server's signing time; takes over that of correctly signed frames.
+    """
+
+    def __init__(self, key: SecretKey, clock: SigningClock) -> None:
+        self._key = key
+        self._clock = clock
+        self._newest: dict[tuple[int, int, int], int] = {}
+        """By stream."""
+
+    def refusal(self, raw: bytes, system_id: int, component_id: int) -> Refusal | None:
+        """Why a whole frame with a good checksum is not to be taken; None: take it."""
+        if not is_signed(raw):
+            return Refusal.UNSIGNED
+        if not hmac.compare_digest(self._key.signature(raw[:-6]), raw[-6:]):
+            return Refusal.WRONG_SIGNATURE  # first of all: it must change nothing that is remembered
+        low, high = _time_low_high.unpack_from(raw, len(raw) - 12)
+        timestamp = low | high << 32
+        stream = (raw[-13], system_id, component_id)
+        newest = self._newest.get(stream)
+        if newest is None:
+            if timestamp + OLDEST_NEW_STREAM_TICKS < self._clock.now():
+                return Refusal.TOO_OLD
+            if len(self._newest) >= MAX_STREAMS:
+                return Refusal.TOO_MANY_STREAMS
+        elif timestamp <= newest:
+            return Refusal.REPLAYED
+        self._newest[stream] = timestamp
+        self._clock.adopt(timestamp)
+        return None
+
+
+SigningMode = Literal["required", "allowed"]
+
+
+def is_signed(raw: bytes) -> bool:
+    """Whether a whole frame carries a signature."""
+    return raw[0] == STX_V2 and bool(raw[2] & SIGNED_FLAG)

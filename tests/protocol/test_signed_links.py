@@ -1,0 +1,190 @@
+"""Links that sign: a vehicle with the key is flown, an intruder is neither heard, recorded nor forwarded.
+
+The vehicle signs and checks with pymavlink, which shares no code with the server's signing.
+"""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import InvalidRequest
+from gcs_server.links.base import SigningOptions
+from gcs_server.links.memory import MemoryLink
+from gcs_server.mavlink.codec import encode_frame
+from gcs_server.mavlink.key_store import KeyStore
+from gcs_server.mavlink.signing import (
+    EPOCH_UNIX_S,
+    TICKS_PER_S,
+    FrameSigner,
+    SecretKey,
+    SigningClock,
+    is_signed,
+)
+from gcs_server.replay.records import read_tlog
+from tests.protocol.fake_autopilot import FakeAutopilot
+from tests.protocol.memory_world import World
+
+KEY = bytes(range(100, 132))
+OTHER = bytes(range(32))
+HEARTBEAT = b"\0\0\0\0\x02\x0c\x51\x04\x03"
+
+
+class SignedWorld(World):
+    def __init__(self, tmp_path, **settings):
+        kept = KeyStore(tmp_path / "signing")
+        if not kept.names():
+            kept.add("field", SecretKey(KEY))
+        super().__init__(signing_dir=tmp_path / "signing", **settings)
+        self.pilots, self.sent = {}, []
+
+    def signed_link(self, name="radio", *, required=True, forward=False):
+        def outgoing(data, peer):
+            self.sent.append((data, peer.name))
+            if peer.name in self.pilots:
+                self.pilots[peer.name].receive(data)
+
+        link = MemoryLink(name, outgoing=outgoing, forward=forward)
+        link.signing = SigningOptions("field", required=required)
+        self.router.add(link)
+        return link
+
+    def now(self):
+        return int((self.clock.unix_s() - EPOCH_UNIX_S) * TICKS_PER_S)
+
+    def signed_pilot(self, link, *, key=KEY, timestamp=None, **options):
+        pilot = FakeAutopilot(link, **options)
+        pilot.mav.signing = pilot.parser.signing
+        signing = pilot.parser.signing
+        signing.secret_key, signing.link_id, signing.sign_outgoing = key, 2, True
+        signing.timestamp = self.now() if timestamp is None else timestamp
+        self.pilots[pilot.peer] = pilot
+        return pilot
+
+    def info(self, name="radio"):
+        return self.router.connection(name).info()
+
+
+def flown(jump, story, tmp_path, **settings):
+    async def run():
+        world = SignedWorld(tmp_path, **settings)
+        try:
+            await story(world)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+@pytest.mark.parametrize("required", [True, False])
+def test_a_vehicle_with_the_key_is_heard_and_takes_every_frame_as_signed(jump, tmp_path, required):
+    async def story(world):
+        pilot = world.signed_pilot(world.signed_link(required=required))
+        vehicle = await world.ready()
+        await vehicle.command.arm()
+        assert pilot.armed
+        assert len(world.sent) > 5
+        assert all(is_signed(data) for data, _ in world.sent)
+        signing = pilot.parser.signing
+        assert signing.goodsig_count == len(world.sent)
+        assert (signing.badsig_count, signing.unsigned_count, signing.reject_count) == (0, 0, 0)
+        info = world.info()
+        assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
+        assert info.frames_received > 20
+
+    flown(jump, story, tmp_path)
+
+
+def test_a_vehicle_that_does_not_know_the_time_gets_it_from_what_it_hears(jump, tmp_path):
+    async def story(world):
+        world.signed_pilot(world.signed_link(), timestamp=0)
+        await world.ready()
+        report = world.info().signing
+        assert report.too_old > 0
+        assert report.wrong_signature == report.unsigned == report.replayed == 0
+
+    flown(jump, story, tmp_path)
+
+
+def intruder_frames(world):
+    """What somebody without the key can send in the vehicle's name: by himself, or by what he recorded."""
+    unsigned = encode_frame(0, HEARTBEAT, 0, 1, 1)
+    forged = encode_frame(
+        0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER), 2, SigningClock(world.clock.unix_s))
+    )
+    return unsigned, forged
+
+
+def test_an_intruder_without_the_key_is_not_heard_forwarded_or_recorded_and_is_told_of(jump, tmp_path):
+    async def story(world):
+        link = world.signed_link()
+        pilot = world.signed_pilot(link)
+        station = world.link("station", forward=True)
+        station.inject(encode_frame(0, HEARTBEAT, 0, 254, 1), "qgc")
+        heard = []
+        link_bytes = pilot.link.inject
+        pilot.link.inject = lambda data, peer: (heard.append(data), link_bytes(data, peer))
+        vehicle = await world.ready()
+        recorded = heard[-1]
+        for _ in range(20):
+            for raw in (*intruder_frames(world), recorded):
+                link.inject(raw, "intruder")
+            await asyncio.sleep(0.05)
+        assert [v.id for v in world.fleet.all()] == ["1"]
+        assert {e.peer.name for e in vehicle.endpoints} == {"peer"}
+        assert vehicle.identity.warnings == ()
+        report = world.info().signing
+        assert (report.unsigned, report.wrong_signature) == (20, 20)
+        assert report.replayed >= 20
+        assert {data for data, _ in station.sent} <= set(heard)
+        texts = [text for kind, name, text in world.router.warnings() if (kind, name) == ("signing", "radio")]
+        assert len(texts) == 3
+        assert "signing=allowed" in texts[0]
+        await vehicle.command.arm()
+        world.router._recorder.flush()
+
+    folder = tmp_path / "recordings"
+    flown(jump, story, tmp_path, recording_dir=folder)
+    (tape,) = folder.glob("*radio*.tlog")
+    frames = [raw for _, raw in read_tlog(tape)]
+    assert len(frames) > 20
+    assert all(is_signed(raw) for raw in frames)
+    assert len(set(frames)) == len(frames)
+    for file in (*folder.rglob("*"), tmp_path / "signing" / "timestamp"):
+        assert KEY not in file.read_bytes()
+        assert KEY.hex().encode() not in file.read_bytes()
+
+
+def test_a_vehicle_with_another_key_is_not_flown_and_named(jump, tmp_path):
+    async def story(world):
+        link = world.signed_link()
+        pilot = world.signed_pilot(link, key=OTHER, system=6)
+        pilot.receive = lambda _data: None
+        await asyncio.sleep(3)
+        assert world.fleet.all() == []
+        (warning,) = [text for kind, _, text in world.router.warnings() if kind == "signing"]
+        assert warning.startswith("System 6 sends frames with a wrong signature")
+
+    flown(jump, story, tmp_path)
+
+
+def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
+    async def story(world):
+        with pytest.raises(InvalidRequest, match="There is no signing key 'none'; known: field") as error:
+            world.router.add_link("udpin://127.0.0.1:0?key=none", "one")
+        assert error.value.field == "url"
+        assert world.router.links() == []
+
+    flown(jump, story, tmp_path)
+
+
+def test_a_link_without_a_key_takes_signed_frames_and_counts_them(jump, tmp_path):
+    async def story(world):
+        link = world.link("plain")
+        pilot = world.signed_pilot(link)
+        pilot.mav.signing.secret_key = OTHER
+        await asyncio.sleep(3)
+        assert [v.id for v in world.fleet.all()] == ["1"]
+        assert world.info("plain").frames_unverified > 10
+        assert world.info("plain").signing is None
+
+    flown(jump, story, tmp_path)

@@ -1,0 +1,388 @@
+"""Message signing beside pymavlink's own, which shares no code with it; replays, forgeries, leaking keys."""
+
+import io
+import logging
+import pickle
+import stat
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from gcs_server.clock import SystemClock
+from gcs_server.errors import InvalidRequest
+from gcs_server.links.base import SigningOptions
+from gcs_server.links.names import shown_url
+from gcs_server.links.url import make_link
+from gcs_server.mavlink.codec import FrameParser, encode_frame
+from gcs_server.mavlink.key_store import KeyStore, KeyUnusable, key_of_passphrase, parse_key, random_key
+from gcs_server.mavlink.link_signing import WARNED_FOR_S, Signing
+from gcs_server.mavlink.signing import (
+    EPOCH_UNIX_S,
+    LATEST_ADOPTED_TIMESTAMP,
+    MAX_STREAMS,
+    MAX_TIMESTAMP,
+    TICKS_PER_S,
+    FrameSigner,
+    KeyVerifier,
+    Refusal,
+    SecretKey,
+    SigningClock,
+)
+from gcs_server.streamer.worker_messages import Route, Routes, RouteSigning
+
+NOW_S = EPOCH_UNIX_S + 400_000_000.0
+NOW = int((NOW_S - EPOCH_UNIX_S) * TICKS_PER_S)
+KEY = bytes(range(32))
+MINUTE = 60 * TICKS_PER_S
+keys = st.binary(min_size=32, max_size=32)
+
+
+def clock(at_s=NOW_S, at_least=0):
+    return SigningClock(lambda: at_s, at_least)
+
+
+def signed(key=KEY, link_id=3, timestamp=NOW, system_id=1, payload=bytes(9), msg_id=0):
+    """A frame with that very timestamp."""
+    signer = FrameSigner(SecretKey(key), link_id, clock(EPOCH_UNIX_S, timestamp - 1))
+    return encode_frame(msg_id, payload, 0, system_id, 1, signer)
+
+
+def verifier(key=KEY, at_s=NOW_S):
+    return KeyVerifier(SecretKey(key), clock(at_s))
+
+
+def pymavlink(key, system_id=1, timestamp=NOW):
+    mav = common.MAVLink(io.BytesIO(), srcSystem=system_id, srcComponent=1)
+    mav.robust_parsing = False
+    mav.signing.secret_key = key
+    mav.signing.link_id = 7
+    mav.signing.timestamp = timestamp
+    mav.signing.sign_outgoing = True
+    return mav
+
+
+@given(keys, st.integers(0, 255), st.integers(1, 255), st.integers(0, 255), st.integers(0, 2**32 - 1))
+def test_pymavlink_takes_what_is_signed_here(key, link_id, system_id, seq, custom_mode):
+    signer = FrameSigner(SecretKey(key), link_id, clock())
+    payload = custom_mode.to_bytes(4, "little") + bytes([6, 8, 192, 4, 3])
+    other = pymavlink(key)
+    for _ in range(3):
+        raw = encode_frame(0, payload, seq, system_id, 190, signer)
+        message = other.decode(bytearray(raw))
+        assert (message.get_signed(), message.get_link_id(), message.custom_mode) == (
+            True,
+            link_id,
+            custom_mode,
+        )
+        assert raw[-12:-6] == signer.clock.now().to_bytes(6, "little")
+    with pytest.raises(common.MAVError, match="signature"):
+        other.decode(bytearray(raw))
+    with pytest.raises(common.MAVError, match="signature"):
+        pymavlink(bytes([key[0] ^ 1]) + key[1:]).decode(bytearray(raw))
+
+
+@given(keys, st.integers(1, 255), st.integers(0, 2**32 - 1))
+def test_what_pymavlink_signs_is_taken_here(key, system_id, custom_mode):
+    other, own = pymavlink(key, system_id), verifier(key)
+    parser = FrameParser()
+    for _ in range(3):
+        raw = common.MAVLink_heartbeat_message(6, 8, 192, custom_mode, 4, 3).pack(other)
+        (frame,) = parser.feed(bytes(raw), 0.0)
+        assert own.refusal(frame.raw, frame.system_id, frame.component_id) is None
+        assert own.refusal(frame.raw, frame.system_id, frame.component_id) is Refusal.REPLAYED
+    assert parser.frames_signed == 3
+    another = bytes([key[0] ^ 1]) + key[1:]
+    assert verifier(another).refusal(frame.raw, system_id, 1) is Refusal.WRONG_SIGNATURE
+
+
+@settings(max_examples=300)
+@given(keys, st.binary(min_size=1, max_size=60), st.data())
+def test_a_flipped_bit_anywhere_is_refused(key, payload, data):
+    raw = signed(key, payload=payload)
+    bit = data.draw(st.integers(0, 8 * len(raw) - 1))
+    forged = bytearray(raw)
+    forged[bit // 8] ^= 1 << bit % 8
+    own = verifier(key)
+    assert own.refusal(bytes(forged), 1, 1) in (Refusal.WRONG_SIGNATURE, Refusal.UNSIGNED)
+    # A forgery is not remembered: the good frame is still taken.
+    assert own.refusal(raw, 1, 1) is None
+
+
+@given(st.lists(st.integers(NOW - MINUTE, NOW + MINUTE), min_size=2, max_size=20))
+def test_of_a_stream_only_rising_timestamps_are_taken(timestamps):
+    own, newest = verifier(), -1
+    for timestamp in timestamps:
+        why = own.refusal(signed(timestamp=timestamp), 1, 1)
+        if newest < 0 and timestamp + MINUTE >= NOW:
+            assert why is None
+        if newest >= 0:
+            assert why is (None if timestamp > newest else Refusal.REPLAYED)
+        newest = max(newest, timestamp)
+
+
+def test_a_new_stream_may_be_a_minute_behind_and_no_more():
+    assert verifier().refusal(signed(timestamp=NOW - MINUTE), 1, 1) is None
+    assert verifier().refusal(signed(timestamp=NOW - MINUTE - 1), 1, 1) is Refusal.TOO_OLD
+    assert verifier().refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
+    # Behind what another sender with this key has shown: refused as well.
+    own = verifier()
+    assert own.refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
+    assert own.refusal(signed(timestamp=NOW, system_id=2), 2, 1) is Refusal.TOO_OLD
+    # A stream that is known may lag: on another link its frames come later.
+    assert own.refusal(signed(timestamp=NOW + 10 * MINUTE + 1), 1, 1) is None
+
+
+def test_streams_are_told_apart_by_link_id_system_and_component():
+    own = verifier()
+    for link_id, system_id in ((0, 1), (1, 1), (0, 2)):
+        assert own.refusal(signed(link_id=link_id, system_id=system_id), system_id, 1) is None
+    assert own.refusal(signed(link_id=0), 1, 1) is Refusal.REPLAYED
+
+
+def test_streams_are_bounded():
+    own = verifier()
+    for n in range(MAX_STREAMS):
+        assert own.refusal(signed(link_id=n % 256, system_id=1 + n // 256), 1 + n // 256, 1) is None
+    assert own.refusal(signed(system_id=250), 250, 1) is Refusal.TOO_MANY_STREAMS
+    assert own.refusal(signed(link_id=0, timestamp=NOW + 1), 1, 1) is None
+
+
+def test_timestamps_never_go_back_whatever_the_machines_clock_does():
+    now_s = [NOW_S]
+    own, last = SigningClock(lambda: now_s[0]), 0
+    for step_s in (0, 0, 1, -3600, 0, 0.00001, 7200, -1e9, 0):
+        now_s[0] += step_s
+        stamp = own.next()
+        assert last < stamp <= MAX_TIMESTAMP
+        last = stamp
+
+
+def test_the_time_of_a_vehicle_that_is_ahead_is_taken_over_and_none_of_the_end_of_time():
+    own = clock()
+    own.adopt(NOW - 5)
+    assert own.ahead_ticks == 0
+    own.adopt(NOW + 7 * MINUTE)
+    assert own.next() == NOW + 7 * MINUTE
+    own.adopt(MAX_TIMESTAMP)
+    assert own.next() == NOW + 7 * MINUTE + 1
+    assert own.next() < LATEST_ADOPTED_TIMESTAMP
+
+
+def test_two_that_take_over_each_others_time_do_not_run_away():
+    one, two = clock(), clock()
+    for _ in range(1000):
+        two.adopt(one.next())
+        one.adopt(two.next())
+    assert one.now() - NOW < 5000
+
+
+# --- links ------------------------------------------------------------------------------------------
+
+
+class Later(SystemClock):
+    def __init__(self):
+        self.unix, self.monotonic = NOW_S, 0.0
+
+    def unix_s(self):
+        return self.unix
+
+    def monotonic_s(self):
+        return self.monotonic
+
+
+def store(tmp_path, **more):
+    kept = KeyStore(tmp_path / "signing")
+    for name, key in {"field": KEY, **more}.items():
+        kept.add(name, SecretKey(key))
+    return kept
+
+
+def frame(raw):
+    (found,) = FrameParser().feed(raw, 0.0)
+    return found
+
+
+def test_what_a_link_refuses_is_counted_by_reason_and_told_in_words(tmp_path, caplog):
+    caplog.set_level(logging.WARNING)
+    later = Later()
+    link = Signing(later, store(tmp_path)).open("radio", SigningOptions("field", required=True))
+    unsigned, radio = encode_frame(0, bytes(9), 0, 4, 1), encode_frame(109, bytes(9), 0, 51, 68)
+    for _ in range(50):
+        assert not link.accepts(frame(unsigned))
+        assert not link.accepts(frame(signed(bytes(32), system_id=5)))
+        assert link.accepts(frame(radio))
+    assert not link.accepts(frame(signed(bytes(32), msg_id=109)))
+    assert not link.accepts(frame(b"\xfe\x09\x00\x01\x01\x00" + bytes(9) + crc_v1()))
+    assert link.accepts(frame(signed()))
+    assert not link.accepts(frame(signed()))
+    assert not link.accepts(frame(signed(timestamp=NOW - 2 * MINUTE, system_id=9)))
+    report = link.report()
+    assert (report.key, report.mode, report.link_id) == ("field", "required", 0)
+    assert (report.unsigned, report.wrong_signature, report.replayed, report.too_old) == (51, 51, 1, 1)
+    assert link.refused() == 104
+    texts = link.warnings()
+    assert any(t.startswith("System 1 sends frames without a signature") for t in texts)
+    assert any("wrong signature" in t for t in texts)
+    assert any(t.startswith("System 9 signs with a time more than a minute behind") for t in texts)
+    assert len(caplog.records) == 4
+    later.monotonic += WARNED_FOR_S + 1
+    assert link.warnings() == []
+
+
+def crc_v1():
+    from fastcrc import crc16
+
+    return crc16.mcrf4xx(b"\x09\x00\x01\x01\x00" + bytes(9) + b"\x32").to_bytes(2, "little")
+
+
+def test_allowed_takes_unsigned_frames_but_none_that_is_signed_wrongly(tmp_path):
+    link = Signing(Later(), store(tmp_path)).open("radio", SigningOptions("field", required=False))
+    assert link.accepts(frame(encode_frame(0, bytes(9), 0, 1, 1)))
+    assert link.accepts(frame(signed()))
+    assert not link.accepts(frame(signed()))
+    assert not link.accepts(frame(signed(bytes(32))))
+
+
+def test_a_frame_heard_on_one_link_is_a_replay_on_every_other_with_that_key(tmp_path):
+    signing = Signing(Later(), store(tmp_path, again=KEY, other=bytes(32)))
+    one, two, three = (signing.open(n, SigningOptions(n, required=True)) for n in ("field", "again", "other"))
+    assert [link.signer.link_id for link in (one, two, three)] == [0, 1, 2]
+    assert one.accepts(frame(signed()))
+    assert not two.accepts(frame(signed()))
+    assert two.report().replayed == 1
+    signing.release(two)
+    anew = signing.open("field", SigningOptions("field", required=True))
+    assert anew.signer.link_id == 1
+    assert not anew.accepts(frame(signed())), "what was heard is remembered when a link is opened again"
+    assert three.accepts(frame(signed(bytes(32))))
+
+
+def test_timestamps_rise_over_a_restart_with_a_clock_that_went_back(tmp_path):
+    kept, later = store(tmp_path), Later()
+    first = Signing(later, kept)
+    first.open("one", SigningOptions("field", required=True))
+    used = first.clock.next()
+    first.keep()
+    later.unix += 9.9  # not written down any more: killed
+    used = max(used, first.clock.next())
+    later.unix -= 86_400
+    assert Signing(later, kept).clock.next() > used
+    later.unix += 2 * 86_400
+    assert Signing(later, kept).clock.ahead_ticks == 0
+    (tmp_path / "signing" / "timestamp").write_text("what?")
+    assert Signing(later, kept).clock.ahead_ticks == 0
+
+
+# --- keys -------------------------------------------------------------------------------------------
+
+
+def test_a_key_shows_in_nothing_that_prints(tmp_path):
+    key = random_key()
+    link = Signing(Later(), store(tmp_path, mine=key.reveal())).open(
+        "one", SigningOptions("mine", required=True)
+    )
+    hexadecimal = key.reveal().hex()
+    for shown in (
+        repr(key),
+        str(key),
+        f"{key}",
+        repr(link),
+        repr(link.signer),
+        str(link.report()),
+        repr([key]),
+        repr(Routes({"1": Route(1, ("h", 1), RouteSigning(key.reveal(), 0, 0))})),
+    ):
+        assert hexadecimal not in shown
+        assert repr(key.reveal())[2:-1] not in shown
+    with pytest.raises(TypeError):
+        pickle.dumps(key)
+    for bad in (b"", b"31 bytes of a secret, too short."[:31]):
+        with pytest.raises(ValueError, match="32 bytes") as error:
+            SecretKey(bad)
+        assert "secret" not in str(error.value)
+
+
+def test_keys_are_their_owners_alone_and_what_others_can_read_is_refused(tmp_path):
+    kept = store(tmp_path)
+    path = tmp_path / "signing" / "field.key"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    assert kept.read("field").reveal() == KEY
+    path.chmod(0o640)
+    with pytest.raises(KeyUnusable, match="Others can read") as error:
+        kept.read("field")
+    assert "chmod 600" in (error.value.remedy or "")
+    path.chmod(0o600)
+    path.write_text("0011 nonsense")
+    with pytest.raises(KeyUnusable, match="damaged") as error:
+        kept.read("field")
+    assert "nonsense" not in str(error.value)
+    with pytest.raises(InvalidRequest, match="already"):
+        kept.add("field", random_key())
+    kept.remove("field")
+    with pytest.raises(KeyUnusable, match="There is no signing key 'field'"):
+        kept.read("field")
+    for name in ("../token", "a/b", "", "x" * 65, KEY.hex()):
+        with pytest.raises(InvalidRequest):
+            kept.read(name)
+
+
+@given(keys)
+def test_keys_are_read_as_hexadecimal_or_base64(key):
+    import base64
+
+    assert parse_key(key.hex() + "\n").reveal() == key
+    assert parse_key(key.hex().upper()).reveal() == key
+    assert parse_key(base64.b64encode(key).decode()).reveal() == key
+    for bad in (key.hex()[:-1], key.hex() + "0", "zz" * 32, ""):
+        with pytest.raises(ValueError, match="32 bytes"):
+            parse_key(bad)
+
+
+def test_a_passphrase_makes_the_key_that_mavproxy_makes_of_it():
+    expected = "c4bbcb1fbec99d65bf59d85c8cb62ee2db963f0fe106f483d9afa73bd4e39a8a"
+    assert key_of_passphrase("correct horse battery staple").reveal().hex() == expected
+    with pytest.raises(ValueError, match="12 characters"):
+        key_of_passphrase("short")
+
+
+@pytest.mark.parametrize(
+    ("url", "signing"),
+    [
+        ("udpin://0.0.0.0:14550?key=field", SigningOptions("field", required=True)),
+        ("udpin://0.0.0.0:14550?key=field&signing=required", SigningOptions("field", required=True)),
+        ("tcp://127.0.0.1:5760?signing=allowed&key=field", SigningOptions("field", required=False)),
+        ("serial:///dev/ttyUSB0?baud=57600&key=a.b-c", SigningOptions("a.b-c", required=True)),
+        ("udpout://127.0.0.1:14550?forward=1&key=k", SigningOptions("k", required=True)),
+        ("udpin://0.0.0.0:14550", None),
+    ],
+)
+def test_a_links_url_names_its_key(url, signing):
+    assert make_link(url).signing == signing
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "udpin://0.0.0.0:14550?signing=required",
+        "udpin://0.0.0.0:14550?key=field&signing=maybe",
+        "udpin://0.0.0.0:14550?key=",
+        "udpin://0.0.0.0:14550?key=../token",
+    ],
+)
+def test_signing_without_a_key_or_with_a_wrong_word_is_refused(url):
+    with pytest.raises(InvalidRequest):
+        make_link(url)
+
+
+@pytest.mark.parametrize("url", ["udpin://0.0.0.0:14550?key={}", "x?key={}", "tcp://h:1?forward=2&KEY={}"])
+@pytest.mark.parametrize("secret", [KEY.hex(), "AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8="])
+def test_a_key_given_for_its_name_is_shown_in_no_error_and_no_journal(url, secret):
+    with pytest.raises(InvalidRequest) as error:
+        make_link(url.format(secret))
+    said = f"{error.value} {error.value.remedy}"
+    assert secret not in said
+    assert secret not in shown_url(url.format(secret))
+    assert shown_url("udpin://h:1?key=field&signing=allowed") == "udpin://h:1?key=field&signing=allowed"

@@ -1,0 +1,66 @@
+"""`gcs key`: keys come from the standard input, and nothing that is printed shows one."""
+
+import io
+import stat
+
+import pytest
+
+from gcs_server import cli
+from gcs_server.cli import main
+from gcs_server.mavlink.key_store import KeyStore
+
+KEY = bytes(range(32))
+
+
+@pytest.fixture
+def key(tmp_path, monkeypatch, capsys):
+    def run(*arguments, typed=""):
+        monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+        code = main(["key", *arguments, "--data", str(tmp_path)])
+        out, err = capsys.readouterr()
+        assert KEY.hex() not in out + err
+        return code, out, err
+
+    run.store = KeyStore(tmp_path / "signing")
+    return run
+
+
+def test_keys_are_added_made_listed_and_removed(key):
+    assert key("list") == (0, "no signing keys\n", "")
+    assert key("add", "field", typed=KEY.hex() + "\n")[0] == 0
+    assert key("new", "random")[0] == 0
+    assert key("add", "words", "--passphrase", typed="correct horse battery staple\n")[0] == 0
+    assert key("list")[1].split() == ["field", "random", "words"]
+    assert key.store.read("field").reveal() == KEY
+    assert len({key.store.read(name).reveal() for name in ("field", "random", "words")}) == 3
+    for path in key.store._folder.iterdir():
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert key("remove", "words")[0] == 0
+    assert key("list")[1].split() == ["field", "random"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "typed", "words"),
+    [
+        (("add", "field"), "", "32 bytes"),
+        (("add", "field"), KEY.hex() + "00\n", "32 bytes"),
+        (("add", "field", "--passphrase"), "short\n", "12 characters"),
+        (("add", "a/b"), KEY.hex(), "cannot be one"),
+        (("add", KEY.hex()), "", "cannot be one"),
+        (("new",), "", "needs the key's name"),
+        (("remove", "none"), "", "cannot be removed"),
+    ],
+)
+def test_what_cannot_be_done_is_said_without_the_key(key, arguments, typed, words):
+    code, out, err = key(*arguments, typed=typed)
+    assert (code, out) == (cli.EXIT_CANNOT_START, "")
+    assert words in err
+    assert key.store.names() == []
+
+
+def test_a_key_is_not_overwritten(key):
+    assert key("add", "field", typed=KEY.hex())[0] == 0
+    code, _, err = key("new", "field")
+    assert code == cli.EXIT_CANNOT_START
+    assert "already" in err
+    assert key.store.read("field").reveal() == KEY
