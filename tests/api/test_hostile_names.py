@@ -93,7 +93,7 @@ def test_a_link_to_a_hostile_place_is_refused_or_can_be_deleted(client, url, tex
 
 
 def test_a_link_whose_start_fails_leaves_nothing_behind(client, monkeypatch):
-    monkeypatch.setattr("gcs_server.links.udp.resolve", lambda *_: 1 / 0)
+    monkeypatch.setattr("gcs_server.links.base.Link.start", lambda *_: 1 / 0)
     for _ in range(2):
         answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"})
         assert answer.status_code == 500
