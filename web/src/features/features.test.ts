@@ -335,7 +335,7 @@ describe('instruments, messages, indicators', () => {
     expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({ text: '3 · no fix', severity: 'danger' });
   });
   it('says that a recording stopped, and does not claim one that nobody told of', () => {
-    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_sent: 0, bytes_dropped: 0, recording: { file: 'a.tlog', bytes: 2_000_000, started_unix_s: 1000, stopped: null }, frames_received: 3, frames_unknown: 0, frames_lost: 0, crc_errors: 0, bytes_skipped: 0, handler_errors: 0, frames_sent: 0, frames_waiting: 0, frames_replaced: 0, frames_expired: 0, frames_dropped: 0 };
+    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_sent: 0, bytes_dropped: 0, recording: { file: 'a.tlog', bytes: 2_000_000, started_unix_s: 1000, stopped: null }, frames_received: 3, frames_unknown: 0, frames_lost: 0, crc_errors: 0, bytes_skipped: 0, handler_errors: 0, frames_sent: 0, frames_waiting: 0, frames_replaced: 0, frames_expired: 0, frames_dropped: 0, frames_refused: 0, frames_unverified: 0, signing: null };
     const recorded = (change: object): LinkLine => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
     expect(recordingIndicator([], false, 1221).text).toBe('–');
     expect(recordingIndicator([link], true, 1221)).toMatchObject({ text: '03:41', severity: 'none' });
@@ -351,6 +351,11 @@ describe('instruments, messages, indicators', () => {
     expect(two).toContainEqual(['Frames', '98 in, 2 lost (2.0 %)']);
     expect(two).toContainEqual(['CRC errors', '1']);
     expect(two.some(([, value]) => value.includes('port taken'))).toBe(true);
+    expect(two.some(([name]) => name === 'Signing')).toBe(false);
+    const signing = { key: 'field', mode: 'required', link_id: 0, unsigned: 2, wrong_signature: 1, replayed: 0, too_old: 0, too_many_streams: 0 };
+    const signed = linkDetails([{ ...link, signing, frames_refused: 3 }, { ...link, frames_unverified: 4 }], null).details;
+    expect(signed).toContainEqual(['Signing', 'key field, required; 3 frames refused']);
+    expect(signed).toContainEqual(['Not verified', '4 signed frames (this link has no key)']);
     expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
   });
 });

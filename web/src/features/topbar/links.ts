@@ -48,6 +48,8 @@ function counted(link: LinkLine, several: boolean): [string, string][] {
     ['CRC errors', String(link.crc_errors)],
     ['Bytes', join([`${bytesText(link.bytes_received)} in`, `${bytesText(link.bytes_sent)} out`])],
   );
+  if (link.signing !== null) lines.push(['Signing', `key ${link.signing.key}, ${link.signing.mode}; ${link.frames_refused} frames refused`]);
+  if (link.frames_unverified > 0) lines.push(['Not verified', `${link.frames_unverified} signed frames (this link has no key)`]);
   if (link.frames_unknown > 0) lines.push(['Unknown frames', String(link.frames_unknown)]);
   if (link.bytes_skipped > 0) lines.push(['No frames', `${bytesText(link.bytes_skipped)}: garbage or another protocol`]);
   if (link.handler_errors > 0) lines.push(['Server faults', `${link.handler_errors} messages skipped (see the server’s log)`]);
