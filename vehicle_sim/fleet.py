@@ -8,18 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.logger.logger import Logbook, Logger
 from vehicle_sim.logger.recorder import Recorders
-from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.payload.camera import Camera
 from vehicle_sim.script import Script, ScriptRunner
+from vehicle_sim.shell.commands import Shell
 from vehicle_sim.simulation import STEP_S, Home, Simulation
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
+from vehicle_sim.topics.states import States
+from vehicle_sim.vehicle_view import VehicleView
 from vehicle_sim.world.contact import Collision
 from vehicle_sim.world.world import World
 
@@ -76,7 +77,9 @@ class VehicleSim:
             count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise,
             start_ned_m=start_ned_m, world=world,
         )  # fmt: skip
-        self.autopilots = [Autopilot(Body(self.simulation, row, boot_time_unix_s)) for row in range(count)]
+        self.autopilots = [
+            Autopilot(VehicleView(self.simulation, row, boot_time_unix_s)) for row in range(count)
+        ]
         if files is None:
             files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
         self.files = list(files)
@@ -86,9 +89,15 @@ class VehicleSim:
         for row, (autopilot, own) in enumerate(zip(self.autopilots, self.files, strict=True)):
             states = States(autopilot, first_instance + row + 1)
             self.loggers.append(Logger(autopilot, states, own, recorders))
-            self.nodes.append(Node(autopilot, first_instance + row + 1, own, self.loggers[-1], states))
+            node = Node(autopilot, first_instance + row + 1, own, self.loggers[-1])
+            shell = Shell(
+                node.context, lambda params=node.params: params.unsaved, node.failures.inject,
+                self.loggers[-1], states,
+            )  # fmt: skip
+            node.open_console(shell.console)
+            self.nodes.append(node)
             if camera:
-                self.nodes[-1].carry(Camera(autopilot.body, autopilot.gimbal, autopilot.home, own))
+                self.nodes[-1].carry(Camera(autopilot.view, autopilot.gimbal, autopilot.home, own))
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         for row in range(count):
@@ -148,10 +157,10 @@ class VehicleSim:
 
     def tell_time(self, instance: int, link: str) -> None:
         """Say SYSTEM_TIME on a link now, as lockstep promises."""
-        body = self.autopilots[instance].body
+        view = self.autopilots[instance].view
         if link in self._links[instance]:
             self._links[instance][link].send(
-                "SYSTEM_TIME", time_unix_usec=body.time_unix_us(), time_boot_ms=body.time_boot_ms()
+                "SYSTEM_TIME", time_unix_usec=view.time_unix_us(), time_boot_ms=view.time_boot_ms()
             )
 
     def step(self, dt_s: float) -> None:

@@ -1,5 +1,8 @@
 """The only frame maths of the simulator: products and rotations of (N, …) arrays in two NumPy calls each.
 
+One vehicle's own numbers are plain floats (`quaternion_of`, `angles_of`, `wrap_angle`): an array of one
+costs ten times as much.
+
 Every product used here is bilinear, so it is an outer product times a constant table. That costs two
 array operations for any N, where component formulas cost twenty. Quaternions are (w, x, y, z); `q_ned_frd`
 takes FRD vectors to NED.
@@ -13,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, as PX4 uses it."""
@@ -152,18 +156,31 @@ def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
     return normalized(magnitude)
 
 
-def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> FloatArray:
-    """One quaternion (4,) from roll, pitch, yaw (yaw turned first)."""
+def quaternion_of(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> Quaternion:
+    """One `q_ned_frd` from roll, pitch, yaw (yaw turned first), as plain numbers."""
     cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
     cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
     cy, sy = math.cos(0.5 * yaw_ned_rad), math.sin(0.5 * yaw_ned_rad)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> FloatArray:
+    """As `quaternion_of`, as an array (4,)."""
+    return np.array(quaternion_of(roll_rad, pitch_rad, yaw_ned_rad))
+
+
+def angles_of(q_ned_frd: Quaternion) -> tuple[float, float, float]:
+    """Roll, pitch, yaw of one quaternion, as plain numbers."""
+    w, x, y, z = q_ned_frd
+    return (
+        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
     )
 
 
@@ -178,6 +195,11 @@ def euler_of(q: FloatArray) -> FloatArray:
 def wrap_pi(angle_rad: FloatArray) -> FloatArray:
     """The same angle within -pi..pi."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """As `wrap_pi`, of one plain number."""
+    return math.remainder(angle_rad, math.tau)
 
 
 def cross_table() -> FloatArray:

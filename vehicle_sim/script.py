@@ -14,19 +14,18 @@ Each event happens once for each vehicle, in the step in which its time or state
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
+from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.parameters import Parameters, UnknownParameterError
+from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
+from vehicle_sim.simulation import Simulation
 from vehicle_sim.yaml_fields import Fields, read_yaml
-
-if TYPE_CHECKING:
-    from vehicle_sim.fleet import VehicleSim
 
 STATES = ("armed", "disarmed", "airborne", "landed")
 MODES = {mode.name.lower(): mode for mode in NavState}
@@ -34,7 +33,42 @@ GPS_STATES = ("ok", "lost", "stuck")
 LINK_NAMES = ("gcs", "api", "tcp", "all")
 LONGEST_S = 1e6
 
-Action = Callable[["VehicleSim", int], None]
+
+class Named(Protocol):
+    """A vehicle on its links."""
+
+    @property
+    def system_id(self) -> int:
+        """Of the vehicle."""
+        ...
+
+
+class Fleet(Protocol):
+    """The part of a simulated fleet that a script works on."""
+
+    simulation: Simulation
+    autopilots: list[Autopilot]
+
+    @property
+    def nodes(self) -> Sequence[Named]:
+        """One each vehicle."""
+        ...
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since boot."""
+        ...
+
+    def set_link_up(self, instance: int, link: str, up: bool) -> None:
+        """Cut a link (or "all"), in both directions, or let it carry again."""
+        ...
+
+    def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
+        """A parameter changed from outside."""
+        ...
+
+
+Action = Callable[[Fleet, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +84,7 @@ class Event:
     """System ids; empty: all."""
     actions: tuple[Action, ...]
 
-    def holds(self, sim: VehicleSim, row: int) -> bool:
+    def holds(self, sim: Fleet, row: int) -> bool:
         """Whether its time or state has come for the vehicle in this row."""
         if self.at_s is not None:
             return sim.time_s >= self.at_s - 1e-9
@@ -80,7 +114,7 @@ class Script:
 class ScriptRunner:
     """A script on a fleet; `step` it after the autopilots."""
 
-    def __init__(self, script: Script, sim: VehicleSim) -> None:
+    def __init__(self, script: Script, sim: Fleet) -> None:
         self._sim = sim
         self._waiting: list[tuple[Event, int, list[float]]] = []
         """Event, row, and when its state came (empty: not yet)."""
@@ -176,7 +210,7 @@ def _actions(fields: Fields) -> tuple[Action, ...]:
 def _gps(fields: Fields) -> Action:
     state = fields.text("gps", choices=GPS_STATES)
 
-    def act(sim: VehicleSim, row: int) -> None:
+    def act(sim: Fleet, row: int) -> None:
         sim.simulation.set_gps_enabled(row, state != "lost")
         sim.simulation.set_gps_stuck(row, state == "stuck")
         if state == "ok":
@@ -197,7 +231,7 @@ def _motor(fields: Fields) -> Action:
     number, works = inside.integer("number", low=1, high=4), inside.flag("works", False)
     inside.finish()
 
-    def act(sim: VehicleSim, row: int) -> None:
+    def act(sim: Fleet, row: int) -> None:
         sim.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
 
     return act
@@ -238,7 +272,7 @@ def _parameter(fields: Fields) -> Action:
         raise inside.problem("name", f"cannot be set: {error}") from None
     inside.finish()
 
-    def act(sim: VehicleSim, row: int) -> None:
+    def act(sim: Fleet, row: int) -> None:
         sim.set_parameter(row, name, value)
 
     return act

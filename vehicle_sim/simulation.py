@@ -1,4 +1,4 @@
-"""The simulated vehicles without their autopilot's decisions: bodies, senses, belief and control.
+"""The simulated vehicles without their autopilot's decisions: bodies, sensors, estimates and control.
 
 One `step()` moves all N vehicles 4 ms in an order that can be read off it. There is no clock in here: time
 is the step count. Between two steps the autopilot reads `estimate`, `sensors`, `battery` and writes

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.health import Report
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES
+from vehicle_sim.vehicle_view import VehicleView
 
 THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
 """Of the stick, -1..1: what climbs at once, and what gives no thrust."""
@@ -34,23 +34,23 @@ def why_denied(
 class FlightCount:
     """COM_FLIGHT_UUID and LND_FLIGHT_T_*: how often it was disarmed, and how long it has flown."""
 
-    def __init__(self, body: Body) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView) -> None:
+        self._view = view
         self._lifted_at_s = math.nan
 
     def lifted(self) -> None:
         """A take-off; the first since arming counts."""
         if math.isnan(self._lifted_at_s):
-            self._lifted_at_s = self._body.time_s
+            self._lifted_at_s = self._view.time_s
 
     def disarmed(self) -> None:
         """The end of a flight, or of none."""
-        parameters = self._body.parameters
+        parameters = self._view.parameters
         parameters.count("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
         if math.isnan(self._lifted_at_s):
             return
         high, low = int(parameters.get("LND_FLIGHT_T_HI")), int(parameters.get("LND_FLIGHT_T_LO"))
-        flown_us = round(1e6 * (self._body.time_s - self._lifted_at_s))
+        flown_us = round(1e6 * (self._view.time_s - self._lifted_at_s))
         total_us = (high << 32 | low & _LOW_WORD) + flown_us
         parameters.count("LND_FLIGHT_T_HI", total_us >> 32)
         parameters.count("LND_FLIGHT_T_LO", total_us & _LOW_WORD)

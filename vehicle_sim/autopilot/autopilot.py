@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import Navigator
@@ -22,36 +20,38 @@ from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
+from vehicle_sim.vehicle_view import VehicleView
 
 
 class Autopilot:
     """What decides for vehicle `body.row`; call `update()` at 50 Hz between simulation steps."""
 
-    def __init__(self, body: Body) -> None:
-        self.body = body
-        self.announcer = Announcer(body.time_boot_ms)
-        self._row = SetpointRow(body)
+    def __init__(self, view: VehicleView) -> None:
+        self.view = view
+        self.announcer = Announcer(view.time_boot_ms)
+        self._row = SetpointRow(view)
         self.home = Home()
-        self.offboard = Offboard(body, self.announcer)
+        self.offboard = Offboard(view, self.announcer)
         self.plans = Plans()
         self.own_commands = OwnCommands()
-        self.navigator = Navigator(body, self.announcer, self._row, self.home, self.plans, self.own_commands)
-        self.sticks = Sticks(body)
+        self.navigator = Navigator(view, self.announcer, self._row, self.home, self.plans, self.own_commands)
+        self.sticks = Sticks(view)
         self.commander = Commander(
-            body, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
+            view, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
         )
-        self._manual = Manual(body, self._row, self.sticks, self.home)
+        self._manual = Manual(view, self._row, self.sticks, self.home)
         self.takeoff = TakeoffRamp()
         self.land_detector = LandDetector()
-        self.gimbal = Gimbal(body, lambda: self.waypoint)
+        self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._down_m = 0.0
         self._asked_down_m_s = math.nan
         """Vertical velocity of the last trajectory set point that was not just a push against the ground."""
         self.offboard.on_setpoint = self._take_at_once
         self._landing_limits: Limits | None = None
-        body.parameters.add_listener(self._forget_limits)
+        view.parameters.add_listener(self._forget_limits)
 
     def update(self) -> None:
         """One tick."""
@@ -68,7 +68,7 @@ class Autopilot:
         waypoint = self.navigator.waypoint(self.commander.active) if self.commander.armed else None
         if waypoint is None:
             return None
-        lat_deg, lon_deg, _ = self.body.origin
+        lat_deg, lon_deg, _ = self.view.origin
         lat, lon = to_global(waypoint[0], waypoint[1], lat_deg, lon_deg)  # type: ignore[arg-type]
         return float(lat), float(lon), waypoint[2]
 
@@ -80,26 +80,26 @@ class Autopilot:
         return commander.armed and commander.active is NavState.OFFBOARD and asked
 
     def _detect_landing(self) -> None:
-        belief = self.body.belief
-        target, i = self.body.simulation.target, self.body.row
-        direct = int(self.body.simulation.setpoints.level[i]) < ControlLevel.TRAJECTORY
+        estimate = self.view.estimate
+        target, i = self.view.simulation.target, self.view.row
+        direct = int(self.view.simulation.setpoints.level[i]) < ControlLevel.TRAJECTORY
         thrust = float(target.thrust[i]) if self.takeoff.may_thrust or direct else 0.0
-        estimates_hover = self.takeoff.flying and not direct and self.body.choice("MPC_USE_HTE") != 0
+        estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
         # A horizontal velocity that is not known keeps nobody from having landed.
-        vn, ve, vd = belief.velocity_ned_m_s
-        down_m, self._down_m = self._down_m, belief.position_ned_m[2]
+        vn, ve, vd = estimate.velocity_ned_m_s
+        down_m, self._down_m = self._down_m, estimate.position_ned_m[2]
         self.land_detector.update(
-            self.body.time_s,
+            self.view.time_s,
             Motion(
                 armed=self.commander.armed,
                 thrust=thrust,
                 hover_thrust=float(target.hover_thrust[i]),
                 hover_thrust_known=estimates_hover,
-                velocity_ned_m_s=(vn, ve, vd) if belief.valid_velocity else (0.0, 0.0, vd),
+                velocity_ned_m_s=(vn, ve, vd) if estimate.valid_velocity else (0.0, 0.0, vd),
                 down_by_position_m_s=(self._down_m - down_m) / TICK_S,
-                vertical_known=belief.valid_altitude,
-                rates_frd_rad_s=belief.rates_frd_rad_s,
-                height_above_ground_m=belief.height_above_ground_m,
+                vertical_known=estimate.valid_altitude,
+                rates_frd_rad_s=estimate.rates_frd_rad_s,
+                height_above_ground_m=estimate.height_above_ground_m,
                 climb_rate_controlled=not direct,
                 asked_down_m_s=self._asked_down_m_s,
             ),
@@ -109,7 +109,7 @@ class Autopilot:
 
     def _limits(self) -> Limits:
         if self._landing_limits is None:
-            parameter = self.body.parameter
+            parameter = self.view.parameter
             self._landing_limits = Limits(
                 climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
                 horizontal_max_m_s=parameter("LNDMC_XY_VEL_MAX"),
@@ -137,15 +137,15 @@ class Autopilot:
             commander.set_mode(NavState.POSITION)
 
     def _ramp(self) -> None:
-        parameter, active = self.body.parameter, self.commander.active
+        parameter, active = self.view.parameter, self.commander.active
         if self._by_sticks:
             climbs = self._manual.wants_to_climb()
         elif active is NavState.OFFBOARD:
-            climbs = self.offboard.wants_to_climb(self.body.belief.position_ned_m[2])
+            climbs = self.offboard.wants_to_climb(self.view.estimate.position_ned_m[2])
         else:
             climbs = self.navigator.wants_to_climb(active)
         self.takeoff.update(
-            self.body.time_s,
+            self.view.time_s,
             TICK_S,
             armed=self.commander.armed,
             landed=self.land_detector.landed,
@@ -162,7 +162,7 @@ class Autopilot:
             self._row.idle()
             return
         key = (commander.armed, commander.active, commander.failsafe.action)
-        level = self._control_mode.update(self.body.time_s, self.offboard.level, key)
+        level = self._control_mode.update(self.view.time_s, self.offboard.level, key)
         direct = commander.active is NavState.OFFBOARD and level is not ControlLevel.TRAJECTORY
         on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
         self._row.limits(
@@ -171,7 +171,7 @@ class Autopilot:
             climb_limit_m_s=takeoff.climb_limit_m_s,
             min_thrust=math.nan if takeoff.flying else 0.0,
             tilt_limit_rad=math.nan if takeoff.flying else math.radians(
-                self.body.parameter("MPC_TILTMAX_LND")
+                self.view.parameter("MPC_TILTMAX_LND")
             ),
         )  # fmt: skip
         if commander.active is NavState.OFFBOARD:

@@ -6,12 +6,12 @@ import math
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.geofence import Breach
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.offboard import Offboard
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import VehicleView
 
 QUIET_AFTER_BOOT_S = 1.0
 COMPANION_SILENT_S = 3.0
@@ -32,9 +32,9 @@ class Checks:
     """Arming checks of one vehicle."""
 
     def __init__(
-        self, body: Body, announcer: Announcer, offboard: Offboard, home: Home, monitors: Monitors
+        self, view: VehicleView, announcer: Announcer, offboard: Offboard, home: Home, monitors: Monitors
     ) -> None:
-        self._body = body
+        self._view = view
         self._announcer = announcer
         self._offboard = offboard
         self._home = home
@@ -58,18 +58,18 @@ class Checks:
 
     def facts(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Facts:
         """What the checks look at, for the mode asked for."""
-        body, belief, monitors = self._body, self._body.belief, self.monitors
+        view, estimate, monitors = self._view, self._view.estimate, self.monitors
         return health.Facts(
             mode=mode,
             armed=armed,
-            valid_attitude=belief.valid_attitude,
-            valid_local_position=belief.valid_position and belief.valid_velocity,
-            valid_global_position=belief.valid_position and self._home.valid,
+            valid_attitude=estimate.valid_attitude,
+            valid_local_position=estimate.valid_position and estimate.valid_velocity,
+            valid_global_position=estimate.valid_position and self._home.valid,
             has_mission=self.has_mission,
             offboard_signal=self._offboard.signal(),
             manual_control=self.manual_control(),
-            gcs_missing=body.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
-            mission_required=bool(body.choice("COM_ARM_MIS_REQ")),
+            gcs_missing=view.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
+            mission_required=bool(view.choice("COM_ARM_MIS_REQ")),
             battery_warning=self.battery_warning,
             terminated=terminated,
             fence=self.fence,
@@ -79,23 +79,23 @@ class Checks:
             wind_too_high=monitors.wind_too_high,
             wind_m_s=round(monitors.wind_m_s, 1) if monitors.wind_too_high else 0.0,
             flight_time_over=monitors.flight_time_over,
-            uncalibrated=tuple(sensor for sensor, name in CALIBRATIONS if not body.choice(name)),
-            compasses_required=body.choice("SYS_HAS_MAG"),
-            open_drone_id=body.choice("COM_ARM_ODID"),
-            parachute_required=body.choice("COM_PARACHUTE") > 0,
-            distance_sensors=2 if body.simulation.world.lidars.forward else 1,
-            distance_sensors_required=body.choice("SYS_HAS_NUM_DIST"),
-            optical_flow_required=body.choice("SYS_HAS_NUM_OF") > 0,
+            uncalibrated=tuple(sensor for sensor, name in CALIBRATIONS if not view.choice(name)),
+            compasses_required=view.choice("SYS_HAS_MAG"),
+            open_drone_id=view.choice("COM_ARM_ODID"),
+            parachute_required=view.choice("COM_PARACHUTE") > 0,
+            distance_sensors=2 if view.simulation.world.lidars.forward else 1,
+            distance_sensors_required=view.choice("SYS_HAS_NUM_DIST"),
+            optical_flow_required=view.choice("SYS_HAS_NUM_OF") > 0,
             logging=self.logging,
         )
 
     def manual_control(self) -> bool:
         """Whether sticks were heard lately."""
-        return self._body.time_s - self.manual_control_at_s < self._body.parameter("COM_RC_LOSS_T")
+        return self._view.time_s - self.manual_control_at_s < self._view.parameter("COM_RC_LOSS_T")
 
     def gcs_alive(self) -> bool:
         """Whether a ground station was heard within COM_DL_LOSS_T."""
-        return self._body.time_s - self.gcs_heard_at_s < self._body.choice("COM_DL_LOSS_T")
+        return self._view.time_s - self.gcs_heard_at_s < self._view.choice("COM_DL_LOSS_T")
 
     def gcs_lost(self) -> bool:
         """Whether one was heard before, and is no more."""
@@ -116,8 +116,8 @@ class Checks:
 
     def _watch_companion(self) -> None:
         heard_at_s = self.companion_heard_at_s
-        limit_s = COMPANION_SILENT_S + self._body.choice("COM_OBC_LOSS_T")
-        lost = math.isfinite(heard_at_s) and self._body.time_s - heard_at_s >= limit_s
+        limit_s = COMPANION_SILENT_S + self._view.choice("COM_OBC_LOSS_T")
+        lost = math.isfinite(heard_at_s) and self._view.time_s - heard_at_s >= limit_s
         if lost == self._companion_was_lost:
             return
         self._companion_was_lost = lost
@@ -129,18 +129,18 @@ class Checks:
     def _watch_sticks(self) -> None:
         lost = math.isfinite(self.manual_control_at_s) and not self.manual_control()
         if lost and self._sticks_lost_at_s is None:
-            self._sticks_lost_at_s = self._body.time_s
+            self._sticks_lost_at_s = self._view.time_s
             self._announcer.event("commander_rc_lost")
         elif not lost and self._sticks_lost_at_s is not None:
-            away_s, self._sticks_lost_at_s = self._body.time_s - self._sticks_lost_at_s, None
+            away_s, self._sticks_lost_at_s = self._view.time_s - self._sticks_lost_at_s, None
             self._announcer.event("commander_rc_regained", "f", away_s)
 
     @property
     def battery_warning(self) -> int:
         """0 fine, 1 low, 2 critical, 3 emergency."""
-        remaining = float(self._body.simulation.battery.remaining[self._body.row])
+        remaining = float(self._view.simulation.battery.remaining[self._view.row])
         for level, name in _BATTERY_LEVELS:
-            if remaining < self._body.parameter(name):
+            if remaining < self._view.parameter(name):
                 return level
         return 0
 
@@ -157,7 +157,7 @@ class Checks:
         if report is not self.report and report != self.report:
             self._changed = True
         self.report = report
-        if self._changed and self._body.time_s - self._announced_at_s >= REPORT_EVERY_S:
+        if self._changed and self._view.time_s - self._announced_at_s >= REPORT_EVERY_S:
             self.announce()
 
     def announce_changes(self) -> None:
@@ -168,9 +168,9 @@ class Checks:
     def announce(self) -> None:
         """Send the report, once the boot is over."""
         before = self._announced
-        if self._body.time_s <= QUIET_AFTER_BOOT_S:
+        if self._view.time_s <= QUIET_AFTER_BOOT_S:
             return
-        self._announced, self._announced_at_s, self._changed = self.report, self._body.time_s, False
+        self._announced, self._announced_at_s, self._changed = self.report, self._view.time_s, False
         health.announce(self.report, self._announcer)
         new = {check.event for check in self.report.checks}
         old = {check.event for check in before.checks} if before else set[str]()

@@ -8,11 +8,9 @@ from enum import IntEnum
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.arming import FlightCount, why_denied
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
-from vehicle_sim.autopilot.home import HomeKeeper
 from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState, event_number
 from vehicle_sim.autopilot.monitors import Monitors
@@ -21,6 +19,8 @@ from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
+from vehicle_sim.home import HomeKeeper
+from vehicle_sim.vehicle_view import VehicleView
 
 REFUSAL_EVERY_S = 1.0
 """A refused change of mode is told at most this often."""
@@ -54,7 +54,7 @@ class Commander:
 
     def __init__(
         self,
-        body: Body,
+        view: VehicleView,
         announcer: Announcer,
         row: SetpointRow,
         navigator: Navigator,
@@ -62,16 +62,16 @@ class Commander:
         commands: OwnCommands,
         sticks: Sticks,
     ) -> None:
-        self._body = body
+        self._view = view
         self._sticks = sticks
-        self._flights = FlightCount(body)
+        self._flights = FlightCount(view)
         self._announcer = announcer
         self._row = row
         self._navigator = navigator
         self.offboard = offboard
-        self.home = HomeKeeper(body, navigator.home)
-        self.monitors = Monitors(body, announcer)
-        self.checks = Checks(body, announcer, offboard, navigator.home, self.monitors)
+        self.home = HomeKeeper(view, navigator.home)
+        self.monitors = Monitors(view, announcer)
+        self.checks = Checks(view, announcer, offboard, navigator.home, self.monitors)
         self.armed = False
         self.intended = NavState.HOLD
         self.active = NavState.HOLD
@@ -80,7 +80,7 @@ class Commander:
         self.calibrating = False
         self._mode_was_chosen = False
         self._refused_at_s = -math.inf
-        self._watch = FailsafeWatch(body, announcer, self.checks, offboard, navigator.fence, self.monitors)
+        self._watch = FailsafeWatch(view, announcer, self.checks, offboard, navigator.fence, self.monitors)
         self._commands = commands
         commands.serve({RETURN: self._return, SET_HOME: self._set_home})
         self._termination: Decision | None = None
@@ -102,7 +102,7 @@ class Commander:
             self._announcer.both(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
             return False
         self.armed = True
-        self._armed_at_s = self._body.time_s
+        self._armed_at_s = self._view.time_s
         self._flew = False
         self._watch.reset()
         self._row.armed(True)
@@ -122,7 +122,7 @@ class Commander:
         self._row.armed(False)
         self._row.idle()
         self._announcer.both(6, f"Disarmed by {_TEXTS[reason]}", "commander_disarmed_by", "B", reason)
-        self._body.simulation.refill_battery(self._body.row)
+        self._view.simulation.refill_battery(self._view.row)
         self._watch.reset()
         self._flights.disarmed()
         self.intended = self._after_disarming
@@ -139,7 +139,7 @@ class Commander:
 
     def tell_refusal(self, mode: NavState) -> None:
         """Say that this mode is not available, unless a refusal was told a moment ago."""
-        now_s = self._body.time_s
+        now_s = self._view.time_s
         if now_s - self._refused_at_s <= REFUSAL_EVERY_S:
             return
         self._refused_at_s = now_s
@@ -250,7 +250,7 @@ class Commander:
         mission = self._navigator.mission
         taking_off = self.active is NavState.TAKEOFF and not self.landed
         if taking_off and self._navigator.finished(NavState.TAKEOFF):
-            onward = self._body.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
+            onward = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
             self._go_on(NavState.MISSION if onward else NavState.HOLD)
             return
         over = mission.finished or not self.checks.has_mission
@@ -265,7 +265,7 @@ class Commander:
         if landed == self.landed or self.terminated:
             return
         self.landed = landed
-        now_s = self._body.time_s
+        now_s = self._view.time_s
         if landed:
             self._landed_at_s = now_s
             if self.armed:
@@ -293,7 +293,7 @@ class Commander:
         before = self.failsafe
         decision = self._watch.update(
             self.intended,
-            armed_for_s=self._body.time_s - self._armed_at_s,
+            armed_for_s=self._view.time_s - self._armed_at_s,
             acts=not grounded or self.monitors.attitude_failure,
         )
         if decision == before:
@@ -342,9 +342,9 @@ class Commander:
     def _auto_disarm(self) -> None:
         if not self.armed or not self.landed or self.terminated:
             return
-        now_s = self._body.time_s
-        landing_s = self._body.parameter("COM_DISARM_LAND")
-        preflight_s = self._body.parameter("COM_DISARM_PRFLT")
+        now_s = self._view.time_s
+        landing_s = self._view.parameter("COM_DISARM_LAND")
+        preflight_s = self._view.parameter("COM_DISARM_PRFLT")
         amid_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
         if self._flew:
             if landing_s > 0.0 and not amid_mission and now_s - self._landed_at_s >= landing_s:

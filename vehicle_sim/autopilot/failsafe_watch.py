@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, battery_demands, demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Demand, Failsafe
@@ -11,6 +10,7 @@ from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
 from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.vehicle_view import VehicleView
 
 _WARNINGS = {
     Cause.BATTERY_LOW: "commander_failsafe_enter_low_bat",
@@ -24,14 +24,14 @@ class FailsafeWatch:
 
     def __init__(
         self,
-        body: Body,
+        view: VehicleView,
         announcer: Announcer,
         checks: Checks,
         offboard: Offboard,
         fence: FenceWatch,
         monitors: Monitors,
     ) -> None:
-        self._body, self._announcer, self._checks = body, announcer, checks
+        self._view, self._announcer, self._checks = view, announcer, checks
         self._offboard, self._fence, self._monitors = offboard, fence, monitors
         self._machine = Failsafe()
         self._had_sticks = False
@@ -63,11 +63,11 @@ class FailsafeWatch:
         wanted = self._demands if acts else battery_demands(conditions)
         before = self.decision
         self.decision = self._machine.update(
-            self._body.time_s,
+            self._view.time_s,
             wanted,
             intended=intended,
             can_run=lambda mode: self._can_run(intended, mode),
-            delay_s=self._body.parameter("COM_FAIL_ACT_T"),
+            delay_s=self._view.parameter("COM_FAIL_ACT_T"),
         )
         if self.decision != before:
             self._tell(before, self.decision, intended)
@@ -75,37 +75,37 @@ class FailsafeWatch:
 
     def _can_run(self, intended: NavState, mode: NavState) -> bool:
         needs = MODES[mode]
-        return self._body.belief.valid_position or not needs.needs_position
+        return self._view.estimate.valid_position or not needs.needs_position
 
     def _conditions(self, mode: NavState, armed_for_s: float) -> Conditions:
-        body, checks, monitors = self._body, self._checks, self._monitors
+        view, checks, monitors = self._view, self._checks, self._monitors
         sticks = checks.manual_control()
-        early_s = body.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
+        early_s = view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
         return Conditions(
             mode=mode,
             offboard_lost=not self._offboard.signal(),
-            offboard_loss_action=body.choice("COM_OBL_RC_ACT"),
-            position_lost=self._needs_position(mode) and not body.belief.valid_position,
+            offboard_loss_action=view.choice("COM_OBL_RC_ACT"),
+            position_lost=self._needs_position(mode) and not view.estimate.valid_position,
             sticks=sticks,
-            position_loss_lands=body.choice("COM_POSCTL_NAVL") == 1,
-            manual_lost=self._had_sticks and not sticks and body.choice("COM_RC_IN_MODE") != RC_IN_DISABLED,
-            manual_loss_action=body.choice("NAV_RCL_ACT"),
-            manual_loss_except=body.choice("COM_RCL_EXCEPT"),
+            position_loss_lands=view.choice("COM_POSCTL_NAVL") == 1,
+            manual_lost=self._had_sticks and not sticks and view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED,
+            manual_loss_action=view.choice("NAV_RCL_ACT"),
+            manual_loss_except=view.choice("COM_RCL_EXCEPT"),
             gcs_lost=checks.gcs_lost(),
-            gcs_loss_action=body.choice("NAV_DLL_ACT"),
-            gcs_loss_except=body.choice("COM_DLL_EXCEPT"),
+            gcs_loss_action=view.choice("NAV_DLL_ACT"),
+            gcs_loss_except=view.choice("COM_DLL_EXCEPT"),
             battery_warning=checks.battery_warning,
-            low_battery_action=body.choice("COM_LOW_BAT_ACT"),
+            low_battery_action=view.choice("COM_LOW_BAT_ACT"),
             fence_breached=bool(self._fence.breached),
-            fence_action=body.choice("GF_ACTION"),
+            fence_action=view.choice("GF_ACTION"),
             wind_too_high=monitors.wind_too_high,
-            wind_action=body.choice("COM_WIND_MAX_ACT"),
+            wind_action=view.choice("COM_WIND_MAX_ACT"),
             flight_time_over=monitors.flight_time_over,
             attitude_failure=monitors.attitude_failure,
             just_armed=armed_for_s < early_s,
-            may_terminate=body.choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
+            may_terminate=view.choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
             motor_failure=monitors.motor_failure,
-            motor_action=body.choice("COM_ACT_FAIL_ACT"),
+            motor_action=view.choice("COM_ACT_FAIL_ACT"),
         )
 
     def _needs_position(self, mode: NavState) -> bool:
@@ -114,7 +114,7 @@ class FailsafeWatch:
         return MODES[mode].needs_position
 
     def _tell(self, before: Decision, now: Decision, intended: NavState) -> None:
-        custom, delay_s = MODES[intended].custom_mode, self._body.parameter("COM_FAIL_ACT_T")
+        custom, delay_s = MODES[intended].custom_mode, self._view.parameter("COM_FAIL_ACT_T")
         announcer = self._announcer
         if now.action is Action.NONE or (now.pending and before.pending):
             return

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside, read_zones
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.plans import FENCE, Plans
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import VehicleView
 
 INTERVAL_S = 0.2
 
@@ -17,8 +17,8 @@ INTERVAL_S = 0.2
 class FenceWatch:
     """The fence of one vehicle."""
 
-    def __init__(self, body: Body, announcer: Announcer, home: Home, plans: Plans) -> None:
-        self._body, self._announcer, self._home, self._plans = body, announcer, home, plans
+    def __init__(self, view: VehicleView, announcer: Announcer, home: Home, plans: Plans) -> None:
+        self._view, self._announcer, self._home, self._plans = view, announcer, home, plans
         self.zones: tuple[Zone, ...] = ()
         self.breached: frozenset[Breach] = frozenset()
         self._revision = 0
@@ -32,12 +32,12 @@ class FenceWatch:
 
     def limits(self) -> tuple[float, float]:
         """GF_MAX_HOR_DIST and GF_MAX_VER_DIST."""
-        return self._body.parameter("GF_MAX_HOR_DIST"), self._body.parameter("GF_MAX_VER_DIST")
+        return self._view.parameter("GF_MAX_HOR_DIST"), self._view.parameter("GF_MAX_VER_DIST")
 
     @property
     def active(self) -> bool:
         """GF_ACTION is not "none"."""
-        return self._body.choice("GF_ACTION") != 0
+        return self._view.choice("GF_ACTION") != 0
 
     def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
         """Whether a place may be commanded."""
@@ -49,28 +49,28 @@ class FenceWatch:
             self._revision = self._plans.revision(FENCE)
             self.zones = read_zones(self._plans.items(FENCE))
             self._check_against_home()
-        now_s, belief = self._body.time_s, self._body.belief
+        now_s, estimate = self._view.time_s, self._view.estimate
         if now_s - self._checked_at_s < INTERVAL_S:
             return
         self._checked_at_s = now_s
-        if not belief.valid_position or not math.isfinite(belief.lat_deg):
+        if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
         lat, lon, alt = self._point()
         self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt) if self.active else frozenset()
 
     def _point(self) -> tuple[float, float, float]:
         """Where the vehicle is, or with GF_PREDICT where it could stop."""
-        belief = self._body.belief
-        if self._body.choice("GF_PREDICT") != 1:
-            return belief.lat_deg, belief.lon_deg, belief.alt_amsl_m
-        vn, ve, _ = belief.velocity_ned_m_s
+        estimate = self._view.estimate
+        if self._view.choice("GF_PREDICT") != 1:
+            return estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m
+        vn, ve, _ = estimate.velocity_ned_m_s
         speed = math.hypot(vn, ve)
-        acceleration, jerk = self._body.parameter("MPC_ACC_HOR"), self._body.parameter("MPC_JERK_AUTO")
+        acceleration, jerk = self._view.parameter("MPC_ACC_HOR"), self._view.parameter("MPC_JERK_AUTO")
         ahead_s = speed / (2.0 * max(acceleration, 0.1)) + acceleration / max(jerk, 0.1)
-        origin_lat, origin_lon, _ = self._body.origin
-        north, east, _ = belief.position_ned_m
+        origin_lat, origin_lon, _ = self._view.origin
+        north, east, _ = estimate.position_ned_m
         lat, lon = to_global(north + vn * ahead_s, east + ve * ahead_s, origin_lat, origin_lon)  # type: ignore[arg-type]
-        return float(lat), float(lon), belief.alt_amsl_m
+        return float(lat), float(lon), estimate.alt_amsl_m
 
     def _check_against_home(self) -> None:
         if self.zones and self._home.valid and not inside(self.zones, self._home.lat_deg, self._home.lon_deg):

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.autopilot.fence_watch import FenceWatch
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.mission.executor import Mission
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.own_commands import CHANGE_SPEED, OwnCommands
@@ -20,6 +18,8 @@ from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome
 from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
 STOP_REACTION_S = 0.6
@@ -37,27 +37,27 @@ class Navigator:
 
     def __init__(
         self,
-        body: Body,
+        view: VehicleView,
         announcer: Announcer,
         row: SetpointRow,
         home: Home,
         plans: Plans,
         commands: OwnCommands,
     ) -> None:
-        self._body = body
+        self._view = view
         self._announcer = announcer
         self._row = row
         self._commands = commands
         self.home = home
-        self.path = Path(body, row)
-        self._climb = Climb(body, announcer, self.path, home)
-        self._descent = Descent(body, self.path)
-        self._return = ReturnHome(body, announcer, self.path, home, self._descent, plans, commands)
-        self._orbit = Orbit(body, announcer, self.path, row)
-        self.follow = Follow(body, self.path, row, home)
-        self.fence = FenceWatch(body, announcer, home, plans)
+        self.path = Path(view, row)
+        self._climb = Climb(view, announcer, self.path, home)
+        self._descent = Descent(view, self.path)
+        self._return = ReturnHome(view, announcer, self.path, home, self._descent, plans, commands)
+        self._orbit = Orbit(view, announcer, self.path, row)
+        self.follow = Follow(view, self.path, row, home)
+        self.fence = FenceWatch(view, announcer, home, plans)
         self.mission = Mission(
-            body, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
+            view, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
         )
         self._lands_at: Vector = (0.0, 0.0, 0.0)
         commands.serve({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
@@ -87,9 +87,9 @@ class Navigator:
         if not (is_place(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
             self.stop_at(math.nan)
             return
-        north, east, down = self._body.belief.position_ned_m
+        north, east, down = self._view.estimate.position_ned_m
         target_n, target_e, _ = self.path.target_ned_m
-        origin_lat, origin_lon, origin_alt = self._body.origin
+        origin_lat, origin_lon, origin_alt = self._view.origin
         if is_place(lat_deg, lon_deg):
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             target_n, target_e = float(n), float(e)
@@ -107,7 +107,7 @@ class Navigator:
         """Come to rest, at this altitude (NaN: the present one)."""
         north, east, down = self._stopping_place()
         if math.isfinite(alt_amsl_m):
-            down = -(alt_amsl_m - self._body.origin[2])
+            down = -(alt_amsl_m - self._view.origin[2])
         self.path.target_ned_m, self.path.faces_target = (north, east, down), True
 
     def change_speed(self, kind: float, speed_m_s: float) -> None:
@@ -133,7 +133,7 @@ class Navigator:
             if mode is NavState.HOLD and in_air:
                 self.path.target_ned_m, self.path.faces_target = self._stopping_place(), True
         if mode in LANDING_MODES:
-            self._lands_at = self._body.belief.position_ned_m
+            self._lands_at = self._view.estimate.position_ned_m
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:
@@ -165,9 +165,9 @@ class Navigator:
     def _stopping_place(self) -> Vector:
         """Where Hold stays: as far ahead as braking takes, at this height."""
         (north, east, down), (vn, ve, _) = (
-            self._body.belief.position_ned_m, self._body.belief.velocity_ned_m_s,
+            self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         ahead_s = 0.5 * math.hypot(vn, ve) / max(0.1, parameter("MPC_ACC_HOR")) + STOP_REACTION_S
         return (north + vn * ahead_s, east + ve * ahead_s, down)
 
@@ -181,7 +181,7 @@ class Navigator:
         north, east, down = self.path.target_ned_m
         if mode not in WITH_WAYPOINT or north is None or east is None or down is None:
             return None
-        return north, east, self._body.origin[2] - down
+        return north, east, self._view.origin[2] - down
 
     @property
     def return_s(self) -> float:
@@ -198,7 +198,7 @@ class Navigator:
         down = self.path.target_ned_m[2]
         if mode is not NavState.TAKEOFF or down is None:
             return False
-        return self._body.belief.position_ned_m[2] <= down + self._body.parameter("NAV_MC_ALT_RAD")
+        return self._view.estimate.position_ned_m[2] <= down + self._view.parameter("NAV_MC_ALT_RAD")
 
     def wants_to_climb(self, mode: NavState) -> bool:
         """Whether the mode would lift a vehicle that stands on the ground."""
@@ -210,7 +210,7 @@ class Navigator:
         if mode is NavState.RTL and self.landing:
             return False
         if mode in (NavState.HOLD, NavState.RTL) and down is not None:
-            return down < self._body.belief.position_ned_m[2] - 0.5
+            return down < self._view.estimate.position_ned_m[2] - 0.5
         return False
 
     def run(self, mode: NavState, *, flying: bool) -> None:
@@ -234,7 +234,7 @@ class Navigator:
 
     def sink(self) -> None:
         """Level and down at landing speed: what is left without sticks or without a position."""
-        speed = self._body.parameter("MPC_LAND_SPEED")
+        speed = self._view.parameter("MPC_LAND_SPEED")
         self._row.trajectory(
             velocity_ned_m_s=(math.nan, math.nan, speed),
             acceleration_ned_m_s2=(0.0, 0.0, math.nan),

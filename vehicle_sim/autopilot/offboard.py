@@ -9,9 +9,9 @@ from enum import Enum
 
 from vehicle_sim.airframe import ROTOR_COUNT
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.geodesy import to_local
+from vehicle_sim.vehicle_view import VehicleView
 
 NAN3 = (math.nan, math.nan, math.nan)
 Vector = tuple[float, float, float]
@@ -95,8 +95,8 @@ def _turn(q: tuple[float, float, float, float], v: Vector) -> Vector:
 class Offboard:
     """The offboard receiver of one vehicle."""
 
-    def __init__(self, body: Body, announcer: Announcer) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, announcer: Announcer) -> None:
+        self._view = view
         self._announcer = announcer
         self._heard_at_s = -math.inf
         self.setpoint = Setpoint()
@@ -111,8 +111,8 @@ class Offboard:
 
     def signal(self) -> bool:
         """Whether a valid set point came within COM_OF_LOSS_T."""
-        loss_s = max(0.0, self._body.parameter("COM_OF_LOSS_T"))
-        return self._body.time_s - self._heard_at_s < loss_s
+        loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
+        return self._view.time_s - self._heard_at_s < loss_s
 
     def local(
         self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
@@ -132,7 +132,7 @@ class Offboard:
         if frame == BODY_NED:
             position = NAN3
             velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(velocity)
-            acceleration = NAN3 if mask & 0b111000000 else _turn(self._body.belief.q_ned_frd, acceleration)
+            acceleration = NAN3 if mask & 0b111000000 else _turn(self._view.estimate.q_ned_frd, acceleration)
         valid = not (mask & FORCE_BIT and _finite(*acceleration))
         self._accept(valid, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=True)
 
@@ -159,7 +159,7 @@ class Offboard:
             )
             return
         lat_deg, lon_deg, alt_m = lat_lon_alt
-        origin_lat, origin_lon, origin_alt = self._body.origin
+        origin_lat, origin_lon, origin_alt = self._view.origin
         position = NAN3
         if not mask & 0b111 and math.isfinite(origin_lat):
             north, east = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
@@ -176,7 +176,7 @@ class Offboard:
         self.told_thrust = 0.0 if mask & 64 else abs(thrust)
         thrust = self.setpoint.thrust if mask & 64 else asked
         norm = math.sqrt(sum(each * each for each in q))
-        self._heard_at_s = self._body.time_s
+        self._heard_at_s = self._view.time_s
         self.no_attitude = None
         if not mask & 128:
             if not math.isfinite(norm) or norm < 1e-6:
@@ -218,12 +218,12 @@ class Offboard:
         self._direct(Setpoint(Kind.ACTUATORS, motors=signals))
 
     def _direct(self, setpoint: Setpoint) -> None:
-        self._heard_at_s = self._body.time_s
+        self._heard_at_s = self._view.time_s
         self.setpoint, self.invalid, self.no_attitude = setpoint, False, None
         self.on_setpoint()
 
     def _from_body_yaw(self, v: Vector) -> Vector:
-        yaw = self._body.belief.yaw_ned_rad
+        yaw = self._view.estimate.yaw_ned_rad
         c, s = math.cos(yaw), math.sin(yaw)
         return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
@@ -256,7 +256,7 @@ class Offboard:
         )
         self.invalid, self.no_attitude = kind is Kind.NONE or not valid, None
         if not self.invalid:
-            self._heard_at_s = self._body.time_s
+            self._heard_at_s = self._view.time_s
         elif loud:
             self._announcer.both(2, "SET_POSITION_TARGET_LOCAL_NED invalid", "mavlink_rcv_sp_target_invalid")
 

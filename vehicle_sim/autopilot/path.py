@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
 from vehicle_sim.autopilot.trajectory import YawRamp
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
@@ -23,10 +23,10 @@ MAX_Z_LEAD_M = 1.0
 class Path:
     """Where the trajectory is, how it moves and where it leads."""
 
-    def __init__(self, body: Body, row: SetpointRow) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, row: SetpointRow) -> None:
+        self._view = view
         self._row = row
-        self._smoothing = Smoothing(body)
+        self._smoothing = Smoothing(view)
         self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
         self.yaw = YawRamp()
         self._way: Way | None = None
@@ -48,26 +48,26 @@ class Path:
             in_air: on the ground the trajectory begins at rest.
             goes_on: take over what the flight task before asked for last, where it controlled it.
         """
-        belief = self._body.belief
+        estimate = self._view.estimate
         self._smoothing.begin()
         self._way = None
         asked = self._row.asked() if goes_on and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
             at, speed, acceleration = (row[k] for row in asked)
             axis.reset(
-                at if math.isfinite(at) else belief.position_ned_m[k],
-                speed if math.isfinite(speed) else belief.velocity_ned_m_s[k] if in_air else 0.0,
+                at if math.isfinite(at) else estimate.position_ned_m[k],
+                speed if math.isfinite(speed) else estimate.velocity_ned_m_s[k] if in_air else 0.0,
             )
             if abs(acceleration) <= TAKEN_OVER_M_S2:
                 axis.acceleration_m_s2 = acceleration
-        self.yaw.reset(belief.yaw_ned_rad)
-        self.yaw_target_rad = belief.yaw_ned_rad
+        self.yaw.reset(estimate.yaw_ned_rad)
+        self.yaw_target_rad = estimate.yaw_ned_rad
         self.faces_target = False
         self.target_ned_m = (None, None, None)
 
     def idle(self) -> None:
         """The vehicle stands: the trajectory waits at its place, and a target may still lift it."""
-        x, y, z = self._body.belief.position_ned_m
+        x, y, z = self._view.estimate.position_ned_m
         self.x.reset(x)
         self.y.reset(y)
         self.z.reset(z)
@@ -80,7 +80,7 @@ class Path:
     def face(self, north_m: float, east_m: float) -> None:
         """Turn the nose towards a place, where MPC_YAW_MODE wants that and it is not right here."""
         dn, de = north_m - self.x.position_m, east_m - self.y.position_m
-        if math.hypot(dn, de) > 1.0 and self._body.choice("MPC_YAW_MODE") in (0, 3, 4):
+        if math.hypot(dn, de) > 1.0 and self._view.choice("MPC_YAW_MODE") in (0, 3, 4):
             self.yaw_target_rad = math.atan2(de, dn)
 
     @property
@@ -91,8 +91,8 @@ class Path:
         north, east, _ = self.target_ned_m
         if not self.faces_target or north is None or east is None:
             return
-        x, y, _ = self._body.belief.position_ned_m
-        if math.hypot(north - x, east - y) > self._body.parameter("NAV_ACC_RAD"):
+        x, y, _ = self._view.estimate.position_ned_m
+        if math.hypot(north - x, east - y) > self._view.parameter("NAV_ACC_RAD"):
             self.face(north, east)
 
     def fly_to_target(self, flying: bool) -> None:
@@ -108,15 +108,15 @@ class Path:
     def fly_way(self, way: Way, flying: bool) -> None:
         """One tick along a way."""
         if not flying:
-            self.z.reset(self._body.belief.position_ned_m[2])
+            self.z.reset(self._view.estimate.position_ned_m[2])
         self._smoothing.fly(TICK_S, way, self._limits)
         self.keep_near()
         self.write()
 
     def _way_to(self, target_ned_m: Vector) -> Way:
         if self._way is None or self._way.target_ned_m != target_ned_m:
-            here = self._body.belief.position_ned_m
-            self._way = Way(here, target_ned_m, None, self._body.parameter("NAV_ACC_RAD"))
+            here = self._view.estimate.position_ned_m
+            self._way = Way(here, target_ned_m, None, self._view.parameter("NAV_ACC_RAD"))
         return self._way
 
     def advance_horizontal(self) -> float:
@@ -133,7 +133,7 @@ class Path:
         """One tick up or down."""
         north, east, down = self.target_ned_m
         if not flying:
-            self.z.reset(self._body.belief.position_ned_m[2])
+            self.z.reset(self._view.estimate.position_ned_m[2])
         wanted = 0.0
         if down is not None:
             way_m = down - self.z.position_m
@@ -145,7 +145,7 @@ class Path:
 
     def keep_near(self) -> None:
         """The trajectory stays within MAX_Z_LEAD_M of the vehicle's height."""
-        z = self._body.belief.position_ned_m[2]
+        z = self._view.estimate.position_ned_m[2]
         if abs(self.z.position_m - z) > MAX_Z_LEAD_M:
             self.z.position_m = z + math.copysign(MAX_Z_LEAD_M, self.z.position_m - z)
 
@@ -156,7 +156,7 @@ class Path:
 
     def turn(self) -> None:
         """One tick of the heading towards its target."""
-        fastest_rad_s = math.radians(self._body.parameter("MPC_YAWRAUTO_MAX"))
+        fastest_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
         self.yaw.advance(self.yaw_target_rad, TICK_S, fastest_rad_s)
 
     def write(self) -> None:

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 NAN3: Vector = (math.nan, math.nan, math.nan)
 
@@ -15,9 +15,9 @@ NAN3: Vector = (math.nan, math.nan, math.nan)
 class SetpointRow:
     """The controllers' input of vehicle `row`."""
 
-    def __init__(self, body: Body) -> None:
-        self._all = body.simulation.setpoints
-        self._i = body.row
+    def __init__(self, view: VehicleView) -> None:
+        self._all = view.simulation.setpoints
+        self._i = view.row
 
     def trajectory(
         self,

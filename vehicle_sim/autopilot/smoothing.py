@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.autopilot.trajectory import Axis, max_speed_for_distance, synchronise
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ALIGNED = 0.98
 """Cosine of the angle between velocity and target beyond which the trajectory no longer counts as turning."""
@@ -54,8 +54,8 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
 class Smoothing:
     """Three axes of one vehicle, and the speed they had before a turn."""
 
-    def __init__(self, body: Body) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView) -> None:
+        self._view = view
         self.x, self.y, self.z = Axis(), Axis(), Axis()
         self._before_turn_m_s = 0.0
 
@@ -95,7 +95,7 @@ class Smoothing:
 
     def plan_vertical(self, velocity_m_s: float) -> None:
         """Towards a vertical speed (down is positive) by the limits of that direction."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         name = "MPC_ACC_UP_MAX" if velocity_m_s < self.z.velocity_m_s else "MPC_ACC_DOWN_MAX"
         self.z.plan(
             velocity_m_s,
@@ -105,7 +105,7 @@ class Smoothing:
 
     def vertical_speed(self, way_m: float, limits: Limits) -> float:
         """How fast to climb or sink this far, never negative."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         up = way_m < 0.0
         override = limits.climb_m_s if up else limits.descent_m_s
         limit = override if math.isfinite(override) else parameter(
@@ -115,19 +115,19 @@ class Smoothing:
         return min(limit, max_speed_for_distance(parameter("MPC_JERK_AUTO"), acceleration, abs(way_m)))
 
     def _plan_level(self, north_m_s: float, east_m_s: float) -> None:
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         acceleration, jerk = parameter("MPC_ACC_HOR"), parameter("MPC_JERK_AUTO")
         for axis, wanted in ((self.x, north_m_s), (self.y, east_m_s)):
             axis.plan(wanted, acceleration_limit_m_s2=acceleration, jerk_limit_m_s3=jerk)
 
     def _stretch(self) -> float:
         """How much the trajectory waits: not for a vehicle that is ahead, it would never arrive."""
-        x, y, _ = self._body.belief.position_ned_m
+        x, y, _ = self._view.estimate.position_ned_m
         behind_n, behind_e = self.x.position_m - x, self.y.position_m - y
         if behind_n * self.x.velocity_m_s + behind_e * self.y.velocity_m_s < 0.0:
             return 1.0
         error_m = math.hypot(behind_n, behind_e)
-        return 1.0 - min(1.0, error_m / max(0.1, self._body.parameter("MPC_XY_ERR_MAX")))
+        return 1.0 - min(1.0, error_m / max(0.1, self._view.parameter("MPC_XY_ERR_MAX")))
 
     def _wanted(self, way: Way, limits: Limits) -> Vector:
         horizontal, (aim_n, aim_e) = self._level(way, limits)
@@ -153,7 +153,7 @@ class Smoothing:
         return speed, way.target_ned_m[:2]
 
     def _level_speed(self, way: Way, limits: Limits) -> float:
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         cruise = limits.cruise_m_s if math.isfinite(limits.cruise_m_s) else parameter("MPC_XY_CRUISE")
         cruise = min(cruise, parameter("MPC_XY_VEL_MAX"))
         jerk, acceleration = parameter("MPC_JERK_AUTO"), parameter("MPC_ACC_HOR")
@@ -176,7 +176,7 @@ class Smoothing:
         lengths = math.hypot(an, ae) * math.hypot(bn, be)
         cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
         half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
-        sideways = self._body.parameter("MPC_XY_TRAJ_P") * self._body.parameter("MPC_ACC_HOR")
+        sideways = self._view.parameter("MPC_XY_TRAJ_P") * self._view.parameter("MPC_ACC_HOR")
         return math.sqrt(sideways * way.acceptance_m * math.tan(half))
 
     def _turning(self, way: Way) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.autopilot.body import Body
+from vehicle_sim.vehicle_view import VehicleView
 
 FULL = 1000.0
 INVALID = 32767
@@ -28,8 +28,8 @@ class Deflection:
 class Sticks:
     """The sticks of one vehicle."""
 
-    def __init__(self, body: Body) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView) -> None:
+        self._view = view
         self.raw = Deflection()
         self.heard_at_s = -math.inf
         self.moved = False
@@ -37,13 +37,13 @@ class Sticks:
 
     def hear(self, x: int, y: int, z: int, r: int) -> bool:
         """One MANUAL_CONTROL; False where sticks do not count or an axis is missing."""
-        if self._body.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or INVALID in (x, y, z, r):
+        if self._view.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or INVALID in (x, y, z, r):
             return False
         new = Deflection(_unit(x / FULL), _unit(y / FULL), _unit(r / FULL), _unit(2.0 * z / FULL - 1.0))
-        now_s = self._body.time_s
+        now_s = self._view.time_s
         since_s = now_s - self.heard_at_s
         if self.valid and since_s > 0.0:
-            fastest = 0.01 * self._body.parameter("COM_RC_STICK_OV")
+            fastest = 0.01 * self._view.parameter("COM_RC_STICK_OV")
             changes = (new.forward - self.raw.forward, new.right - self.raw.right, new.yaw - self.raw.yaw)
             self.moved = self.moved or any(abs(change) / since_s > fastest for change in changes)
         self.raw, self.heard_at_s = new, now_s
@@ -52,17 +52,17 @@ class Sticks:
     @property
     def valid(self) -> bool:
         """Whether the sticks were heard within COM_RC_LOSS_T."""
-        return self._body.time_s - self.heard_at_s < max(0.0, self._body.parameter("COM_RC_LOSS_T"))
+        return self._view.time_s - self.heard_at_s < max(0.0, self._view.parameter("COM_RC_LOSS_T"))
 
     def takes_over(self, *, offboard: bool) -> bool:
         """Whether the pilot has moved a stick that COM_RC_OVERRIDE lets end this automatic flight."""
         moved, self.moved = self.moved, False
         bit = OVERRIDE_OFFBOARD if offboard else OVERRIDE_AUTO
-        return moved and self.valid and bool(self._body.choice("COM_RC_OVERRIDE") & bit)
+        return moved and self.valid and bool(self._view.choice("COM_RC_OVERRIDE") & bit)
 
     def shaped(self) -> Deflection:
         """With dead zone and expo, as the position and altitude modes take them."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         zone = parameter("MPC_HOLD_DZ")
         level, vertical, turn = (
             parameter(name) for name in ("MPC_XY_MAN_EXPO", "MPC_Z_MAN_EXPO", "MPC_YAW_EXPO")
@@ -77,7 +77,7 @@ class Sticks:
 
     def acro_rates_rad_s(self) -> tuple[float, float, float]:
         """Body rates that Acro asks for: MC_ACRO_*."""
-        parameter, raw = self._body.parameter, self.raw
+        parameter, raw = self._view.parameter, self.raw
         expo, super_expo = parameter("MC_ACRO_EXPO"), parameter("MC_ACRO_SUPEXPO")
         expo_y, super_y = parameter("MC_ACRO_EXPO_Y"), parameter("MC_ACRO_SUPEXPOY")
         fastest = [math.radians(parameter(f"MC_ACRO_{axis}_MAX")) for axis in "RPY"]
@@ -89,10 +89,10 @@ class Sticks:
 
     def thrust(self, hover_thrust: float) -> float:
         """Collective thrust of Stabilized: by MPC_THR_CURVE, the middle hovers (0) or is half (1)."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         throttle = 0.5 * (self.raw.throttle + 1.0)
         lowest, highest = parameter("MPC_MANTHR_MIN"), parameter("MPC_THR_MAX")
-        if self._body.choice("MPC_THR_CURVE") != 0:
+        if self._view.choice("MPC_THR_CURVE") != 0:
             return lowest + throttle * (highest - lowest)
         if throttle < 0.5:
             return lowest + 2.0 * throttle * (hover_thrust - lowest)

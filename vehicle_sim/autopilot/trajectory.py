@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from vehicle_sim.frames import wrap_angle
+
 
 def max_speed_for_distance(
     jerk_m_s3: float, acceleration_m_s2: float, distance_m: float, final_speed_m_s: float = 0.0
@@ -156,11 +158,6 @@ def synchronise(*axes: Axis) -> None:
         axis.take(longest_s)
 
 
-def wrap_pi(angle_rad: float) -> float:
-    """Into -pi..pi."""
-    return math.remainder(angle_rad, math.tau)
-
-
 YAW_RATE_TIME_CONSTANT_S = 0.2
 """Of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
 
@@ -179,7 +176,7 @@ class YawRamp:
 
     def advance(self, target_rad: float, dt_s: float, rate_max_rad_s: float) -> None:
         """Turn `dt_s` on towards the target."""
-        gap = wrap_pi(target_rad - self.yaw_ned_rad)
+        gap = wrap_angle(target_rad - self.yaw_ned_rad)
         step = max(-rate_max_rad_s * dt_s, min(rate_max_rad_s * dt_s, gap))
         self.rate_rad_s += (step / dt_s - self.rate_rad_s) * dt_s / (dt_s + YAW_RATE_TIME_CONSTANT_S)
-        self.yaw_ned_rad = wrap_pi(self.yaw_ned_rad + step)
+        self.yaw_ned_rad = wrap_angle(self.yaw_ned_rad + step)

@@ -15,9 +15,10 @@ from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.logger import ulog
 from vehicle_sim.logger.recorder import Recorder, Recorders
-from vehicle_sim.logger.states import States
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.topics.layout import Layout
+from vehicle_sim.topics.states import States
 
 FOLDER: Final = "log"
 BEGINS_US: Final = 488_000
@@ -65,13 +66,13 @@ class Logger:
         recorders: Recorders | None,
         room: Callable[[Path], int] = free_bytes,
     ) -> None:
-        self.row = autopilot.body.row
+        self.row = autopilot.view.row
         self.path: str | None = None
         """Of the log being written, or of the last one."""
         self.written_bytes = 0
         self.began_us = 0
         self._autopilot, self._states, self._files, self._room = autopilot, states, files, room
-        self._body = autopilot.body
+        self._view = autopilot.view
         self._announcer: Announcer = autopilot.announcer
         self._recorders = recorders
         self._recorder: Recorder | None = None
@@ -86,7 +87,7 @@ class Logger:
         self._tick_at_us = 0
         if recorders is not None:
             self._announcer.add_listener(self._note)
-            self._body.parameters.add_listener(self._changed)
+            self._view.parameters.add_listener(self._changed)
 
     @property
     def available(self) -> bool:
@@ -101,7 +102,7 @@ class Logger:
     @property
     def mode(self) -> int:
         """SDLOG_MODE."""
-        return self._body.optional_choice("SDLOG_MODE", WHILE_ARMED)
+        return self._view.optional_choice("SDLOG_MODE", WHILE_ARMED)
 
     def step(self, now_us: int) -> None:
         """After each step of the simulation."""
@@ -130,7 +131,7 @@ class Logger:
         """Log from now on until `stop_by_hand`; whether a file is written now."""
         self._by_hand = True
         if not self.running:
-            self._start(self._body.time_boot_us())
+            self._start(self._view.time_boot_us())
         self._stop_at_us = None
         return self.running
 
@@ -209,13 +210,13 @@ class Logger:
             self._failed("no log", error)
             return
         self.path, self.written_bytes, self.began_us = path, 0, now_us
-        profile = self._body.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
+        profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
         recorder = self._recorders.of(profile)
         self._look_at_us = now_us + LOOKS_EVERY_US
         self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._facts()]
         layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
-        self._pending += [_formats(tuple(layouts)), _parameters(self._body.parameters)]
-        self._pending += [layout.subscription for layout in layouts]
+        self._pending += [_formats(tuple(layouts)), _parameters(self._view.parameters)]
+        self._pending += [ulog.subscription_of(layout) for layout in layouts]
         self._states.restart()
         self._write_pending()
         if not self.running:
@@ -230,8 +231,8 @@ class Logger:
         self._tell_at_us = now_us + TELLS_AFTER_US
 
     def _name(self) -> tuple[str, datetime]:
-        offset_s = 60 * self._body.optional_choice("SDLOG_UTC_OFFSET", 0)
-        when = datetime.fromtimestamp(self._body.time_unix_us() // 1_000_000 + offset_s, UTC)
+        offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
+        when = datetime.fromtimestamp(self._view.time_unix_us() // 1_000_000 + offset_s, UTC)
         stem = f"{FOLDER}/{when:%Y-%m-%d}/{when:%H_%M_%S}"
         path, number = f"{stem}.ulg", 0
         while self._files.host_path(path).exists():
@@ -240,7 +241,7 @@ class Logger:
         return path, when
 
     def _facts(self) -> list[bytes]:
-        offset_s = 60 * self._body.optional_choice("SDLOG_UTC_OFFSET", 0)
+        offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
         return [
             ulog.info("ver_sw", build.GIT_HASH),
             ulog.info("ver_sw_release", build.VERSION),
@@ -257,7 +258,7 @@ class Logger:
 
     def _make_room(self) -> None:
         """SDLOG_DIRS_MAX: the oldest days go."""
-        most = self._body.optional_choice("SDLOG_DIRS_MAX", 0)
+        most = self._view.optional_choice("SDLOG_DIRS_MAX", 0)
         if most <= 0 or self.mode == DISABLED:
             return
         try:
@@ -273,11 +274,11 @@ class Logger:
         if isinstance(item, Event):
             self._pending.append(self._states.event(item))
         else:
-            self._pending.append(ulog.logged(item.severity, self._body.time_boot_us(), item.text))
+            self._pending.append(ulog.logged(item.severity, self._view.time_boot_us(), item.text))
 
     def _changed(self, name: str, value: ParameterValue) -> None:
         if self._file is not None:
-            integer = self._body.parameters.type_of(name) == "INT32"
+            integer = self._view.parameters.type_of(name) == "INT32"
             self._pending.append(ulog.parameter(name, value, integer=integer))
 
     def _write_pending(self) -> None:
@@ -316,8 +317,8 @@ class Logger:
 
 
 @cache
-def _formats(layouts: tuple[ulog.Layout, ...]) -> bytes:
-    return b"".join({layout.name: layout.format for layout in layouts}.values())
+def _formats(layouts: tuple[Layout, ...]) -> bytes:
+    return b"".join({layout.name: ulog.format_of(layout) for layout in layouts}.values())
 
 
 def _parameters(parameters: Parameters) -> bytes:

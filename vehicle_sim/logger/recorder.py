@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.logger.topics import ARRAY_TOPICS, ArrayTopic, Pace, Source
 from vehicle_sim.simulation import Simulation
+from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Pace, Source
 
 BLOCK_MS = 400
 """What is gathered before it is written."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.commands.command import Command
 from vehicle_sim.mavlink.dialect import Message, pack
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.telemetry import Telemetry
@@ -20,7 +21,7 @@ class Context:
 
     def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self.autopilot = autopilot
-        self.body = autopilot.body
+        self.view = autopilot.view
         self.system_id = system_id
         self.links: list[Link] = []
         self.telemetry = Telemetry(autopilot)
@@ -37,7 +38,7 @@ class Context:
 
     def hears_gcs(self, link: Link) -> bool:
         """Whether a ground station is there: no one else is sent status texts."""
-        return self.body.time_s - link.gcs_heard_at_s < self.gcs_silent_s
+        return self.view.time_s - link.gcs_heard_at_s < self.gcs_silent_s
 
     def is_for_me(self, message: Message) -> bool:
         """Whether target system and component mean this autopilot."""
@@ -53,13 +54,20 @@ class Context:
         for link in self.links:
             link.send_payload(layout, payload)
 
+    def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
+        """COMMAND_ACK to whom the command came from, on every link."""
+        self.broadcast(
+            "COMMAND_ACK", command=command.number, result=result, progress=progress,
+            target_system=command.sender[0], target_component=command.sender[1],
+        )  # fmt: skip
+
     def later(self, action: Callable[[], None]) -> None:
         """Run before the next tick: PX4's commander answers from its own loop, milliseconds later."""
         self._later.append(action)
 
     def after(self, seconds: float, action: Callable[[], None]) -> None:
         """Run once, this much simulated time from now."""
-        self._timers.append((self.body.time_s + seconds, action))
+        self._timers.append((self.view.time_s + seconds, action))
 
     @property
     def waits(self) -> bool:
@@ -78,7 +86,7 @@ class Context:
             for action in actions:
                 action()
         if self._timers:
-            now_s = self.body.time_s
+            now_s = self.view.time_s
             due = [action for at_s, action in self._timers if at_s <= now_s]
             self._timers = [(at_s, action) for at_s, action in self._timers if at_s > now_s]
             for action in due:

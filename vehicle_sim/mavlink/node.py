@@ -6,15 +6,16 @@ import math
 from collections.abc import Callable
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.commands.calibration import CalibrationCommands
+from vehicle_sim.commands.failures import FailureCommands
+from vehicle_sim.commands.flight import FlightCommands
+from vehicle_sim.commands.gimbal import GimbalCommands
 from vehicle_sim.logger.logger import Logger
-from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.services.calibration import CalibrationService
 from vehicle_sim.mavlink.services.camera import CameraService
 from vehicle_sim.mavlink.services.commands import CommandService
-from vehicle_sim.mavlink.services.failures import FailureService
 from vehicle_sim.mavlink.services.follow import FollowService
 from vehicle_sim.mavlink.services.ftp import FtpService
 from vehicle_sim.mavlink.services.gimbal import GimbalService
@@ -27,12 +28,11 @@ from vehicle_sim.mavlink.services.own_commands import OwnCommandService
 from vehicle_sim.mavlink.services.params import ParamService
 from vehicle_sim.mavlink.services.ranging import RangingService
 from vehicle_sim.mavlink.services.requests import RequestService
-from vehicle_sim.mavlink.services.shell import ShellService
+from vehicle_sim.mavlink.services.shell import ShellService, Terminal
 from vehicle_sim.mavlink.services.texts import TextService
 from vehicle_sim.mavlink.services.time import TimeService
 from vehicle_sim.mavlink.services.vision import VisionService
 from vehicle_sim.payload.camera import Camera
-from vehicle_sim.shell.commands import Shell
 from vehicle_sim.storage.files import VehicleFiles
 
 MAV_TYPE_GCS, MAV_TYPE_ONBOARD_CONTROLLER = 6, 18
@@ -42,32 +42,29 @@ RATE_EVERY_US = 1_000_000
 class Node:
     """The MAVLink side of one vehicle."""
 
-    def __init__(
-        self, autopilot: Autopilot, system_id: int, files: VehicleFiles, logger: Logger, states: States
-    ) -> None:
+    def __init__(self, autopilot: Autopilot, system_id: int, files: VehicleFiles, logger: Logger) -> None:
         self.context = Context(autopilot, system_id)
         self._texts = TextService(self.context)
         self._time = TimeService(self.context)
-        self._params = ParamService(self.context)
+        self.params = ParamService(self.context)
         self._mission = MissionService(self.context)
         self._ftp = FtpService(self.context, files)
         self._logs = LogService(self.context, files, logger)
         self._ranging = RangingService(self.context)
         self._camera: CameraService | None = None
         requests = RequestService(self.context)
-        gimbal = GimbalService(self.context)
-        calibration = CalibrationService(self.context, self._params)
-        failures = FailureService(self.context)
-        shell = Shell(self.context, self._params, failures, logger, states)
-        self._shell = ShellService(self.context, shell.console)
-        self._own_commands = OwnCommandService(self.context, gimbal)
+        gimbal = GimbalCommands(self.context)
+        calibration = CalibrationCommands(self.context, self.params.tell)
+        self.failures = FailureCommands(self.context)
+        self._shell = ShellService(self.context)
+        self._own_commands = OwnCommandService(self.context, gimbal.commands)
+        meanings = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
         commands = CommandService(
-            self.context,
-            {**requests.commands, **gimbal.commands, **calibration.commands, **failures.commands},
+            self.context, {number: do for each in meanings for number, do in each.commands.items()}
         )
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
-            self._texts, self._time, self._params, self._mission, gimbal, commands,
+            self._texts, self._time, self.params, self._mission, GimbalService(self.context), commands,
             OffboardService(self.context), VisionService(self.context), ManualService(self.context),
             self._ftp, self._logs, self._shell,
             FollowService(self.context), OriginService(self.context),
@@ -96,9 +93,13 @@ class Node:
         """Let a camera speak, as a component of its own."""
         self._camera = CameraService(self.context, camera)
 
+    def open_console(self, console: Callable[[], Terminal]) -> None:
+        """Let ground stations type at the vehicle's console; `console` makes one for each link."""
+        self._shell.console = console
+
     def add_link(self, link: Link) -> None:
         """Start talking on a link."""
-        now_us = self.context.body.time_boot_us()
+        now_us = self.context.view.time_boot_us()
         self._rest_until_us = 0
         self._rated.pop(link.name, None)
         for msg_id in list(link.streamed()):
@@ -127,7 +128,7 @@ class Node:
     def step(self) -> None:
         """After each simulation step: answers put off, then whatever streams are due."""
         context = self.context
-        now_us = context.body.time_boot_us()
+        now_us = context.view.time_boot_us()
         if now_us < self._rest_until_us and not context.waits and not self._mission.waits:
             return
         busy = self._serve()
@@ -153,7 +154,7 @@ class Node:
         if self.context.waits:
             self.context.run_due()
         busy = False
-        for service in (self._ftp, self._logs, self._shell, self._params, self._mission):
+        for service in (self._ftp, self._logs, self._shell, self.params, self._mission):
             if service.busy:
                 service.step()
                 busy = True
@@ -173,10 +174,10 @@ class Node:
         if message.type == MAV_TYPE_GCS:
             if not math.isfinite(link.gcs_heard_at_s):
                 self._texts.greet(link)
-            now_s = self.context.body.time_s
+            now_s = self.context.view.time_s
             link.gcs_heard_at_s = self.context.autopilot.commander.checks.gcs_heard_at_s = now_s
         elif message.type == MAV_TYPE_ONBOARD_CONTROLLER and message.system_id == self.system_id:
-            self.context.autopilot.commander.checks.companion_heard_at_s = self.context.body.time_s
+            self.context.autopilot.commander.checks.companion_heard_at_s = self.context.view.time_s
 
     def _forward(self, link: Link, message: Message) -> None:
         if message.system_id == self.system_id and message.component_id == 1:

@@ -27,7 +27,7 @@ class Telemetry:
     """Payloads of one vehicle."""
 
     def __init__(self, autopilot: Autopilot) -> None:
-        self._simulation = autopilot.body.simulation
+        self._simulation = autopilot.view.simulation
         self._cache: dict[int, tuple[Layout, bytes] | None] = {}
         self._step = -1
         self._builders: dict[int, Builder] = {}

@@ -13,12 +13,12 @@ from enum import IntEnum
 
 import numpy as np
 
-from vehicle_sim.autopilot.body import Body
-from vehicle_sim.autopilot.home import Home
-from vehicle_sim.frames import euler_of
-from vehicle_sim.payload.gimbal import Gimbal, Quaternion, euler_to_q
+from vehicle_sim.frames import Quaternion, euler_of, quaternion_of
+from vehicle_sim.home import Home
+from vehicle_sim.payload.gimbal import Gimbal
 from vehicle_sim.payload.picture import HEIGHT, WIDTH, Painter, Place, jpeg
 from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.vehicle_view import VehicleView
 
 FOLDER = "camera"
 FOCAL_LENGTH_MM = 4.5
@@ -65,9 +65,9 @@ class Camera:
         files: where the pictures go.
     """
 
-    def __init__(self, body: Body, gimbal: Gimbal, home: Home, files: VehicleFiles) -> None:
-        self._body, self._gimbal, self._home, self._files = body, gimbal, home, files
-        self._painter = Painter(body.simulation.world)
+    def __init__(self, view: VehicleView, gimbal: Gimbal, home: Home, files: VehicleFiles) -> None:
+        self._view, self._gimbal, self._home, self._files = view, gimbal, home, files
+        self._painter = Painter(view.simulation.world)
         self.mode = CameraMode.IMAGE
         self.zoom_percent = 0.0
         self.captures: list[Capture] = []
@@ -121,7 +121,7 @@ class Camera:
         """A series, the first picture now; count 0: until it is stopped."""
         self.interval_s = 0.0 if count == 1 else max(SHORTEST_INTERVAL_S, interval_s)
         self._left = count if count > 0 else MOST_PICTURES
-        self._next_at_s = self._body.time_s
+        self._next_at_s = self._view.time_s
 
     def stop(self) -> None:
         """End the series."""
@@ -129,7 +129,7 @@ class Camera:
 
     def step(self) -> Capture | None:
         """The picture that is due, taken."""
-        if self._body.time_s < self._next_at_s - 1e-9:
+        if self._view.time_s < self._next_at_s - 1e-9:
             return None
         self._left -= 1
         self._next_at_s += self.interval_s
@@ -141,22 +141,22 @@ class Camera:
     def orientation(self) -> Quaternion:
         """Of the camera against north and the horizon, as the vehicle believes it."""
         if not self._gimbal.enabled:
-            return self._body.belief.q_ned_frd
+            return self._view.estimate.q_ned_frd
         actual = self._gimbal.actual
-        return euler_to_q(actual.roll_rad, actual.pitch_rad, self._gimbal.yaw_ned_rad)
+        return quaternion_of(actual.roll_rad, actual.pitch_rad, self._gimbal.yaw_ned_rad)
 
     def place(self) -> Place | None:
         """Where the vehicle believes to be."""
-        belief = self._body.belief
-        if not math.isfinite(belief.lat_deg):
+        estimate = self._view.estimate
+        if not math.isfinite(estimate.lat_deg):
             return None
-        return Place(belief.lat_deg, belief.lon_deg, belief.alt_amsl_m)
+        return Place(estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m)
 
     def _take(self) -> Capture:
-        body, place, index = self._body, self.place(), len(self.captures)
+        view, place, index = self._view, self.place(), len(self.captures)
         path = f"{FOLDER}/IMG_{index + 1:04d}.JPG"
         pixels = self._painter.draw(*self._true_pose(), self.width_rad)
-        data = jpeg(pixels, place, body.time_unix_us() * 1e-6)
+        data = jpeg(pixels, place, view.time_unix_us() * 1e-6)
         try:
             self._files.host_path(path).write_bytes(data)
             self.used_bytes += len(data)
@@ -164,7 +164,7 @@ class Camera:
             path = ""
         home_m = self._home.alt_amsl_m if self._home.valid else math.nan
         capture = Capture(
-            index, body.time_boot_ms(), body.time_unix_us(), place,
+            index, view.time_boot_ms(), view.time_unix_us(), place,
             place.alt_amsl_m - home_m if place is not None else math.nan, self.orientation(), path,
         )  # fmt: skip
         self.captures.append(capture)
@@ -172,10 +172,10 @@ class Camera:
 
     def _true_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Light goes by what is, not by what is believed; the gimbal holds the horizon."""
-        truth, row = self._body.simulation.truth, self._body.row
+        truth, row = self._view.simulation.truth, self._view.row
         q = truth.q_ned_frd[row]
         if self._gimbal.enabled:
             actual, yaw = self._gimbal.actual, float(euler_of(q[None, :])[0, 2])
-            q = np.array(euler_to_q(actual.roll_rad, actual.pitch_rad, yaw + actual.yaw_rad))
+            q = np.array(quaternion_of(actual.roll_rad, actual.pitch_rad, yaw + actual.yaw_rad))
         eye = truth.position_ned_m[row] - np.array([0.0, 0.0, EYE_ABOVE_GROUND_M])
         return eye, q

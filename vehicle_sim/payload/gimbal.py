@@ -13,8 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag
 
-from vehicle_sim.autopilot.body import Body
+from vehicle_sim.frames import Quaternion, angles_of, quaternion_of, wrap_angle
 from vehicle_sim.geodesy import to_local
+from vehicle_sim.vehicle_view import VehicleView
 
 TIME_CONSTANT_S = 0.15
 RATE_LIMIT_RAD_S = math.radians(90.0)
@@ -23,7 +24,6 @@ OUTPUT_DEVICE = 2
 STABILISE_ALL, STABILISE_YAW = 1, 2
 """MNT_DO_STAB."""
 AXES = ("ROLL", "PITCH", "YAW")
-Quaternion = tuple[float, float, float, float]
 Place = tuple[float, float, float]
 """Latitude, longitude [deg], altitude above sea [m]."""
 
@@ -39,34 +39,6 @@ class Flag(IntFlag):
 
 
 LOCKS = (Flag.ROLL_LOCK, Flag.PITCH_LOCK, Flag.YAW_LOCK)
-
-
-def wrap_pi(angle_rad: float) -> float:
-    """Into -pi..pi."""
-    return math.remainder(angle_rad, math.tau)
-
-
-def euler_to_q(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """Quaternion of roll, pitch, yaw (applied yaw first)."""
-    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
-    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def q_to_euler(q: Quaternion) -> tuple[float, float, float]:
-    """Roll, pitch, yaw."""
-    w, x, y, z = q
-    return (
-        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    )
 
 
 @dataclass(slots=True)
@@ -85,8 +57,8 @@ class Gimbal:
         waypoint: where the vehicle flies to; None: nowhere.
     """
 
-    def __init__(self, body: Body, waypoint: Callable[[], Place | None]) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, waypoint: Callable[[], Place | None]) -> None:
+        self._view = view
         self._waypoint = waypoint
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self.primary = (0, 0)
@@ -104,17 +76,17 @@ class Gimbal:
     @property
     def enabled(self) -> bool:
         """Whether the gimbal module runs (MNT_MODE_IN)."""
-        return self._body.choice("MNT_MODE_IN") == INPUT_MAVLINK_V2
+        return self._view.choice("MNT_MODE_IN") == INPUT_MAVLINK_V2
 
     @property
     def turns_itself(self) -> bool:
         """A gimbal device of its own stands behind the manager, no servos."""
-        return self._body.choice("MNT_MODE_OUT") == OUTPUT_DEVICE
+        return self._view.choice("MNT_MODE_OUT") == OUTPUT_DEVICE
 
     @property
     def device_id(self) -> int:
         """As the manager names its device: a component of its own, or 1 for servos."""
-        return self._body.choice("MNT_MAV_COMPID") if self.turns_itself else 1
+        return self._view.choice("MNT_MAV_COMPID") if self.turns_itself else 1
 
     @property
     def yaw_locked(self) -> bool:
@@ -155,7 +127,7 @@ class Gimbal:
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
             return
         if math.isfinite(pitch_rad) and math.isfinite(yaw_rad):
-            self._want(euler_to_q(0.0, pitch_rad, yaw_rad))
+            self._want(quaternion_of(0.0, pitch_rad, yaw_rad))
         elif math.isfinite(pitch_rate_rad_s) or math.isfinite(yaw_rate_rad_s):
             self._want_rates(pitch_rate_rad_s, yaw_rate_rad_s)
 
@@ -169,7 +141,7 @@ class Gimbal:
 
     def set_manual(self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float) -> None:
         """GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles of up to one radian, rates as parts of MNT_RATE_*."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         self.set_pitch_yaw(
             flags,
             pitch,
@@ -183,7 +155,7 @@ class Gimbal:
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self._forget()
         if all(math.isfinite(each) for each in (roll_deg, pitch_deg, yaw_deg)):
-            self._want(euler_to_q(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)))
+            self._want(quaternion_of(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)))
 
     def centre(self) -> None:
         """Straight ahead, level."""
@@ -230,7 +202,7 @@ class Gimbal:
             pitch_limit = math.radians(90.0)
             pitch = self.wanted.pitch_rad + self._wanted_rates[0] * dt_s
             self.wanted.pitch_rad = max(-pitch_limit, min(pitch_limit, pitch))
-            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + self._wanted_rates[1] * dt_s)
+            self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + self._wanted_rates[1] * dt_s)
         elif self._roi is not None:
             self._aim(self._roi)
         elif self._ahead is not None:
@@ -243,32 +215,32 @@ class Gimbal:
     def _turn_device(self, dt_s: float) -> None:
         goal_yaw_frd = self.wanted.yaw_rad
         if self.yaw_locked:
-            goal_yaw_frd = wrap_pi(goal_yaw_frd - self._body.belief.yaw_ned_rad)
+            goal_yaw_frd = wrap_angle(goal_yaw_frd - self._view.estimate.yaw_ned_rad)
         actual, rates = self.actual, self.rates_rad_s
-        rates.roll_rad = _rate(wrap_pi(self.wanted.roll_rad - actual.roll_rad))
+        rates.roll_rad = _rate(wrap_angle(self.wanted.roll_rad - actual.roll_rad))
         rates.pitch_rad = _rate(self.wanted.pitch_rad - actual.pitch_rad)
-        rates.yaw_rad = _rate(wrap_pi(goal_yaw_frd - actual.yaw_rad))
-        actual.roll_rad = wrap_pi(actual.roll_rad + rates.roll_rad * dt_s)
+        rates.yaw_rad = _rate(wrap_angle(goal_yaw_frd - actual.yaw_rad))
+        actual.roll_rad = wrap_angle(actual.roll_rad + rates.roll_rad * dt_s)
         actual.pitch_rad += rates.pitch_rad * dt_s
-        actual.yaw_rad = wrap_pi(actual.yaw_rad + rates.yaw_rad * dt_s)
+        actual.yaw_rad = wrap_angle(actual.yaw_rad + rates.yaw_rad * dt_s)
 
     def _set_servos(self) -> None:
-        how, wanted = self._body.choice("MNT_DO_STAB"), self.wanted
-        landed = bool(self._body.simulation.setpoints.landed[self._body.row])
+        how, wanted = self._view.choice("MNT_DO_STAB"), self.wanted
+        landed = bool(self._view.simulation.setpoints.landed[self._view.row])
         key = None
         if how not in (STABILISE_ALL, STABILISE_YAW) and self._wanted_rates is None:
-            key = (wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad, landed, self._body.parameter_changes)
+            key = (wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad, landed, self._view.parameter_changes)
             if key == self._servos_stand_for:
                 return
         self._servos_stand_for = key
-        belief = self._body.belief
-        vehicle = (belief.roll_rad, belief.pitch_rad, belief.yaw_ned_rad)
+        estimate = self._view.estimate
+        vehicle = (estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad)
         absolute = [
             self._roi is not None or self._ahead is not None or bool(self.flags & flag) for flag in LOCKS
         ]
         stabilised = (how == STABILISE_ALL, how == STABILISE_ALL, how in (STABILISE_ALL, STABILISE_YAW))
         angles = [
-            wrap_pi(angle - vehicle[k]) if stabilised[k] and absolute[k] else wrap_pi(angle)
+            wrap_angle(angle - vehicle[k]) if stabilised[k] and absolute[k] else wrap_angle(angle)
             for k, angle in enumerate((wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad))
         ]
         roll, pitch, yaw = (
@@ -277,7 +249,7 @@ class Gimbal:
         )
         if landed:
             lowest, highest = (
-                math.radians(self._body.parameter(f"MNT_LND_P_{end}")) for end in ("MIN", "MAX")
+                math.radians(self._view.parameter(f"MNT_LND_P_{end}")) for end in ("MIN", "MAX")
             )
             pitch = max(lowest, min(highest, pitch))
         if self._wanted_rates is not None:
@@ -286,7 +258,7 @@ class Gimbal:
         self.actual, self.rates_rad_s = Angles(roll, pitch, yaw), Angles()
 
     def _half_ranges_rad(self) -> tuple[float, float, float]:
-        roll, pitch, yaw = (math.radians(self._body.parameter(f"MNT_RANGE_{axis}")) / 2.0 for axis in AXES)
+        roll, pitch, yaw = (math.radians(self._view.parameter(f"MNT_RANGE_{axis}")) / 2.0 for axis in AXES)
         return (roll, pitch, yaw)
 
     def servo_controls(self) -> tuple[float, float, float] | None:
@@ -294,7 +266,7 @@ class Gimbal:
         if not self.enabled or self.turns_itself:
             return None
         angles = (self.actual.roll_rad, self.actual.pitch_rad, self.actual.yaw_rad)
-        offsets = (math.radians(self._body.parameter(f"MNT_OFF_{axis}")) for axis in AXES)
+        offsets = (math.radians(self._view.parameter(f"MNT_OFF_{axis}")) for axis in AXES)
         roll, pitch, yaw = (
             max(-1.0, min(1.0, (angle + offset) / half)) if half > 0.0 else 0.0
             for angle, offset, half in zip(angles, offsets, self._half_ranges_rad(), strict=True)
@@ -304,12 +276,12 @@ class Gimbal:
     @property
     def yaw_ned_rad(self) -> float:
         """Where the gimbal points, against north."""
-        return wrap_pi(self.actual.yaw_rad + self._body.belief.yaw_ned_rad)
+        return wrap_angle(self.actual.yaw_rad + self._view.estimate.yaw_ned_rad)
 
     def device_quaternion(self) -> Quaternion:
         """As GIMBAL_DEVICE_ATTITUDE_STATUS reports it: a device counts a locked yaw from north."""
         yaw = self.yaw_ned_rad if self.yaw_locked and self.turns_itself else self.actual.yaw_rad
-        return euler_to_q(self.actual.roll_rad, self.actual.pitch_rad, yaw)
+        return quaternion_of(self.actual.roll_rad, self.actual.pitch_rad, yaw)
 
     def _take_flags(self, flags: int) -> None:
         self._forget()
@@ -319,9 +291,9 @@ class Gimbal:
                 self.flags &= ~Flag.YAW_LOCK
             return
         locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
-        heading = self._body.belief.yaw_ned_rad
+        heading = self._view.estimate.yaw_ned_rad
         if self.turns_itself and lock != locked:
-            self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + (heading if lock else -heading))
+            self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + (heading if lock else -heading))
         self.flags = Flag(flags & 0x1F)
 
     def _forget(self) -> None:
@@ -332,7 +304,7 @@ class Gimbal:
         norm = math.sqrt(sum(each * each for each in q))
         if math.isfinite(norm) and norm > 1e-6:
             w, x, y, z = q
-            self.wanted = Angles(*q_to_euler((w / norm, x / norm, y / norm, z / norm)))
+            self.wanted = Angles(*angles_of((w / norm, x / norm, y / norm, z / norm)))
 
     def _want_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
         self._wanted_rates = (_possible(pitch_rate_rad_s), _possible(yaw_rate_rad_s))
@@ -344,15 +316,15 @@ class Gimbal:
         self._aim(place)
         self.wanted.roll_rad += offsets.roll_rad
         self.wanted.pitch_rad += offsets.pitch_rad
-        self.wanted.yaw_rad = wrap_pi(self.wanted.yaw_rad + offsets.yaw_rad)
+        self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + offsets.yaw_rad)
 
     def _aim(self, place: Place) -> None:
-        belief = self._body.belief
-        if not math.isfinite(belief.lat_deg):
+        estimate = self._view.estimate
+        if not math.isfinite(estimate.lat_deg):
             return
-        n, e = to_local(place[0], place[1], belief.lat_deg, belief.lon_deg)  # type: ignore[arg-type]
+        n, e = to_local(place[0], place[1], estimate.lat_deg, estimate.lon_deg)  # type: ignore[arg-type]
         north, east = float(n), float(e)
-        up = place[2] - belief.alt_amsl_m
+        up = place[2] - estimate.alt_amsl_m
         self.wanted = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
 
 

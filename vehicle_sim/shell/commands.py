@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from vehicle_sim.commands.command import Handler
 from vehicle_sim.logger.logger import Logger
-from vehicle_sim.logger.states import States
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import LAYOUTS
-from vehicle_sim.mavlink.services.failures import FailureService
-from vehicle_sim.mavlink.services.params import ParamService
 from vehicle_sim.shell.console import Command, Console
 from vehicle_sim.shell.flight import CommanderCommand, FailureCommand, GimbalCommand
 from vehicle_sim.shell.listener import ListenerCommand
 from vehicle_sim.shell.parameters import ParamCommand
 from vehicle_sim.shell.status import VER, LoggerCommand, MavlinkCommand, PartsCommands
+from vehicle_sim.topics.states import States
 
 _NAMES = (
     "actuator_test airship_att_control airspeed_selector attitude_estimator_q battery_simulator bsondump "
@@ -39,24 +40,24 @@ class Shell:
     def __init__(
         self,
         context: Context,
-        parameters: ParamService,
-        failures: FailureService,
+        unsaved: Callable[[], frozenset[str]],
+        inject_failure: Handler,
         logger: Logger,
         states: States,
     ) -> None:
-        autopilot, body, own = context.autopilot, context.body, context.own
-        listener, parts = ListenerCommand(body, states), PartsCommands(body)
+        autopilot, view, own = context.autopilot, context.view, context.own
+        listener, parts = ListenerCommand(view, states), PartsCommands(view)
         mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.hears_gcs)
-        self._body = body
+        self._view = view
         self.commands: dict[str, Command] = {
             "commander": CommanderCommand(autopilot).command,
             "ekf2": parts.ekf2,
-            "failure": FailureCommand(autopilot, failures.inject, own).command,
+            "failure": FailureCommand(autopilot, inject_failure, own).command,
             "gimbal": GimbalCommand(autopilot, own).command,
             "listener": listener.command,
             "logger": LoggerCommand(logger).command,
             "mavlink": mavlink.command,
-            "param": ParamCommand(body.parameters, lambda: parameters.unsaved).command,
+            "param": ParamCommand(view.parameters, unsaved).command,
             "sensors": parts.sensors,
             "system_time": parts.system_time,
             "uorb": listener.uorb,
@@ -65,4 +66,4 @@ class Shell:
 
     def console(self) -> Console:
         """A new session."""
-        return Console(self.commands, BUILT_IN, lambda: self._body.time_s)
+        return Console(self.commands, BUILT_IN, lambda: self._view.time_s)

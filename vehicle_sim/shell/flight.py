@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.commander import Reason
 from vehicle_sim.autopilot.modes import MODES, NavState
-from vehicle_sim.mavlink.services.command_types import ACCEPTED, Command
+from vehicle_sim.commands.command import ACCEPTED, Command
 from vehicle_sim.shell.console import Command as Entry
 from vehicle_sim.shell.console import CommandFailed, Usage, Words, error, info, warning
 
@@ -120,7 +120,7 @@ class GimbalCommand:
     usage = "start | status | primary-control SYSTEM COMPONENT | test pitch|yaw DEGREES ..."
 
     def __init__(self, autopilot: Autopilot, own: tuple[int, int]) -> None:
-        self._body, self._gimbal, self._own = autopilot.body, autopilot.gimbal, own
+        self._view, self._gimbal, self._own = autopilot.view, autopilot.gimbal, own
         self._test: dict[str, float] = {}
         self.command = Entry(self.run, self.usage)
 
@@ -144,7 +144,7 @@ class GimbalCommand:
 
     def _status(self) -> str:
         angles = {axis: self._test.get(axis, math.nan) for axis in ("roll", "pitch", "yaw")}
-        out = self._body.choice("MNT_MODE_OUT")
+        out = self._view.choice("MNT_MODE_OUT")
         return (
             info("gimbal", "Input Selected")
             + info("gimbal", "Input not selected")
@@ -186,7 +186,7 @@ class FailureCommand:
 
     def __init__(self, autopilot: Autopilot, inject: Callable[[Command], int | None],
                  own: tuple[int, int]) -> None:  # fmt: skip
-        self._body, self._inject, self._own = autopilot.body, inject, own
+        self._view, self._inject, self._own = autopilot.view, inject, own
         self.command = Entry(self.run, f"{'|'.join(UNITS)} {'|'.join(KINDS)} [-i INSTANCE]")
 
     def run(self, words: Words) -> str:
@@ -198,7 +198,7 @@ class FailureCommand:
             words, instance = words[:2], int(words[3])
         if len(words) != 2 or words[0] not in UNITS or words[1] not in KINDS:
             raise Usage("a component, a kind of failure")
-        if self._body.choice("SYS_FAILURE_EN") != 1:
+        if self._view.choice("SYS_FAILURE_EN") != 1:
             raise CommandFailed(error("failure", "failures are switched off: SYS_FAILURE_EN is not 1"))
         numbers = (float(UNITS[words[0]]), float(KINDS[words[1]]), float(instance))
         result = self._inject(Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._own, "shell"))

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vehicle_sim.autopilot.body import Body
-from vehicle_sim.logger.states import States, StateTopic
-from vehicle_sim.logger.topics import ARRAY_TOPICS, ArrayTopic, current
-from vehicle_sim.logger.ulog import Field, Layout
 from vehicle_sim.shell.console import Command, CommandFailed, Output, Usage, Words
+from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, current
+from vehicle_sim.topics.layout import Field, Layout
+from vehicle_sim.topics.states import States, StateTopic
+from vehicle_sim.vehicle_view import VehicleView
 
 FULL_RATE = 0b11
 """Profile whose pace a topic is published at: default and replay."""
@@ -34,8 +34,8 @@ class ListenerCommand:
 
     usage = "TOPIC [-n NUMBER] [-r HZ] [-i INSTANCE]"
 
-    def __init__(self, body: Body, states: States) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, states: States) -> None:
+        self._view = view
         self._arrays = {topic.layout.name: topic for topic in ARRAY_TOPICS}
         self._states = {topic.layout.name: topic for topic in states.topics}
         self.command = Command(self.run, self.usage)
@@ -79,12 +79,12 @@ class ListenerCommand:
             yield f"\nTOPIC: {name} {n + 1}/{number}\n{self._show(name)}\n", wait_s if n + 1 < number else 0.0
 
     def _sample(self, name: str) -> _Sample:
-        now_us = self._body.time_boot_us()
+        now_us = self._view.time_boot_us()
         array: ArrayTopic | None = self._arrays.get(name)
         if array is not None:
             pace = array.pace(FULL_RATE)
             period_us = pace * 1000 if isinstance(pace, int) else GPS_PERIOD_US
-            values = current(array, self._body.simulation, self._body.row)
+            values = current(array, self._view.simulation, self._view.row)
             time_us = now_us // period_us * period_us
             if array.sampled:
                 values["timestamp_sample"] = time_us
@@ -95,7 +95,7 @@ class ListenerCommand:
 
     def _show(self, name: str) -> str:
         sample = self._sample(name)
-        age_s = (self._body.time_boot_us() - sample.time_us) / 1e6
+        age_s = (self._view.time_boot_us() - sample.time_us) / 1e6
         out = [f" {name}\n    timestamp: {sample.time_us} ({age_s:.6f} seconds ago)\n"]
         for field in sample.layout.fields:
             if field.name == "timestamp":

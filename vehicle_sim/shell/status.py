@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 from vehicle_sim import build
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.shell.console import Command, CommandFailed, Usage, Words, error, info, warning
+from vehicle_sim.vehicle_view import VehicleView
 
 _GIT = f"PX4 git-hash: {build.GIT_HASH}\nPX4 version: {build.version_text(build.VERSION)}\n"
 _SYSTEM = f"OS: {build.OS_NAME}\nOS version: {build.version_text(build.OS_VERSION)}\n"
@@ -83,8 +83,8 @@ class MavlinkCommand:
 class PartsCommands:
     """`sensors`, `ekf2` and `system_time` of one vehicle."""
 
-    def __init__(self, body: Body) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView) -> None:
+        self._view = view
         self.sensors = Command(self._sensors, "status")
         self.ekf2 = Command(self._ekf2, "status")
         self.system_time = Command(self._time, "get")
@@ -92,7 +92,7 @@ class PartsCommands:
     def _sensors(self, words: Words) -> str:
         if words[:1] != ["status"]:
             raise Usage
-        s, i = self._body.simulation.sensors, self._body.row
+        s, i = self._view.simulation.sensors, self._view.row
         gyro, accel, mag = (a[i].tolist() for a in (s.gyro_frd_rad_s, s.accel_frd_m_s2, s.mag_frd_gauss))
         fix = int(s.gps_fix_type[i])
         return (
@@ -106,7 +106,7 @@ class PartsCommands:
     def _ekf2(self, words: Words) -> str:
         if words[:1] != ["status"]:
             raise Usage
-        e, i = self._body.simulation.estimate, self._body.row
+        e, i = self._view.simulation.estimate, self._view.row
         valid = {
             name: "valid" if flag else "invalid"
             for name, flag in (
@@ -130,7 +130,7 @@ class PartsCommands:
     def _time(self, words: Words) -> str:
         if words != ["get"]:
             raise Usage("the time comes with the simulation and cannot be set")
-        seconds = self._body.time_unix_us() / 1e6
+        seconds = self._view.time_unix_us() / 1e6
         when = datetime.fromtimestamp(seconds, UTC)
         return f"Unix epoch time: {int(seconds)}\nSystem time: {when:%a %b %d %H:%M:%S %Y}\n"
 

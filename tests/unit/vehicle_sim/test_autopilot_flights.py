@@ -87,9 +87,9 @@ def flown() -> dict[str, Curve]:
     for row, north, east, cruise, changes in GOTOS.values():
         autopilot = sim.autopilots[row]
         assert autopilot.commander.active is NavState.HOLD
-        navigator, body = autopilot.navigator, autopilot.body
+        navigator, body = autopilot.navigator, autopilot.view
         lat0, lon0, _ = body.origin
-        x, y, _ = body.belief.position_ned_m
+        x, y, _ = body.estimate.position_ned_m
         lat, lon = to_global(np.float64(x + north), np.float64(y + east), np.float64(lat0), np.float64(lon0))
         navigator.path.cruise_m_s = cruise
         navigator.goto(float(lat), float(lon), math.nan, math.nan)

@@ -70,8 +70,8 @@ def test_a_picture_is_told_logged_kept_and_asked_for_again(station):
     assert camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s, via="api"), "on every link"
     assert ask(station, 2000, 0, 0, 1, 5) == [ACCEPTED], "the same command sent again"
     assert len(camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)) == 1, "is no second picture"
-    belief = station.sim.autopilots[0].body.belief
-    assert told[0].lat == pytest.approx(belief.lat_deg * 1e7, abs=100)
+    estimate = station.sim.autopilots[0].view.estimate
+    assert told[0].lat == pytest.approx(estimate.lat_deg * 1e7, abs=100)
     assert told[0].capture_result == 1
     path = told[0].file_url.removeprefix("mftp://[;comp=1]")
     files = station.sim.files[0]
@@ -79,7 +79,7 @@ def test_a_picture_is_told_logged_kept_and_asked_for_again(station):
     picture = Image.open(io.BytesIO(data))
     assert picture.size == (WIDTH, HEIGHT)
     degrees, minutes, seconds = picture.getexif().get_ifd(0x8825)[2]
-    assert float(degrees + minutes / 60 + seconds / 3600) == pytest.approx(belief.lat_deg, abs=1e-4)
+    assert float(degrees + minutes / 60 + seconds / 3600) == pytest.approx(estimate.lat_deg, abs=1e-4)
     for number, index in ((2002, (0,)), (512, (263, 0))):
         since_s = station.now_s
         assert ask(station, number, *index) == [ACCEPTED]

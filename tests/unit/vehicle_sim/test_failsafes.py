@@ -243,7 +243,7 @@ def test_required_hardware_that_is_not_there_denies_arming(
     s.run(0.5)
     assert s.acks(400) == [1]
     assert not s.armed
-    s.sim.autopilots[0].body.parameters.set(name, 0)
+    s.sim.autopilots[0].view.parameters.set(name, 0)
     s.run(5.0)
     s.command(400, 1)
     s.run(0.5)
@@ -258,8 +258,8 @@ def test_failures_that_nobody_listens_to_get_no_answer() -> None:
     s.command(420, 4, 7, 0)
     s.run(0.1)
     assert s.acks(420) == [3], "the gyro is silent, a GPS cannot be intermittent"
-    s.sim.autopilots[0].body.parameters.set("SYS_FAILURE_EN", 0)
+    s.sim.autopilots[0].view.parameters.set("SYS_FAILURE_EN", 0)
     s.command(420, 4, 1, 0)
     s.run(0.1)
     assert s.acks(420) == [3, 2], "denied where failures are switched off"
-    assert math.isfinite(s.sim.autopilots[0].body.belief.lat_deg)
+    assert math.isfinite(s.sim.autopilots[0].view.estimate.lat_deg)

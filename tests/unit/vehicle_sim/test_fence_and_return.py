@@ -82,7 +82,7 @@ def test_beyond_the_fence_the_vehicle_holds_then_returns() -> None:
 def test_the_height_limit_acts_as_asked(action: int, mode: int) -> None:
     s = flying(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
     s.run(1)
-    s.sim.autopilots[0].body.parameters.set("GF_MAX_VER_DIST", 1.5)
+    s.sim.autopilots[0].view.parameters.set("GF_MAX_VER_DIST", 1.5)
     s.run(0.5)
     assert s.flown_mode == mode
     assert any("maximum altitude" in text for text in s.texts())
@@ -93,7 +93,7 @@ def test_a_fence_that_only_warns_lets_go_and_an_operator_takes_over() -> None:
     s.run(1)
     assert s.flown_mode == HOLD
     assert "commander_failsafe_enter_generic_warn" in s.events()
-    s.sim.autopilots[0].body.parameters.set("GF_ACTION", 5)
+    s.sim.autopilots[0].view.parameters.set("GF_ACTION", 5)
     s.run(1.6)
     assert s.flown_mode == LAND
     s.command(176, 1, 4, 3)

@@ -32,7 +32,7 @@ def test_it_flies_behind_a_walker_looks_at_him_and_holds_without_him() -> None:
     target_north = 10.0 + SPEED_M_S * (s.now_s - start_s)
     assert target_north - north == pytest.approx(8.0, abs=1.5)
     assert (east, -down) == (pytest.approx(0.0, abs=1.2), pytest.approx(9.0, abs=1.0))
-    assert math.degrees(s.sim.autopilots[0].body.belief.yaw_ned_rad) == pytest.approx(0.0, abs=6)
+    assert math.degrees(s.sim.autopilots[0].view.estimate.yaw_ned_rad) == pytest.approx(0.0, abs=6)
     s.run(6)
     assert abs(float(estimate.velocity_ned_m_s[0, 0])) < 0.4, "lost after 3 s, it stays"
     assert not s.sim.autopilots[0].navigator.follow.tracks

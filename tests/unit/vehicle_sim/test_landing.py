@@ -238,7 +238,7 @@ class Lagging:
     """A body that is held beside its trajectory, with a row that only remembers."""
 
     def __init__(self, north_m: float) -> None:
-        self.belief = SimpleNamespace(
+        self.estimate = SimpleNamespace(
             position_ned_m=(north_m, 0.0, -20.0), velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0,
             height_above_ground_m=20.0,
         )  # fmt: skip

@@ -22,11 +22,11 @@ def set_origin(station, lat=LAT, lon=LON, alt=ALT, **extra):
 def test_a_vehicle_without_gps_is_told_its_origin_and_is_still_not_sure_where_it_is():
     station = Station(parameters={"EKF2_GPS_CTRL": 0})
     station.run(6.0)
-    belief = station.sim.autopilots[0].body
-    assert not belief.origin[0] > 0, "nobody told it"
+    estimate = station.sim.autopilots[0].view
+    assert not estimate.origin[0] > 0, "nobody told it"
     assert set_origin(station) == [(LAT, LON, ALT)]
     station.run(3.0)
-    assert not station.sim.autopilots[0].body.belief.valid_position
+    assert not station.sim.autopilots[0].view.estimate.valid_position
     assert "check_modes_local_pos" in {c.event for c in station.sim.autopilots[0].commander.report.checks}
 
 
@@ -39,26 +39,26 @@ def test_seen_from_outside_with_an_origin_it_knows_its_place_on_the_globe():
         station.send("VISION_POSITION_ESTIMATE", x=10.0, y=0.0, z=0.0, covariance=[NAN] * 21)
 
     station.run(4.0, see)
-    belief = station.sim.autopilots[0].body.belief
-    assert belief.valid_position
-    assert belief.lat_deg == pytest.approx(LAT * 1e-7 + 10.0 / 111_195.0, abs=3e-6)
+    estimate = station.sim.autopilots[0].view.estimate
+    assert estimate.valid_position
+    assert estimate.lat_deg == pytest.approx(LAT * 1e-7 + 10.0 / 111_195.0, abs=3e-6)
     assert station.sim.autopilots[0].commander.report.armable(station.sim.autopilots[0].commander.intended)
 
 
 def test_an_origin_that_moves_leaves_vehicle_and_home_where_they_are():
     station = Station(sensor_noise=False)
     station.run_until(lambda: station.ready, 15)
-    before = station.sim.autopilots[0].body.belief
+    before = station.sim.autopilots[0].view.estimate
     home = station.sim.autopilots[0].home
     home_before = (home.lat_deg, home.lon_deg, home.alt_amsl_m)
     north_1e7, up_mm = round(100.0 / 111_195.0 * 1e7), 20_000
-    lat, lon, alt = station.sim.autopilots[0].body.origin
+    lat, lon, alt = station.sim.autopilots[0].view.origin
     set_origin(station, round(lat * 1e7) - north_1e7, round(lon * 1e7), round(alt * 1000) - up_mm)
     station.run(2.0)
-    belief = station.sim.autopilots[0].body.belief
-    assert belief.lat_deg == pytest.approx(before.lat_deg, abs=2e-6)
-    assert belief.alt_amsl_m == pytest.approx(before.alt_amsl_m, abs=0.2)
-    assert belief.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
+    estimate = station.sim.autopilots[0].view.estimate
+    assert estimate.lat_deg == pytest.approx(before.lat_deg, abs=2e-6)
+    assert estimate.alt_amsl_m == pytest.approx(before.alt_amsl_m, abs=0.2)
+    assert estimate.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
     assert (home.lat_deg, home.lon_deg, home.alt_amsl_m) == pytest.approx(home_before, abs=0.2)
     assert home.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
     assert station.ready, "and it may fly as before"
@@ -69,7 +69,7 @@ def test_impossible_origins_and_those_for_others_are_not_taken_and_armed_it_stay
     station.run_until(lambda: station.ready, 15)
     station.run(1.5)  # it has told its own
     assert len(station.heard("GPS_GLOBAL_ORIGIN")) == 1
-    origin = station.sim.autopilots[0].body.origin
+    origin = station.sim.autopilots[0].view.origin
     for refused in ({"lat": 910_000_000}, {"lon": 1_810_000_000}, {"alt": 200_000_000}):
         (told,) = set_origin(station, **refused)
         assert told[0] == pytest.approx(origin[0] * 1e7, abs=1), "it tells what holds"
@@ -77,7 +77,7 @@ def test_impossible_origins_and_those_for_others_are_not_taken_and_armed_it_stay
     station.run(0.2)
     assert station.armed
     set_origin(station, lat=LAT + 50_000)
-    assert station.sim.autopilots[0].body.origin == origin
+    assert station.sim.autopilots[0].view.origin == origin
     station.send("SET_GPS_GLOBAL_ORIGIN", target_system=77, latitude=LAT, longitude=LON, altitude=ALT)
     since_s = station.now_s
     station.run(0.2)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_station import BOTH, Station
 
-from vehicle_sim.logger.topics import ARRAY_TOPICS
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
+from vehicle_sim.topics.arrays import ARRAY_TOPICS
 
 
 class Terminal:

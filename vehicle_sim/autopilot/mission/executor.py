@@ -6,9 +6,7 @@ import math
 from enum import Enum
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.autopilot.fence_watch import FenceWatch
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.mission import feasibility
 from vehicle_sim.autopilot.mission.heading import Heading
 from vehicle_sim.autopilot.mission.items import (
@@ -31,8 +29,10 @@ from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import FENCE, MISSION, Plans
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
-from vehicle_sim.autopilot.trajectory import wrap_pi
+from vehicle_sim.frames import wrap_angle
 from vehicle_sim.geodesy import to_local
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ITEMS_PER_TICK = 20
 """Items without a place follow each other at once; a loop of jumps still ends the tick."""
@@ -53,7 +53,7 @@ class Mission:
 
     def __init__(
         self,
-        body: Body,
+        view: VehicleView,
         announcer: Announcer,
         path: Path,
         home: Home,
@@ -63,11 +63,11 @@ class Mission:
         climb: Climb,
         descent: Descent,
     ) -> None:
-        self._body, self._announcer, self._path, self._home = body, announcer, path, home
+        self._view, self._announcer, self._path, self._home = view, announcer, path, home
         self._plans, self._fence, self._commands = plans, fence, commands
         self._climb, self._descent = climb, descent
         self._leg = Leg(path)
-        self.heading = Heading(body, path, home)
+        self.heading = Heading(view, path, home)
         self.current = 0
         self.reached: int | None = None
         self.reached_count = 0
@@ -106,12 +106,12 @@ class Mission:
             feasibility.Surroundings(
                 home_valid=self._home.valid,
                 home_alt_amsl_m=self._home.alt_amsl_m,
-                altitude_acceptance_m=self._body.parameter("NAV_MC_ALT_RAD"),
+                altitude_acceptance_m=self._view.parameter("NAV_MC_ALT_RAD"),
                 zones=self._fence.zones,
                 cylinder=self._fence.cylinder(),
                 landed=landed,
-                required=self._body.optional_choice("MIS_TKO_LAND_REQ", 0),
-                fence_active=self._body.choice("GF_ACTION") != 0,
+                required=self._view.optional_choice("MIS_TKO_LAND_REQ", 0),
+                fence_active=self._view.choice("GF_ACTION") != 0,
             ),
         )
         for finding in findings:
@@ -242,7 +242,7 @@ class Mission:
 
     def _done(self, item: Item, landed: bool) -> bool:
         if self._work is Work.TAKEOFF:
-            if self._body.belief.alt_amsl_m > self._climb.goal_alt_amsl_m - self._altitude_acceptance(item):
+            if self._view.estimate.alt_amsl_m > self._climb.goal_alt_amsl_m - self._altitude_acceptance(item):
                 self._work = Work.NONE
                 self._leg.restart()
                 self._begin(item, landed)
@@ -260,34 +260,34 @@ class Mission:
         if item.command in (LOITER_UNLIMITED, RETURN):
             return False
         if math.isnan(self._arrived_at_s):
-            self._arrived_at_s = self._body.time_s
-        return self._body.time_s - self._arrived_at_s >= item.seconds()
+            self._arrived_at_s = self._view.time_s
+        return self._view.time_s - self._arrived_at_s >= item.seconds()
 
     def _arrived(self, item: Item) -> bool:
         if math.isfinite(self._arrived_at_s):
             return True
-        n, e, d = self._body.belief.position_ned_m
+        n, e, d = self._view.estimate.position_ned_m
         tn, te, td = self._leg.target_ned_m
         if math.hypot(tn - n, te - e) > self._leg.acceptance_m:
             return False
-        if item.command != LAND and abs(td - d) > self._body.parameter("NAV_MC_ALT_RAD"):
+        if item.command != LAND and abs(td - d) > self._view.parameter("NAV_MC_ALT_RAD"):
             return False
         return self._turned(item)
 
     def _turned(self, item: Item) -> bool:
         yaw = item.yaw_rad()
-        timeout_s = self._body.parameter("MIS_YAW_TMT")
+        timeout_s = self._view.parameter("MIS_YAW_TMT")
         if math.isnan(yaw) or timeout_s > 0.0 or self.heading.looks_elsewhere:
             return True
-        off = abs(wrap_pi(yaw - self._body.belief.yaw_ned_rad))
-        return off < math.radians(self._body.parameter("MIS_YAW_ERR"))
+        off = abs(wrap_angle(yaw - self._view.estimate.yaw_ned_rad))
+        return off < math.radians(self._view.parameter("MIS_YAW_ERR"))
 
     def _through_gate(self, item: Item) -> bool:
         onward = self._next_place(self.current)
         if onward is None:
             return True
         gn, ge, _ = self._place(item)
-        n, e, _ = self._body.belief.position_ned_m
+        n, e, _ = self._view.estimate.position_ned_m
         return (onward[0] - gn) * (n - gn) + (onward[1] - ge) * (e - ge) >= 0.0
 
     def _complete(self, item: Item, landed: bool) -> bool:
@@ -319,7 +319,7 @@ class Mission:
         self._commands.send(item.command, *parameters, repeated=item.command != RETURN)
 
     def _place(self, item: Item) -> Vector:
-        origin_lat, origin_lon, origin_alt = self._body.origin
+        origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
@@ -345,16 +345,16 @@ class Mission:
 
     def _acceptance(self, item: Item) -> float:
         own = item.parameters[1] if item.command == WAYPOINT else 0.0
-        return own if math.isfinite(own) and abs(own) > 0.001 else self._body.parameter("NAV_ACC_RAD")
+        return own if math.isfinite(own) and abs(own) > 0.001 else self._view.parameter("NAV_ACC_RAD")
 
     def _altitude_acceptance(self, item: Item) -> float:
-        usual = self._body.parameter("NAV_MC_ALT_RAD")
+        usual = self._view.parameter("NAV_MC_ALT_RAD")
         height = self._climb.goal_alt_amsl_m - self._home.alt_amsl_m
         return height / 2.0 if item.command == TAKEOFF and 0.0 < height < usual else usual
 
     def _takeoff_altitude(self, item: Item, landed: bool) -> float:
-        ground = self._body.belief.alt_amsl_m if landed else self._home.alt_amsl_m
-        lowest = ground + self._body.parameter("MIS_TAKEOFF_ALT")
+        ground = self._view.estimate.alt_amsl_m if landed else self._home.alt_amsl_m
+        lowest = ground + self._view.parameter("MIS_TAKEOFF_ALT")
         return max(lowest, item.alt_amsl_m(self._home.alt_amsl_m))
 
     def _must_climb(self, item: Item, takeoff_amsl_m: float, landed: bool) -> bool:
@@ -362,7 +362,7 @@ class Mission:
             return False
         if landed:
             return True
-        low = self._body.belief.alt_amsl_m <= takeoff_amsl_m - self._body.parameter("NAV_MC_ALT_RAD")
+        low = self._view.estimate.alt_amsl_m <= takeoff_amsl_m - self._view.parameter("NAV_MC_ALT_RAD")
         return item.command == TAKEOFF and low
 
     # --- flying ----------------------------------------------------------------------------------------

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from vehicle_sim.autopilot.body import Body, Vector
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.mission.items import ROI, ROI_LOCATION, ROI_NEXT_WAYPOINT, ROI_NONE, Item
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TOWARDS_WAYPOINT, TOWARDS_HOME, AWAY_FROM_HOME, ALONG_TRAJECTORY, YAW_FIRST, FIXED = range(6)
 """MPC_YAW_MODE."""
@@ -19,8 +19,8 @@ OLD_ROI_NEXT, OLD_ROI_PLACE = 1, 3
 class Heading:
     """State of one vehicle's heading in Mission mode."""
 
-    def __init__(self, body: Body, path: Path, home: Home) -> None:
-        self._body, self._path, self._home = body, path, home
+    def __init__(self, view: VehicleView, path: Path, home: Home) -> None:
+        self._view, self._path, self._home = view, path, home
         self.item_yaw_rad = math.nan
         self._place: tuple[float, float] | None = None
         """North and east of the region of interest."""
@@ -39,7 +39,7 @@ class Heading:
     def look_at(self, lat_deg: float, lon_deg: float) -> None:
         """Turn the nose to a place."""
         if is_place(lat_deg, lon_deg):
-            origin_lat, origin_lon, _ = self._body.origin
+            origin_lat, origin_lon, _ = self._view.origin
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             self._place = (float(n), float(e))
 
@@ -55,7 +55,7 @@ class Heading:
             return self._towards(self._place[0] - x, self._place[1] - y, 0.5)
         if math.isfinite(self.item_yaw_rad):
             return self.item_yaw_rad
-        mode = self._body.choice("MPC_YAW_MODE")
+        mode = self._view.choice("MPC_YAW_MODE")
         home_n, home_e, _ = self._home.position_ned_m
         if mode in (TOWARDS_WAYPOINT, YAW_FIRST):
             return self._towards(target_ned_m[0] - x, target_ned_m[1] - y, acceptance_m)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from vehicle_sim.autopilot.body import Vector
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.smoothing import Way
+from vehicle_sim.vehicle_view import Vector
 
 
 class Leg:

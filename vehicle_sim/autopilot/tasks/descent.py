@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import math
 
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.path import Path
+from vehicle_sim.vehicle_view import VehicleView
 
 
 class Descent:
     """The flight task of mode Land, and the last part of a return."""
 
-    def __init__(self, body: Body, path: Path) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, path: Path) -> None:
+        self._view = view
         self._path = path
 
     def run(self) -> None:
@@ -26,10 +26,10 @@ class Descent:
         self._path.write()
 
     def _land_speed(self) -> float:
-        parameter = self._body.parameter
-        belief = self._body.belief
-        seen_m = belief.height_above_ground_m
-        height = -belief.position_ned_m[2] if math.isnan(seen_m) else seen_m
+        parameter = self._view.parameter
+        estimate = self._view.estimate
+        seen_m = estimate.height_above_ground_m
+        height = -estimate.position_ned_m[2] if math.isnan(seen_m) else seen_m
         fast, slow = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_LAND_SPEED")
         high, low = parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2")
         if seen_m <= parameter("MPC_LAND_ALT3"):

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body, Vector
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.mission.items import LAND, LAND_START, RALLY_POINT, RETURN, Item
 from vehicle_sim.autopilot.plans import RALLY, Plans
 from vehicle_sim.geodesy import to_local
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 CLOSEST_SAFE, NOT_HOME, MISSION_PATH, CLOSEST_OF_ALL, FEWEST_WAYPOINTS = range(5)
 """RTL_TYPE."""
@@ -44,12 +44,12 @@ class Destination:
 class Chooser:
     """Picks the destination of one vehicle's return."""
 
-    def __init__(self, body: Body, announcer: Announcer, home: Home, plans: Plans) -> None:
-        self._body, self._announcer, self._home, self._plans = body, announcer, home, plans
+    def __init__(self, view: VehicleView, announcer: Announcer, home: Home, plans: Plans) -> None:
+        self._view, self._announcer, self._home, self._plans = view, announcer, home, plans
 
     def choose(self, mission_seq: int) -> Destination:
         """By RTL_TYPE; `mission_seq` is the mission item that was current."""
-        kind = self._body.choice("RTL_TYPE")
+        kind = self._view.choice("RTL_TYPE")
         home = Destination(Kind.HOME, self._home.position_ned_m, self._home.yaw_ned_rad)
         landing = self._landing()
         if kind in (MISSION_PATH, FEWEST_WAYPOINTS):
@@ -62,7 +62,7 @@ class Chooser:
         return min(candidates, key=self._distance_m)
 
     def _distance_m(self, destination: Destination) -> float:
-        north, east, _ = self._body.belief.position_ned_m
+        north, east, _ = self._view.estimate.position_ned_m
         return math.hypot(destination.place_ned_m[0] - north, destination.place_ned_m[1] - east)
 
     def _rally_points(self) -> list[Destination]:
@@ -111,7 +111,7 @@ class Chooser:
         return Destination(Kind.LANDING, onward[-1], landing.yaw_ned_rad, onward, climbs=False)
 
     def _place(self, item: Item) -> Vector:
-        origin_lat, origin_lon, origin_alt = self._body.origin
+        origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 

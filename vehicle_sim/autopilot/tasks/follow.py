@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.autopilot.body import Body
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.path import TICK_S, Path
 from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.autopilot.trajectory import wrap_pi
+from vehicle_sim.frames import wrap_angle
 from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import VehicleView
 
 LOST_AFTER_S = 3.0
 """Without a message for so long the target is lost."""
@@ -55,8 +55,8 @@ class _Filtered:
 class Follow:
     """The flight task of mode Follow Target."""
 
-    def __init__(self, body: Body, path: Path, row: SetpointRow, home: Home) -> None:
-        self._body, self._path, self._row, self._home = body, path, row, home
+    def __init__(self, view: VehicleView, path: Path, row: SetpointRow, home: Home) -> None:
+        self._view, self._path, self._row, self._home = view, path, row, home
         self._heard: Heard | None = None
         self._target: tuple[_Filtered, _Filtered, _Filtered] | None = None
         self._course_rad = math.nan
@@ -69,7 +69,7 @@ class Follow:
         """Take a message over; one without a place is none."""
         if is_place(lat_deg, lon_deg) and math.isfinite(alt_amsl_m):
             vn, ve, vd = (each if math.isfinite(each) else 0.0 for each in velocity_ned_m_s)
-            self._heard = Heard(self._body.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
+            self._heard = Heard(self._view.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
 
     def enter(self) -> None:
         """Begin with what is heard next."""
@@ -78,7 +78,7 @@ class Follow:
     @property
     def tracks(self) -> bool:
         """Whether there is a target."""
-        return self._heard is not None and self._body.time_s - self._heard.at_s < LOST_AFTER_S
+        return self._heard is not None and self._view.time_s - self._heard.at_s < LOST_AFTER_S
 
     def run(self, flying: bool) -> None:
         """One tick beside the target, or of waiting for one."""
@@ -90,7 +90,7 @@ class Follow:
             return
         north, east, down = self._where(self._heard)
         self._turn(north, east)
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         distance_m = parameter("FLW_TGT_DST")
         to_vehicle = (math.cos(self._angle_rad), math.sin(self._angle_rad))
         around_rad_s = self._step_around(distance_m) / TICK_S
@@ -101,7 +101,7 @@ class Follow:
         )
         climb = 0.0
         height_m = max(parameter("FLW_TGT_HT"), LOWEST_M)
-        if self._body.choice("FLW_TGT_ALT_M") == ABOVE_TARGET:
+        if self._view.choice("FLW_TGT_ALT_M") == ABOVE_TARGET:
             goal, climb = down.position_m - height_m, down.velocity_m_s
         else:
             goal = self._home.position_ned_m[2] - height_m
@@ -116,9 +116,9 @@ class Follow:
 
     def _where(self, heard: Heard) -> tuple[_Filtered, _Filtered, _Filtered]:
         """The target now, carried on from its last message."""
-        lat, lon, alt = self._body.origin
+        lat, lon, alt = self._view.origin
         n, e = to_local(heard.lat_deg, heard.lon_deg, lat, lon)  # type: ignore[arg-type]
-        age_s = self._body.time_s - heard.at_s
+        age_s = self._view.time_s - heard.at_s
         now = [
             at + age_s * speed
             for at, speed in zip(
@@ -128,10 +128,10 @@ class Follow:
         if self._target is None:
             vn, ve, vd = heard.velocity_ned_m_s
             self._target = (_Filtered(now[0], vn), _Filtered(now[1], ve), _Filtered(now[2], vd))
-            x, y, _ = self._body.belief.position_ned_m
+            x, y, _ = self._view.estimate.position_ned_m
             self._angle_rad = math.atan2(y - now[1], x - now[0])
-            self._path.yaw.reset(self._body.belief.yaw_ned_rad)
-        slow_s = self._body.parameter("FLW_TGT_RS")
+            self._path.yaw.reset(self._view.estimate.yaw_ned_rad)
+        slow_s = self._view.parameter("FLW_TGT_RS")
         for axis, at, speed in zip(self._target, now, heard.velocity_ned_m_s, strict=True):
             axis.update(at, speed, slow_s)
         return self._target
@@ -145,14 +145,14 @@ class Follow:
         """Turn the angle on towards the wanted one; a target that never moved is kept at the side it is."""
         if math.isnan(self._course_rad):
             return 0.0
-        wanted = self._course_rad + math.radians(self._body.parameter("FLW_TGT_FA"))
-        most = self._body.parameter("FLW_TGT_MAX_VEL") / max(distance_m, 1.0) * TICK_S
-        step = max(-most, min(most, wrap_pi(wanted - self._angle_rad)))
-        self._angle_rad = wrap_pi(self._angle_rad + step)
+        wanted = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))
+        most = self._view.parameter("FLW_TGT_MAX_VEL") / max(distance_m, 1.0) * TICK_S
+        step = max(-most, min(most, wrap_angle(wanted - self._angle_rad)))
+        self._angle_rad = wrap_angle(self._angle_rad + step)
         return step
 
     def _face(self, north_m: float, east_m: float) -> None:
-        x, y, _ = self._body.belief.position_ned_m
+        x, y, _ = self._view.estimate.position_ned_m
         if math.hypot(north_m - x, east_m - y) > YAW_FROM_M:
             self._path.yaw_target_rad = math.atan2(east_m - y, north_m - x)
         self._path.turn()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from vehicle_sim.autopilot.body import Body
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
-from vehicle_sim.autopilot.trajectory import Axis, wrap_pi
-from vehicle_sim.frames import GRAVITY_M_S2
+from vehicle_sim.autopilot.trajectory import Axis
+from vehicle_sim.frames import GRAVITY_M_S2, wrap_angle
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import VehicleView
 
 DIRECT_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
 """Flown by attitude or rates, on the ground too; PX4's Manual of a multicopter is Stabilized."""
@@ -29,8 +29,8 @@ STANDS_M_S = 0.01
 class Manual:
     """The flight tasks of one vehicle's stick modes."""
 
-    def __init__(self, body: Body, row: SetpointRow, sticks: Sticks, home: Home) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, row: SetpointRow, sticks: Sticks, home: Home) -> None:
+        self._view = view
         self._home = home
         self._row = row
         self._sticks = sticks
@@ -66,18 +66,18 @@ class Manual:
 
     def _begin(self, mode: NavState) -> None:
         """Start from how the vehicle moves when the mode, or flying by it, begins."""
-        now_s, belief = self._body.time_s, self._body.belief
+        now_s, estimate = self._view.time_s, self._view.estimate
         if mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
-            vn, ve, vd = belief.velocity_ned_m_s
+            vn, ve, vd = estimate.velocity_ned_m_s
             self._mode, self._velocity_m_s, self._acceleration_m_s2 = mode, (vn, ve), (0.0, 0.0)
             self._lock_m = self._height_lock_m = self._yaw_rad = None
-            self._z.reset(belief.position_ned_m[2], vd)
+            self._z.reset(estimate.position_ned_m[2], vd)
             self._brake_boost, self._yaw_rate_rad_s = 1.0, 0.0
         self._ran_at_s = now_s
 
     def _stabilize(self) -> None:
         """Attitude by right stick, heading by rate, thrust by throttle."""
-        parameter, raw = self._body.parameter, self._sticks.raw
+        parameter, raw = self._view.parameter, self._sticks.raw
         limit = math.radians(parameter("MPC_MAN_TILT_MAX"))
         roll, pitch = raw.right * limit, -raw.forward * limit
         tilt = math.hypot(roll, pitch)
@@ -87,9 +87,9 @@ class Manual:
         qw, qx, qy = math.cos(0.5 * angle), roll * part, pitch * part
         yaw_rad, yaw_rate = self._turn()
         if math.isnan(yaw_rad):
-            yaw_rad = self._body.belief.yaw_ned_rad
+            yaw_rad = self._view.estimate.yaw_ned_rad
         c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
-        hover = float(self._body.simulation.target.hover_thrust[self._body.row])
+        hover = float(self._view.simulation.target.hover_thrust[self._view.row])
         self._row.attitude(
             (c * qw, c * qx - s * qy, c * qy + s * qx, s * qw), self._sticks.thrust(hover), yaw_rate
         )
@@ -99,7 +99,7 @@ class Manual:
         z, vz = self._vertical(mode)
         if mode is NavState.ALTITUDE:
             north, east = self._heading_frame(*self._unit_stick())
-            lean = GRAVITY_M_S2 * math.tan(math.radians(self._body.parameter("MPC_MAN_TILT_MAX")))
+            lean = GRAVITY_M_S2 * math.tan(math.radians(self._view.parameter("MPC_MAN_TILT_MAX")))
             self._row.trajectory(
                 (math.nan, math.nan, z), (math.nan, math.nan, vz), (north * lean, east * lean, math.nan),
                 yaw_rad, yaw_rate,
@@ -114,7 +114,7 @@ class Manual:
 
     def _turn(self) -> tuple[float, float]:
         """Heading to hold and rate: the stick asks for a rate, and where it rests the heading is locked."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         name = "MC_SLOW_DEF_YAWR" if self._mode is NavState.POSITION_SLOW else "MPC_MAN_Y_MAX"
         wanted = self._sticks.shaped().yaw * math.radians(parameter(name))
         tau_s = parameter("MPC_MAN_Y_TAU")
@@ -125,11 +125,11 @@ class Manual:
             return math.nan, self._yaw_rate_rad_s
         self._yaw_rate_rad_s = 0.0
         if self._yaw_rad is None:
-            self._yaw_rad = self._body.belief.yaw_ned_rad
+            self._yaw_rad = self._view.estimate.yaw_ned_rad
         return self._yaw_rad, 0.0
 
     def _heading_frame(self, forward: float, right: float) -> tuple[float, float]:
-        yaw = wrap_pi(self._yaw_rad if self._yaw_rad is not None else self._body.belief.yaw_ned_rad)
+        yaw = wrap_angle(self._yaw_rad if self._yaw_rad is not None else self._view.estimate.yaw_ned_rad)
         c, s = math.cos(yaw), math.sin(yaw)
         return c * forward - s * right, s * forward + c * right
 
@@ -143,7 +143,7 @@ class Manual:
 
     def _horizontal(self, mode: NavState) -> tuple[float, float] | None:
         """Acceleration by stick less a drag that ends at full speed; where it stands, the place is held."""
-        parameter, belief = self._body.parameter, self._body.belief
+        parameter, estimate = self._view.parameter, self._view.estimate
         full = max(0.1, parameter("MPC_VEL_MANUAL"))
         fastest = min(full, parameter("MC_SLOW_DEF_HVEL")) if mode is NavState.POSITION_SLOW else full
         hardest = DRAG_ACCELERATION_FACTOR * parameter("MPC_ACC_HOR") * fastest / full
@@ -154,7 +154,7 @@ class Manual:
         self._brake_boost += follow * (boost - self._brake_boost)
         if not resting and self._lock_m is not None:
             # No jump where the position loop ends.
-            target, i = self._body.simulation.target, self._body.row
+            target, i = self._view.simulation.target, self._view.row
             vn, ve, _ = target.velocity_ned_m_s[i].tolist()
             self._velocity_m_s, self._lock_m = (vn, ve), None
         vn, ve = self._velocity_m_s
@@ -173,7 +173,7 @@ class Manual:
             vn = ve = an = ae = 0.0
         self._velocity_m_s, self._acceleration_m_s2 = (vn, ve), (an, ae)
         if resting and vn == 0.0 and ve == 0.0 and self._lock_m is None:
-            self._lock_m = belief.position_ned_m[0], belief.position_ned_m[1]
+            self._lock_m = estimate.position_ned_m[0], estimate.position_ned_m[1]
         return self._lock_m
 
     def _reverses(self, vn: float, ve: float) -> bool:
@@ -185,13 +185,13 @@ class Manual:
 
     def _vertical(self, mode: NavState) -> tuple[float, float]:
         """Climb rate by throttle, smooth; height held where the throttle rests."""
-        parameter, belief = self._body.parameter, self._body.belief
+        parameter, estimate = self._view.parameter, self._view.estimate
         throttle = self._sticks.shaped().throttle
         up, down = parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_MAX_DN")
         if mode is NavState.POSITION_SLOW:
             slow = parameter("MC_SLOW_DEF_VVEL")
             up, down = min(up, slow), min(down, slow)
-        height = self._home.position_ned_m[2] - belief.position_ned_m[2]
+        height = self._home.position_ned_m[2] - estimate.position_ned_m[2]
         low, high = parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT1")
         part = max(0.0, min(1.0, (height - low) / (high - low))) if high > low else 1.0
         down = min(down, parameter("MPC_LAND_SPEED") + part * (down - parameter("MPC_LAND_SPEED")))
@@ -206,5 +206,5 @@ class Manual:
             self._height_lock_m = None
             return math.nan, self._z.velocity_m_s
         if self._height_lock_m is None:
-            self._height_lock_m = belief.position_ned_m[2]
+            self._height_lock_m = estimate.position_ned_m[2]
         return self._height_lock_m, 0.0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body
 from vehicle_sim.autopilot.path import TICK_S, Path
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.vehicle_view import VehicleView
 
 ON_CIRCLE_M = 2.0
 """So near the circle the vehicle begins to go around."""
@@ -46,8 +46,8 @@ class Circle:
 class Orbit:
     """The flight task of mode Orbit."""
 
-    def __init__(self, body: Body, announcer: Announcer, path: Path, row: SetpointRow) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, announcer: Announcer, path: Path, row: SetpointRow) -> None:
+        self._view = view
         self._announcer = announcer
         self._path = path
         self._row = row
@@ -66,10 +66,10 @@ class Orbit:
     def enter(self) -> None:
         """Without a command before: 1 m around where the vehicle is."""
         self._around = False
-        self._initial_yaw_rad = self._body.belief.yaw_ned_rad
+        self._initial_yaw_rad = self._view.estimate.yaw_ned_rad
         self._commanded, self._asked = self._asked, False
         if not self._commanded:
-            north, east, down = self._body.belief.position_ned_m
+            north, east, down = self._view.estimate.position_ned_m
             self._circle = Circle(north, east, down, RADIUS_MIN_M, 1.0, self._parameter_yaw())
 
     def request(
@@ -78,16 +78,16 @@ class Orbit:
         """DO_ORBIT around a place, by default around where the vehicle is and as high."""
         north, east, down = self._path.position_ned_m
         lat_deg, lon_deg, alt_amsl_m = lat_lon_alt
-        origin_lat, origin_lon, origin_alt = self._body.origin
+        origin_lat, origin_lon, origin_alt = self._view.origin
         if is_place(lat_deg, lon_deg):
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             north, east = float(n), float(e)
         if math.isfinite(alt_amsl_m) and math.isfinite(origin_alt):
             down = origin_alt - alt_amsl_m
         radius = radius_m if math.isfinite(radius_m) else RADIUS_MIN_M
-        fastest = self._body.parameter("MPC_XY_VEL_MAX")
+        fastest = self._view.parameter("MPC_XY_VEL_MAX")
         speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
-        if not RADIUS_MIN_M <= abs(radius) <= self._body.parameter("MC_ORBIT_RAD_MAX"):
+        if not RADIUS_MIN_M <= abs(radius) <= self._view.parameter("MC_ORBIT_RAD_MAX"):
             self._announcer.both(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
             self._asked = False
             return
@@ -101,12 +101,12 @@ class Orbit:
         self._around = self._around and self._on_circle(self._circle)
 
     def _on_circle(self, circle: Circle) -> bool:
-        north, east, down = self._body.belief.position_ned_m
+        north, east, down = self._view.estimate.position_ned_m
         off_m = math.hypot(north - circle.north_m, east - circle.east_m) - circle.radius_m
-        return abs(off_m) < ON_CIRCLE_M and abs(down - circle.down_m) < self._body.parameter("NAV_MC_ALT_RAD")
+        return abs(off_m) < ON_CIRCLE_M and abs(down - circle.down_m) < self._view.parameter("NAV_MC_ALT_RAD")
 
     def _parameter_yaw(self) -> YawBehaviour:
-        choice = self._body.choice("MC_ORBIT_YAW_MOD")
+        choice = self._view.choice("MC_ORBIT_YAW_MOD")
         return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
     def run(self, flying: bool) -> None:
@@ -115,7 +115,7 @@ class Orbit:
         if circle is None:
             self._path.fly_to_target(flying)
             return
-        north, east, _ = self._body.belief.position_ned_m
+        north, east, _ = self._view.estimate.position_ned_m
         dn, de = north - circle.north_m, east - circle.east_m
         distance = math.hypot(dn, de)
         un, ue = (dn / distance, de / distance) if distance > 0.01 else (1.0, 0.0)
@@ -131,14 +131,14 @@ class Orbit:
     def _go_around(
         self, circle: Circle, outward: tuple[float, float], distance_m: float, flying: bool
     ) -> None:
-        north, east, _ = self._body.belief.position_ned_m
+        north, east, _ = self._view.estimate.position_ned_m
         if not self._around:
             # As on the way the height comes to rest where it is; the circle's own was near enough.
             self._around, self._speed_m_s = True, 0.0
             self._path.target_ned_m = (north, east, None)
         un, ue = outward
         back = RADIUS_GAIN_PER_S * (circle.radius_m - distance_m)
-        step = self._body.parameter("MPC_ACC_HOR") * TICK_S
+        step = self._view.parameter("MPC_ACC_HOR") * TICK_S
         self._speed_m_s += max(-step, min(step, circle.speed_m_s - self._speed_m_s))
         speed = self._speed_m_s
         centripetal = -circle.speed_m_s * circle.speed_m_s / circle.radius_m

@@ -6,14 +6,14 @@ import math
 from enum import Enum
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.body import Body, Vector
-from vehicle_sim.autopilot.home import Home
 from vehicle_sim.autopilot.mission.leg import Leg
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import RALLY, Plans
 from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.destination import Chooser, Destination, Kind
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 LEVEL_M = 0.8
 """So near its height the vehicle goes on."""
@@ -41,7 +41,7 @@ class ReturnHome:
 
     def __init__(
         self,
-        body: Body,
+        view: VehicleView,
         announcer: Announcer,
         path: Path,
         home: Home,
@@ -49,14 +49,14 @@ class ReturnHome:
         plans: Plans,
         commands: OwnCommands,
     ) -> None:
-        self._body = body
+        self._view = view
         self._announcer = announcer
         self._path = path
         self._home = home
         self._descent = descent
         self._plans = plans
         self._commands = commands
-        self._chooser = Chooser(body, announcer, home, plans)
+        self._chooser = Chooser(view, announcer, home, plans)
         self._leg = Leg(path)
         self.phase = ReturnPhase.CLIMB
         self._phase_since_s = 0.0
@@ -72,7 +72,7 @@ class ReturnHome:
         self._to = self._chooser.choose(mission_seq)
         self._route = list(self._to.route_ned_m)
         self._told_landed = False
-        north, east, down = self._body.belief.position_ned_m
+        north, east, down = self._view.estimate.position_ned_m
         if not self._to.climbs:
             self._leg.restart()
             self._next_on_route()
@@ -86,12 +86,12 @@ class ReturnHome:
         self._path.target_ned_m = (north, east, self._return_z_m)
         above = round(height)
         if self._to.kind is Kind.LANDING:
-            amsl = round(self._body.origin[2] - self._return_z_m)
+            amsl = round(self._view.origin[2] - self._return_z_m)
             self._announcer.both(
                 6, f"RTL Mission Land: climb to {amsl} m", "rtl_mission_land_climb", "i", amsl
             )
             return
-        amsl = round(self._body.origin[2] - to_d + height)
+        amsl = round(self._view.origin[2] - to_d + height)
         self._announcer.both(
             6, f"RTL: start return at {amsl} m ({above} m above destination)",
             "vrtl_return_at", "ii", amsl, above,
@@ -99,12 +99,12 @@ class ReturnHome:
 
     def _return_height(self, distance_m: float, height_m: float) -> float:
         """RTL_RETURN_ALT, or within RTL_MIN_DIST what the cone of RTL_CONE_ANG asks for."""
-        parameter = self._body.parameter
+        parameter = self._view.parameter
         radius = parameter("NAV_ACC_RAD")
         if distance_m <= radius:
             return height_m
         wanted = parameter("RTL_RETURN_ALT")
-        cone_deg = self._body.choice("RTL_CONE_ANG")
+        cone_deg = self._view.choice("RTL_CONE_ANG")
         if cone_deg >= 90:
             wanted = parameter("RTL_DESCEND_ALT")
         elif cone_deg > 0 and distance_m < parameter("RTL_MIN_DIST"):
@@ -113,24 +113,24 @@ class ReturnHome:
 
     def duration_s(self, to_ned_m: Vector) -> float:
         """Climb, way and descent to a place from here, at the speeds of the parameters."""
-        north, east, down = self._body.belief.position_ned_m
+        north, east, down = self._view.estimate.position_ned_m
         distance = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
         height = max(0.0, to_ned_m[2] - down)
         top = max(height, self._return_height(distance, height))
-        speeds = (self._body.parameter(name) for name in RETURN_SPEEDS)
+        speeds = (self._view.parameter(name) for name in RETURN_SPEEDS)
         ways = zip((top - height, distance, top), speeds, strict=True)
         return sum(way_m / max(0.1, speed) for way_m, speed in ways)
 
     def run(self, flying: bool) -> None:
         """One tick of the phase, or on to the next."""
         to_n, to_e, _ = self._to.place_ned_m
-        north, east, down = self._body.belief.position_ned_m
+        north, east, down = self._view.estimate.position_ned_m
         distance = math.hypot(north - to_n, east - to_e)
         if self.phase is ReturnPhase.CLIMB and down <= self._return_z_m + LEVEL_M:
             self._set_phase(ReturnPhase.RETURN)
             self._path.target_ned_m = (to_n, to_e, self._return_z_m)
             self._path.face(to_n, to_e)
-        elif self.phase is ReturnPhase.RETURN and distance < self._body.parameter("NAV_ACC_RAD"):
+        elif self.phase is ReturnPhase.RETURN and distance < self._view.parameter("NAV_ACC_RAD"):
             if self._route:
                 self._leg.restart()
                 self._next_on_route()
@@ -158,21 +158,21 @@ class ReturnHome:
     def _begin_descent(self) -> None:
         self._announcer.both(6, "RTL: land at destination", "rtl_land_at_destination")
         self._path.yaw_target_rad = self._to.yaw_ned_rad
-        if self._body.parameter("RTL_LAND_DELAY") == 0.0:
+        if self._view.parameter("RTL_LAND_DELAY") == 0.0:
             self._land()
             return
         to_n, to_e, to_d = self._to.place_ned_m
-        down = self._body.belief.position_ned_m[2]
+        down = self._view.estimate.position_ned_m[2]
         self._set_phase(ReturnPhase.DESCEND)
-        descend = self._body.parameter("RTL_DESCEND_ALT")
+        descend = self._view.parameter("RTL_DESCEND_ALT")
         self._path.target_ned_m = (to_n, to_e, max(down, to_d - descend))
 
     def _wait(self) -> None:
-        delay_s = self._body.parameter("RTL_LAND_DELAY")
+        delay_s = self._view.parameter("RTL_LAND_DELAY")
         if delay_s < 0.0:
             self._set_phase(ReturnPhase.LOITER)
             self._announcer.both(6, "RTL: completed, loitering", "rtl_completed_loiter")
-        elif self._body.time_s - self._phase_since_s >= delay_s:
+        elif self._view.time_s - self._phase_since_s >= delay_s:
             self._land()
 
     def _land(self) -> None:
@@ -187,11 +187,11 @@ class ReturnHome:
             # above the landing, as high as the way to it
             place = (place[0], place[1], self._path.position_ned_m[2])
         onward = self._route[0] if self._route else None
-        self._leg.set(place, onward, self._body.parameter("NAV_ACC_RAD"))
+        self._leg.set(place, onward, self._view.parameter("NAV_ACC_RAD"))
         self._set_phase(ReturnPhase.ROUTE)
 
     def _follow_route(self) -> None:
-        n, e, d = self._body.belief.position_ned_m
+        n, e, d = self._view.estimate.position_ned_m
         tn, te, td = self._leg.target_ned_m
         if math.hypot(tn - n, te - e) > self._leg.acceptance_m or abs(td - d) > LEVEL_M:
             return
@@ -209,8 +209,8 @@ class ReturnHome:
         """On the ground again: PX4 tells itself to idle, once."""
         if self.phase is ReturnPhase.LAND and not self._told_landed:
             self._told_landed = True
-            parameter = self._body.parameter
-            ground = self._body.origin[2] - self._to.place_ned_m[2]
+            parameter = self._view.parameter
+            ground = self._view.origin[2] - self._to.place_ned_m[2]
             self._commands.send(
                 IDLE, 0.0, parameter("NAV_ACC_RAD"), parameter("NAV_LOITER_RAD"), math.nan, 0.0, 0.0, ground
             )
@@ -219,8 +219,8 @@ class ReturnHome:
         """Each tick: new rally points in a frame that PX4 does not understand are told of a moment later."""
         if self._rally_revision != self._plans.revision(RALLY):
             self._rally_revision = self._plans.revision(RALLY)
-            self._rally_due_s = self._body.time_s + RALLY_CHECKED_AFTER_S
-        if self._body.time_s >= self._rally_due_s:
+            self._rally_due_s = self._view.time_s + RALLY_CHECKED_AFTER_S
+        if self._view.time_s >= self._rally_due_s:
             self._rally_due_s = math.inf
             self._chooser.complain()
 
@@ -231,4 +231,4 @@ class ReturnHome:
 
     def _set_phase(self, phase: ReturnPhase) -> None:
         self.phase = phase
-        self._phase_since_s = self._body.time_s
+        self._phase_since_s = self._view.time_s

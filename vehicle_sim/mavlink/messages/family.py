@@ -21,7 +21,7 @@ class Family:
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
-        self._body = autopilot.body
+        self._view = autopilot.view
 
     def builders(self) -> dict[int, Builder]:
         """By message id."""

@@ -18,7 +18,7 @@ class GimbalMessages(Family):
         a = gimbal.actual
         return pack(
             "MOUNT_ORIENTATION",
-            time_boot_ms=self._body.time_boot_ms(),
+            time_boot_ms=self._view.time_boot_ms(),
             roll=math.degrees(a.roll_rad),
             pitch=math.degrees(a.pitch_rad),
             yaw=math.degrees(a.yaw_rad),
@@ -26,13 +26,13 @@ class GimbalMessages(Family):
         )[1]
 
     def gimbal_manager_information(self) -> bytes | None:
-        gimbal, parameter = self._autopilot.gimbal, self._body.parameter
+        gimbal, parameter = self._autopilot.gimbal, self._view.parameter
         if not gimbal.enabled:
             return None
         pitch, yaw, roll = (parameter(f"MNT_RANGE_{axis}") for axis in ("PITCH", "YAW", "ROLL"))
         return pack(
             "GIMBAL_MANAGER_INFORMATION",
-            time_boot_ms=self._body.time_boot_ms(),
+            time_boot_ms=self._view.time_boot_ms(),
             cap_flags=132530,
             gimbal_device_id=gimbal.device_id,
             roll_min=-roll, roll_max=roll, pitch_min=-pitch, pitch_max=pitch, yaw_min=-yaw, yaw_max=yaw,
@@ -44,7 +44,7 @@ class GimbalMessages(Family):
             return None
         return pack(
             "GIMBAL_MANAGER_STATUS",
-            time_boot_ms=self._body.time_boot_ms(),
+            time_boot_ms=self._view.time_boot_ms(),
             flags=int(gimbal.flags),
             gimbal_device_id=gimbal.device_id,
             primary_control_sysid=gimbal.primary[0],
@@ -58,7 +58,7 @@ class GimbalMessages(Family):
         rates = gimbal.rates_rad_s
         return pack(
             "GIMBAL_DEVICE_ATTITUDE_STATUS",
-            time_boot_ms=self._body.time_boot_ms(),
+            time_boot_ms=self._view.time_boot_ms(),
             flags=int(gimbal.flags),
             q=gimbal.device_quaternion(),
             angular_velocity_x=rates.roll_rad,

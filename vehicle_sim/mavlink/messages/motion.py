@@ -39,31 +39,31 @@ class MotionMessages(Family):
         self._functions_at = -1
 
     def attitude(self) -> bytes:
-        b = self._body.belief
+        b = self._view.estimate
         return _ATTITUDE(
-            self._body.time_boot_ms(), b.roll_rad, b.pitch_rad, b.yaw_ned_rad, *b.rates_frd_rad_s
+            self._view.time_boot_ms(), b.roll_rad, b.pitch_rad, b.yaw_ned_rad, *b.rates_frd_rad_s
         )
 
     def attitude_quaternion(self) -> bytes:
-        b = self._body.belief
+        b = self._view.estimate
         return _ATTITUDE_QUATERNION(
-            self._body.time_boot_ms(), *b.q_ned_frd, *b.rates_frd_rad_s, 0.0, 0.0, 0.0, 0.0
+            self._view.time_boot_ms(), *b.q_ned_frd, *b.rates_frd_rad_s, 0.0, 0.0, 0.0, 0.0
         )
 
     def local_position_ned(self) -> bytes | None:
-        b = self._body.belief
+        b = self._view.estimate
         if not b.valid_altitude:
             return None
-        return _LOCAL(self._body.time_boot_ms(), *b.position_ned_m, *b.velocity_ned_m_s)
+        return _LOCAL(self._view.time_boot_ms(), *b.position_ned_m, *b.velocity_ned_m_s)
 
     def global_position_int(self) -> bytes | None:
-        b, home = self._body.belief, self._autopilot.home
+        b, home = self._view.estimate, self._autopilot.home
         if not b.valid_position or not math.isfinite(b.lat_deg):
             return None
         relative = b.alt_amsl_m - home.alt_amsl_m if home.valid else 0.0
         vn, ve, vd = b.velocity_ned_m_s
         return _GLOBAL(
-            self._body.time_boot_ms(),
+            self._view.time_boot_ms(),
             round(b.lat_deg * 1e7),
             round(b.lon_deg * 1e7),
             round(b.alt_amsl_m * 1000),
@@ -75,11 +75,11 @@ class MotionMessages(Family):
         )
 
     def odometry(self) -> bytes:
-        b = self._body.belief
+        b = self._view.estimate
         variances = [NAN] * 21
         return pack(
             "ODOMETRY",
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
             frame_id=1,
             child_frame_id=1,
             x=b.position_ned_m[0],
@@ -98,14 +98,14 @@ class MotionMessages(Family):
         )[1]
 
     def altitude(self) -> bytes:
-        b, home = self._body.belief, self._autopilot.home
+        b, home = self._view.estimate, self._autopilot.home
         baro = self._baro_alt_amsl_m
         known = b.valid_position and math.isfinite(b.alt_amsl_m)
         relative = b.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
         above_ground = b.height_above_ground_m if known else NAN
         return pack(
             "ALTITUDE",
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
             altitude_monotonic=baro,
             altitude_amsl=b.alt_amsl_m if known else NAN,
             altitude_local=-b.position_ned_m[2] if known else NAN,
@@ -116,13 +116,13 @@ class MotionMessages(Family):
 
     @property
     def _baro_alt_amsl_m(self) -> float:
-        return float(self._body.simulation.sensors.baro_alt_amsl_m[self._body.row])
+        return float(self._view.simulation.sensors.baro_alt_amsl_m[self._view.row])
 
     def vfr_hud(self) -> bytes:
-        b = self._body.belief
+        b = self._view.estimate
         vn, ve, vd = b.velocity_ned_m_s
         armed = self._autopilot.commander.armed
-        thrust = float(self._body.simulation.target.thrust[self._body.row]) if armed else 0.0
+        thrust = float(self._view.simulation.target.thrust[self._view.row]) if armed else 0.0
         return pack(
             "VFR_HUD",
             groundspeed=math.hypot(vn, ve),
@@ -133,7 +133,7 @@ class MotionMessages(Family):
         )[1]
 
     def position_target_local_ned(self) -> bytes:
-        time_ms, (p, v, a, yaw, rate) = self._body.time_boot_ms(), self._followed()
+        time_ms, (p, v, a, yaw, rate) = self._view.time_boot_ms(), self._followed()
         mask = 0
         for bit, value in enumerate((*p, *v, *a)):
             if value != value:
@@ -142,11 +142,11 @@ class MotionMessages(Family):
 
     def _followed(self) -> tuple[Sequence[float], Sequence[float], Sequence[float], float, float]:
         """Position, velocity, acceleration, yaw and its rate that the position controller follows (NED)."""
-        row, i = self._body.simulation.target, self._body.row
-        heading = self._body.belief.yaw_ned_rad
+        row, i = self._view.simulation.target, self._view.row
+        heading = self._view.estimate.yaw_ned_rad
         p, v = row.position_ned_m[i].tolist(), row.velocity_ned_m_s[i].tolist()
         a = row.acceleration_ned_m_s2[i].tolist()
-        disarmed = int(self._body.simulation.setpoints.level[i]) == ControlLevel.DISARMED
+        disarmed = int(self._view.simulation.setpoints.level[i]) == ControlLevel.DISARMED
         if disarmed or not any(each == each for each in (*p, *v, *a)):
             return _NOWHERE, _NOWHERE, _MOTORS_AT_REST, heading, 0.0
         yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
@@ -166,7 +166,7 @@ class MotionMessages(Family):
         _, v, a, yaw, rate = self._followed()
         return pack(
             "POSITION_TARGET_GLOBAL_INT",
-            time_boot_ms=self._body.time_boot_ms(),
+            time_boot_ms=self._view.time_boot_ms(),
             coordinate_frame=5,
             lat_int=round(waypoint[0] * 1e7),
             lon_int=round(waypoint[1] * 1e7),
@@ -175,18 +175,18 @@ class MotionMessages(Family):
         )[1]  # fmt: skip
 
     def attitude_target(self) -> bytes:
-        target, i = self._body.simulation.target, self._body.row
+        target, i = self._view.simulation.target, self._view.row
         q, rates, thrust = target.q_ned_frd[i].tolist(), target.rates_frd_rad_s[i].tolist(), target.thrust[i]
         offboard = self._autopilot.offboard
         if self._autopilot.flies_attitude:
             thrust = offboard.told_thrust
             if offboard.no_attitude is not None:
                 q, rates = offboard.no_attitude, (NAN, NAN, NAN)
-        return _TARGET_ATTITUDE(self._body.time_boot_ms(), *q, *rates, float(thrust), 0)
+        return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def hil_state_quaternion(self) -> bytes:
         """The simulation's own truth, which no autopilot could know: PX4's simulator tells it too."""
-        simulation, i = self._body.simulation, self._body.row
+        simulation, i = self._view.simulation, self._view.row
         truth, home = simulation.truth, simulation.home
         north, east, down = truth.position_ned_m[i].tolist()
         lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)  # type: ignore[arg-type]
@@ -194,7 +194,7 @@ class MotionMessages(Family):
         p, q, r = truth.rates_frd_rad_s[i].tolist()
         ax, ay, az = (i16(value) for value in truth.acceleration_ned_m_s2[i].tolist())
         return pack(
-            "HIL_STATE_QUATERNION", time_usec=self._body.time_boot_us(),
+            "HIL_STATE_QUATERNION", time_usec=self._view.time_boot_us(),
             attitude_quaternion=truth.q_ned_frd[i].tolist(), rollspeed=p, pitchspeed=q, yawspeed=r,
             lat=round(float(lat) * 1e7), lon=round(float(lon) * 1e7),
             alt=round((home.alt_amsl_m - down) * 1000),
@@ -204,16 +204,16 @@ class MotionMessages(Family):
     def actuator_output_status(self) -> bytes:
         outputs = [float(value) for value in self._outputs_us()]
         return pack(
-            "ACTUATOR_OUTPUT_STATUS", time_usec=self._body.time_boot_us(), active=OUTPUTS,
+            "ACTUATOR_OUTPUT_STATUS", time_usec=self._view.time_boot_us(), active=OUTPUTS,
             actuator=outputs + [0.0] * OUTPUTS,
         )[1]  # fmt: skip
 
     def servo_output_raw(self) -> bytes:
         values, port = self._outputs_us(), 0
-        return _SERVO(self._body.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
+        return _SERVO(self._view.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
 
     def _outputs_us(self) -> list[int]:
-        motors = [round(value) for value in self._body.simulation.motors_us[self._body.row].tolist()]
+        motors = [round(value) for value in self._view.simulation.motors_us[self._view.row].tolist()]
         functions = self._output_functions()
         servos = self._servos_us() if max(functions) >= FIRST_GIMBAL_FUNCTION else {}
         values: list[int] = []
@@ -225,15 +225,15 @@ class MotionMessages(Family):
         return values
 
     def _output_functions(self) -> list[int]:
-        if self._functions_at != self._body.parameter_changes:
-            self._functions_at = self._body.parameter_changes
-            self._functions = [int(self._body.parameter(name)) for name in FUNCTION_NAMES]
+        if self._functions_at != self._view.parameter_changes:
+            self._functions_at = self._view.parameter_changes
+            self._functions = [int(self._view.parameter(name)) for name in FUNCTION_NAMES]
         return self._functions
 
     def _servos_us(self) -> dict[int, int]:
         """Pulses of the gimbal's servo functions; none before arming unless COM_PREARM_MODE says always."""
         controls = self._autopilot.gimbal.servo_controls()
-        armed = self._autopilot.commander.armed or self._body.choice("COM_PREARM_MODE") == PREARM_ALWAYS
+        armed = self._autopilot.commander.armed or self._view.choice("COM_PREARM_MODE") == PREARM_ALWAYS
         if controls is None or not armed:
             return {}
         return {FIRST_GIMBAL_FUNCTION + k: round(1500.0 + 500.0 * value) for k, value in enumerate(controls)}

@@ -39,11 +39,11 @@ class PlaceMessages(Family):
         commander, circle = self._autopilot.commander, self._autopilot.navigator.circle
         if circle is None or commander.landed or commander.active is not NavState.ORBIT:
             return None
-        lat0, lon0, alt0 = self._body.origin
+        lat0, lon0, alt0 = self._view.origin
         lat, lon = to_global(circle.north_m, circle.east_m, lat0, lon0)  # type: ignore[arg-type]
         return pack(
             "ORBIT_EXECUTION_STATUS",
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
             radius=math.copysign(circle.radius_m, circle.speed_m_s),
             frame=0,
             x=round(float(lat) * 1e7),
@@ -52,7 +52,7 @@ class PlaceMessages(Family):
         )[1]
 
     def gps_global_origin(self) -> bytes | None:
-        lat, lon, alt = self._body.origin
+        lat, lon, alt = self._view.origin
         if not math.isfinite(lat):
             return None
         return pack(
@@ -60,11 +60,11 @@ class PlaceMessages(Family):
             latitude=round(lat * 1e7),
             longitude=round(lon * 1e7),
             altitude=round(alt * 1000),
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
         )[1]
 
     def open_drone_id_location(self) -> bytes | None:
-        b, home = self._body.belief, self._autopilot.home
+        b, home = self._view.estimate, self._autopilot.home
         if not math.isfinite(b.lat_deg) or not home.valid:
             return None
         vn, ve, vd = b.velocity_ned_m_s
@@ -76,14 +76,14 @@ class PlaceMessages(Family):
             speed_vertical=i16(-vd * 100),
             latitude=round(b.lat_deg * 1e7),
             longitude=round(b.lon_deg * 1e7),
-            altitude_barometric=float(self._body.simulation.sensors.baro_alt_amsl_m[self._body.row]),
+            altitude_barometric=float(self._view.simulation.sensors.baro_alt_amsl_m[self._view.row]),
             altitude_geodetic=float(round(b.alt_amsl_m)),
             height=b.alt_amsl_m - home.alt_amsl_m,
             horizontal_accuracy=12,
             vertical_accuracy=5,
             barometer_accuracy=0,
             speed_accuracy=3,
-            timestamp=(self._body.time_unix_us() // 1_000_000) % 3600,
+            timestamp=(self._view.time_unix_us() // 1_000_000) % 3600,
             timestamp_accuracy=1,
         )[1]
 
@@ -105,16 +105,16 @@ class PlaceMessages(Family):
             area_ceiling=-1000.0,
             area_floor=-1000.0,
             operator_altitude_geo=home.alt_amsl_m,
-            timestamp=max(0, self._body.time_unix_us() // 1_000_000 - GPS_WEEK_ODID_EPOCH_S),
+            timestamp=max(0, self._view.time_unix_us() // 1_000_000 - GPS_WEEK_ODID_EPOCH_S),
         )[1]
 
     def time_estimate_to_target(self) -> bytes:
         """Only the way home, longer by RTL_TIME_*."""
         seconds = 0
         if self._autopilot.commander.armed and self._autopilot.home.valid:
-            body = self._body
+            view = self._view
             way_s = self._autopilot.navigator.return_s
-            seconds = int(way_s * body.parameter("RTL_TIME_FACTOR") + body.choice("RTL_TIME_MARGIN"))
+            seconds = int(way_s * view.parameter("RTL_TIME_FACTOR") + view.choice("RTL_TIME_MARGIN"))
         return pack(
             "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,
             commanded_action=-1,

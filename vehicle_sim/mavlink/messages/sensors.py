@@ -30,13 +30,13 @@ class SensorMessages(Family):
     """Builders of the raw and scaled measurements."""
 
     def highres_imu(self) -> bytes:
-        s, i = self._body.simulation.sensors, self._body.row
+        s, i = self._view.simulation.sensors, self._view.row
         ax, ay, az = s.accel_frd_m_s2[i].tolist()
         gx, gy, gz = s.gyro_frd_rad_s[i].tolist()
         mx, my, mz = s.mag_frd_gauss[i].tolist()
         return pack(
             "HIGHRES_IMU",
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
             xacc=ax, yacc=ay, zacc=az, xgyro=gx, ygyro=gy, zgyro=gz, xmag=mx, ymag=my, zmag=mz,
             abs_pressure=float(s.baro_pressure_hpa[i]) * 100.0,
             pressure_alt=float(s.baro_alt_amsl_m[i]),
@@ -45,35 +45,35 @@ class SensorMessages(Family):
         )[1]  # fmt: skip
 
     def scaled_imu(self) -> bytes:
-        s, i = self._body.simulation.sensors, self._body.row
+        s, i = self._view.simulation.sensors, self._view.row
         ax, ay, az = (round(v / 9.80665 * 1000) for v in s.accel_frd_m_s2[i].tolist())
         gx, gy, gz = (round(v * 1000) for v in s.gyro_frd_rad_s[i].tolist())
         mx, my, mz = (round(v * 1000) for v in s.mag_frd_gauss[i].tolist())
         return pack(
-            "SCALED_IMU", time_boot_ms=self._body.time_boot_ms(), xacc=ax, yacc=ay, zacc=az,
+            "SCALED_IMU", time_boot_ms=self._view.time_boot_ms(), xacc=ax, yacc=ay, zacc=az,
             xgyro=gx, ygyro=gy, zgyro=gz, xmag=mx, ymag=my, zmag=mz, temperature=1500,
         )[1]  # fmt: skip
 
     def scaled_pressure(self) -> bytes:
-        s, i = self._body.simulation.sensors, self._body.row
+        s, i = self._view.simulation.sensors, self._view.row
         return pack(
             "SCALED_PRESSURE",
-            time_boot_ms=self._body.time_boot_ms(),
+            time_boot_ms=self._view.time_boot_ms(),
             press_abs=float(s.baro_pressure_hpa[i]),
             temperature=round(float(s.baro_temperature_deg_c[i]) * 100),
         )[1]
 
     def gps_raw_int(self) -> bytes:
-        s, i = self._body.simulation.sensors, self._body.row
+        s, i = self._view.simulation.sensors, self._view.row
         fix = int(s.gps_fix_type[i])
         if fix < 2:
-            return pack("GPS_RAW_INT", time_usec=self._body.time_boot_us(), fix_type=fix, eph=65535,
+            return pack("GPS_RAW_INT", time_usec=self._view.time_boot_us(), fix_type=fix, eph=65535,
                         epv=65535, vel=65535, cog=65535)[1]  # fmt: skip
         vn, ve, _ = s.gps_velocity_ned_m_s[i].tolist()
         alt = round(float(s.gps_alt_amsl_m[i]) * 1000)
         return pack(
             "GPS_RAW_INT",
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
             fix_type=fix,
             lat=round(float(s.gps_lat_deg[i]) * 1e7),
             lon=round(float(s.gps_lon_deg[i]) * 1e7),
@@ -91,36 +91,36 @@ class SensorMessages(Family):
 
     def distance_sensor(self) -> bytes:
         """PX4's own simulated one, which points down."""
-        body = self._body
-        measured = body.simulation.distance_down_m(body.row)
-        lowest, highest = (body.parameter(f"SIH_DISTSNSR_{end}") for end in ("MIN", "MAX"))
+        view = self._view
+        measured = view.simulation.distance_down_m(view.row)
+        lowest, highest = (view.parameter(f"SIH_DISTSNSR_{end}") for end in ("MIN", "MAX"))
         distance = round(measured * 100) if math.isfinite(measured) else OUT_OF_RANGE_CM
         return pack(
-            "DISTANCE_SENSOR", time_boot_ms=body.time_boot_ms(), current_distance=distance & 0xFFFF,
+            "DISTANCE_SENSOR", time_boot_ms=view.time_boot_ms(), current_distance=distance & 0xFFFF,
             min_distance=_cm(lowest), max_distance=_cm(highest), orientation=DOWN,
         )[1]  # fmt: skip
 
     def distance_forward(self) -> bytes | None:
         """The second one, of a world that has it."""
-        body, lidars = self._body, self._body.simulation.world.lidars
+        view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.forward:
             return None
-        measured = body.simulation.distance_forward_m(body.row)
+        measured = view.simulation.distance_forward_m(view.row)
         return pack(
-            "DISTANCE_SENSOR", time_boot_ms=body.time_boot_ms(), id=1, orientation=FORWARD,
+            "DISTANCE_SENSOR", time_boot_ms=view.time_boot_ms(), id=1, orientation=FORWARD,
             current_distance=_cm(measured) if math.isfinite(measured) else _cm(lidars.range_m) + 1,
             min_distance=NEAREST_CM, max_distance=_cm(lidars.range_m),
         )[1]  # fmt: skip
 
     def obstacle_distance(self) -> bytes | None:
         """72 sectors of 5 degrees from the nose clockwise; nothing met is one more than the range."""
-        body, lidars = self._body, self._body.simulation.world.lidars
+        view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.around:
             return None
         farthest = _cm(lidars.range_m)
-        measured = np.minimum(body.simulation.distances_around_m(body.row) * 100.0, farthest + 1.0)
+        measured = np.minimum(view.simulation.distances_around_m(view.row) * 100.0, farthest + 1.0)
         return pack(
-            "OBSTACLE_DISTANCE", time_usec=body.time_boot_us(),
+            "OBSTACLE_DISTANCE", time_usec=view.time_boot_us(),
             distances=np.rint(measured).astype(int).tolist(),
             increment=int(SECTOR_DEG), increment_f=SECTOR_DEG, min_distance=NEAREST_CM, max_distance=farthest,
             frame=BODY_FRD,
@@ -128,17 +128,17 @@ class SensorMessages(Family):
 
     def vibration(self) -> bytes:
         gyro, accel = FLYING_VIBRATION if not self._autopilot.commander.landed else STANDING_VIBRATION
-        return pack("VIBRATION", time_usec=self._body.time_boot_us(), vibration_y=gyro, vibration_z=accel)[1]
+        return pack("VIBRATION", time_usec=self._view.time_boot_us(), vibration_y=gyro, vibration_z=accel)[1]
 
     def estimator_status(self) -> bytes:
-        e, i, b = self._body.simulation.estimate, self._body.row, self._body.belief
+        e, i, b = self._view.simulation.estimate, self._view.row, self._view.estimate
         armed = self._autopilot.commander.armed and not self._autopilot.commander.landed
         flags = 1 | (0b100100 if b.valid_altitude else 0) | (0b11010 if b.valid_position else 0)
         flags |= 0b1100000 | (768 if b.valid_position else 0) | (0 if armed else 128)
         flags |= GPS_GLITCH if e.gps_rejected[i] else 0
         return pack(
             "ESTIMATOR_STATUS",
-            time_usec=self._body.time_boot_us(),
+            time_usec=self._view.time_boot_us(),
             flags=flags & 0xFFFF,
             vel_ratio=float(e.innovation_ratio_velocity[i]),
             pos_horiz_ratio=float(e.innovation_ratio_position[i]),

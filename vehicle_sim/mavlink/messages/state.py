@@ -46,7 +46,7 @@ class StateMessages(Family):
         )[1]
 
     def sys_status(self) -> bytes:
-        commander, battery, i = self._autopilot.commander, self._body.simulation.battery, self._body.row
+        commander, battery, i = self._autopilot.commander, self._view.simulation.battery, self._view.row
         ready = commander.report.armable(commander.intended)
         present, enabled, healthy = self._sensors(commander.report)
         return pack(
@@ -66,7 +66,7 @@ class StateMessages(Family):
 
         What has a finding counts as enabled, present or not.
         """
-        if not self._body.belief.valid_attitude:
+        if not self._view.estimate.valid_attitude:
             return 0, 0, ALL_HEALTHY
         found = 0
         for check in report.checks:
@@ -89,11 +89,11 @@ class StateMessages(Family):
         )[1]
 
     def system_time(self) -> bytes:
-        body = self._body
-        return pack("SYSTEM_TIME", time_unix_usec=body.time_unix_us(), time_boot_ms=body.time_boot_ms())[1]
+        view = self._view
+        return pack("SYSTEM_TIME", time_unix_usec=view.time_unix_us(), time_boot_ms=view.time_boot_ms())[1]
 
     def battery_status(self) -> bytes:
-        battery, i = self._body.simulation.battery, self._body.row
+        battery, i = self._view.simulation.battery, self._view.row
         volts = round(float(battery.voltage_v[i]) * 1000)
         warning = self._autopilot.commander.checks.battery_warning
         return pack(

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.own_commands import OwnCommand
-from vehicle_sim.mavlink.context import Context
-from vehicle_sim.mavlink.dialect import BY_NAME, Message
-from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.services.command_types import (
+from vehicle_sim.commands.command import (
     ACCEPTED,
     DENIED,
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
 )
+from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.dialect import BY_NAME, Message
+from vehicle_sim.mavlink.link import Link
 from vehicle_sim.payload.camera import (
     CAPACITY_BYTES,
     FOCAL_LENGTH_MM,
@@ -106,7 +106,7 @@ class CameraService:
 
     def step(self) -> None:
         """Heartbeat and pictures that are due."""
-        now_us = self._context.body.time_boot_us()
+        now_us = self._context.view.time_boot_us()
         if now_us >= self._heartbeat_at_us:
             self._heartbeat_at_us = now_us + HEARTBEAT_US
             self._tell(
@@ -208,7 +208,7 @@ class CameraService:
 
     def _information(self) -> dict[str, Any]:
         return {
-            "time_boot_ms": self._context.body.time_boot_ms(),
+            "time_boot_ms": self._context.view.time_boot_ms(),
             "vendor_name": list(VENDOR), "model_name": list(MODEL), "firmware_version": FIRMWARE,
             "focal_length": FOCAL_LENGTH_MM, "sensor_size_h": SENSOR_WIDTH_MM,
             "sensor_size_v": SENSOR_HEIGHT_MM, "resolution_h": WIDTH, "resolution_v": HEIGHT,
@@ -219,14 +219,14 @@ class CameraService:
     def _settings(self) -> dict[str, Any]:
         camera = self._camera
         return {
-            "time_boot_ms": self._context.body.time_boot_ms(), "mode_id": int(camera.mode),
+            "time_boot_ms": self._context.view.time_boot_ms(), "mode_id": int(camera.mode),
             "zoomLevel": camera.zoom_percent, "focusLevel": math.nan,
         }  # fmt: skip
 
     def _storage(self) -> dict[str, Any]:
         camera = self._camera
         return {
-            "time_boot_ms": self._context.body.time_boot_ms(), "storage_id": 1, "storage_count": 1,
+            "time_boot_ms": self._context.view.time_boot_ms(), "storage_id": 1, "storage_count": 1,
             "status": STORAGE_READY, "type": STORAGE_MICROSD, "storage_usage": STORAGE_FOR_PICTURES,
             "total_capacity": CAPACITY_BYTES / MIB, "used_capacity": camera.used_bytes / MIB,
             "available_capacity": camera.free_bytes / MIB,
@@ -235,7 +235,7 @@ class CameraService:
     def _capture_status(self) -> dict[str, Any]:
         camera = self._camera
         return {
-            "time_boot_ms": self._context.body.time_boot_ms(),
+            "time_boot_ms": self._context.view.time_boot_ms(),
             "image_status": (2 if camera.interval_s > 0.0 else 1) if camera.series_runs else 0,
             "image_interval": camera.interval_s, "image_count": len(camera.captures),
             "available_capacity": camera.free_bytes / MIB,
@@ -245,7 +245,7 @@ class CameraService:
         camera = self._camera
         lat, lon, alt = _place(camera)
         return {
-            "time_boot_ms": self._context.body.time_boot_ms(),
+            "time_boot_ms": self._context.view.time_boot_ms(),
             "lat_camera": lat, "lon_camera": lon, "alt_camera": alt, "q": camera.orientation(),
             "lat_image": UNKNOWN_INT32, "lon_image": UNKNOWN_INT32, "alt_image": UNKNOWN_INT32,
             "hfov": math.degrees(camera.width_rad), "vfov": math.degrees(camera.height_rad),

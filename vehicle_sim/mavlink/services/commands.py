@@ -1,110 +1,37 @@
-"""COMMAND_LONG, COMMAND_INT and SET_MODE: what PX4 answers, and what the commander then does."""
+"""COMMAND_LONG, COMMAND_INT and SET_MODE: how commands arrive and are answered over MAVLink."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
-from vehicle_sim.autopilot.modes import STANDARD_MODES, NavState, UnsupportedAutoMode, from_numbers
-from vehicle_sim.geodesy import is_place
+from vehicle_sim.commands.command import ACCEPTED, UNSUPPORTED, Command, Handler
+from vehicle_sim.commands.flight import SET_MODE
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.services.command_types import (
-    ACCEPTED,
-    CANCELLED,
-    DENIED,
-    FAILED,
-    IN_PROGRESS,
-    TEMPORARILY_REJECTED,
-    UNSUPPORTED,
-    Command,
-)
 
-Handler = Callable[[Command], int | None]
-
-NO_ANSWER = frozenset(
-    {0, 1, 2, 93, 203, 204, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
-     30002, 42600}
-)  # fmt: skip
-"""PX4 acknowledges none of these here: nobody handles them, or who does stays silent."""
-ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
-"""Of these without an effect here: no actuator sets, no fixed-wing landing to break off, no log stream."""
-ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
-TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
-REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
-CHANGE_ALTITUDE, GO_TO_LANDING, HIGH_LATENCY = 186, 189, 2600
-RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
-GRIPPER, AUTOTUNE, EXTERNAL_WIND = 211, 212, 43004
-FORCE = 21196
-AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
-"""Of MAV_MODE_FLAG."""
-FIRST_MOTOR, FIRST_SERVO, MOTORS, SERVOS, OWN_FUNCTIONS = 1, 33, 12, 8, 1000
-"""ACTUATOR_OUTPUT_FUNCTION; from 1000 on PX4's own numbers follow."""
-LOAD, SAVE = 0, 1
-STORAGE_RESETS = {
-    2: (("*",), ("LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "COM_FLIGHT_UUID")),
-    3: (("CAL_ACC*", "CAL_GYRO*", "CAL_MAG*"), ()),
-    4: (("*",), ()),
-}
-"""param1 of PREFLIGHT_STORAGE: which parameters become their defaults, and which of them do not."""
-GRIPPER_S = 1.0
-"""PD_GRIPPER_TO: a gripper that tells nothing is taken to be done after it."""
-ALTITUDE_LIMIT_M = 100_000.0
-"""Beyond it no message could carry the altitude."""
 LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
 INT32_MAX = 0x7FFFFFFF
-REPOSITION_CHANGE_MODE = 1
-"""The only flag of DO_REPOSITION that PX4 knows, and it has to be set."""
-TOLD_OF_REFUSALS = 190
-"""PX4 tells refused DO_SET_MODE to the component of ground stations only."""
 
 
 class CommandService:
-    """All commands; those of other services come in as `others`."""
+    """Hands each command to who carries it out.
 
-    def __init__(self, context: Context, others: Mapping[int, Handler]) -> None:
+    Args:
+        context: the vehicle on MAVLink.
+        commands: who carries out which number.
+    """
+
+    def __init__(self, context: Context, commands: Mapping[int, Handler]) -> None:
         self._context = context
-        self._commander = context.autopilot.commander
-        self._navigator = context.autopilot.navigator
+        self._commands = commands
         self._announcer = context.autopilot.announcer
         self.handlers = {
             "COMMAND_LONG": self.command_long,
             "COMMAND_INT": self.command_int,
             "SET_MODE": self.set_mode_message,
         }
-        self._gripper_holds = True
-        self._commands: dict[int, Handler] = {
-            **dict.fromkeys(NO_ANSWER, lambda c: None),
-            **dict.fromkeys(ALWAYS_ACCEPTED, lambda c: ACCEPTED),
-            ARM_DISARM: self._arm,
-            SET_MODE: self._set_mode,
-            SET_STANDARD_MODE: self._set_standard_mode,
-            TAKEOFF: self._takeoff,
-            LAND: self._land,
-            RETURN: self._return,
-            PRECISION_LAND: self._precision_land,
-            ORBIT: self._orbit,
-            FIGURE_EIGHT: self._figure_eight,
-            REPOSITION: self._reposition,
-            CHANGE_ALTITUDE: self._change_altitude,
-            GO_TO_LANDING: self._go_to_landing,
-            HIGH_LATENCY: self._high_latency,
-            CHANGE_SPEED: self._change_speed,
-            SET_HOME: self._set_home,
-            TERMINATE: self._terminate,
-            MISSION_START: self._mission_start,
-            RUN_PREARM_CHECKS: self._checks,
-            STORAGE: self._storage,
-            REBOOT: lambda c: ACCEPTED if c.p1 == 0.0 else DENIED,
-            ACTUATOR_TEST: self._actuator_test,
-            GRIPPER: self._gripper,
-            AUTOTUNE: self._autotune,
-            EXTERNAL_WIND: self._external_wind,
-            **others,
-        }
-
-    # --- arrival ---------------------------------------------------------------------------------------
 
     def command_long(self, link: Link, m: Message) -> None:
         """COMMAND_LONG; wrong targets get no reply."""
@@ -130,16 +57,16 @@ class CommandService:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
         command = Command(SET_MODE, float(m.base_mode), float(main), float(sub), 0, 0, 0, 0, m.sender,
                           link.name)  # fmt: skip
-        self._acknowledge(command, ACCEPTED)
+        self._context.acknowledge(command, ACCEPTED)
         self._context.later(lambda: self._quietly(command))
 
     def _quietly(self, command: Command) -> None:
-        self._switch_by_numbers(command)
+        self._commands[SET_MODE](command)
 
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
             # The receiver acknowledges at once, the commander a moment later: the second one counts.
-            self._acknowledge(command, ACCEPTED)
+            self._context.acknowledge(command, ACCEPTED)
             self._context.later(lambda: self._execute(command))
             return
         self._execute(command)
@@ -149,234 +76,5 @@ class CommandService:
         self._announcer.hold()
         result = UNSUPPORTED if handler is None else handler(command)
         if result is not None:
-            self._acknowledge(command, result)
+            self._context.acknowledge(command, result)
         self._announcer.release()
-
-    def _acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        self._context.broadcast(
-            "COMMAND_ACK", command=command.number, result=result, progress=progress,
-            target_system=command.sender[0], target_component=command.sender[1],
-        )  # fmt: skip
-
-    # --- arming and modes ------------------------------------------------------------------------------
-
-    def _arm(self, c: Command) -> int | None:
-        action = _rounded(c.p1)
-        if action == 0:
-            done = self._commander.disarm(force=_rounded(c.p2) == FORCE)
-            return ACCEPTED if done else TEMPORARILY_REJECTED
-        if action != 1:
-            self._announcer.both(
-                2, f"Unsupported ARM_DISARM param: {c.p1:.3f}", "commander_unsupported_arm_disarm_param",
-                "f", c.p1,
-            )  # fmt: skip
-            return None
-        return ACCEPTED if self._commander.arm() else TEMPORARILY_REJECTED
-
-    def _set_mode(self, c: Command) -> int:
-        return self._switch_by_numbers(c)
-
-    def _switch_by_numbers(self, c: Command) -> int:
-        base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
-        if not base & CUSTOM_FLAG:
-            mode = _mode_of_flags(base)
-            return ACCEPTED if mode is None else self._switch(mode, told=c.sender[1] == TOLD_OF_REFUSALS)
-        main = int(c.p2) if math.isfinite(c.p2) else 0
-        sub = int(c.p3) if math.isfinite(c.p3) else 0
-        try:
-            mode = from_numbers(main, sub)
-        except UnsupportedAutoMode:
-            self._announcer.both(2, "Unsupported auto mode", "commander_unsupported_auto_mode")
-            return TEMPORARILY_REJECTED
-        if mode is None:
-            return ACCEPTED
-        return self._switch(mode, told=c.sender[1] == TOLD_OF_REFUSALS)
-
-    def _switch(self, mode: NavState, *, told: bool = True) -> int:
-        if self._commander.set_mode(mode):
-            return ACCEPTED
-        if told:
-            self._commander.tell_refusal(mode)
-        return TEMPORARILY_REJECTED
-
-    def _set_standard_mode(self, c: Command) -> int:
-        mode = STANDARD_MODES.get(int(c.p1) if math.isfinite(c.p1) else 0)
-        return FAILED if mode is None else self._switch(mode, told=False)
-
-    # --- flying ----------------------------------------------------------------------------------------
-
-    def _takeoff(self, c: Command) -> int:
-        # Kept while disarmed too: ground stations may command the take-off first and arm afterwards.
-        self._navigator.request_takeoff(c.p7)
-        return self._switch(NavState.TAKEOFF)
-
-    def _land(self, c: Command) -> int:
-        result = self._switch(NavState.LAND)
-        if result == ACCEPTED:
-            self._announcer.both(6, "Landing at current position", "commander_landing_current_pos")
-        return result
-
-    def _return(self, c: Command) -> int:
-        return ACCEPTED if self._commander.return_to_launch() else TEMPORARILY_REJECTED
-
-    def _precision_land(self, c: Command) -> int:
-        result = self._switch(NavState.PRECISION_LAND)
-        if result == ACCEPTED:
-            self._announcer.both(6, "Precision landing", "commander_landing_prec_land")
-        return result
-
-    def _orbit(self, c: Command) -> int:
-        self._navigator.orbit((c.p5, c.p6, c.p7), c.p1, c.p2, c.p3)
-        result = self._switch(NavState.ORBIT, told=False)
-        if result != ACCEPTED:
-            self._announcer.text(2, "Orbit refused")
-        return result
-
-    def _figure_eight(self, c: Command) -> int | None:
-        self._announcer.text(2, "Figure 8 command only available for fixed wing and vtol vehicles.")
-        return None
-
-    def _reposition(self, c: Command) -> int:
-        flags = int(c.p2) if math.isfinite(c.p2) else 0
-        if flags != REPOSITION_CHANGE_MODE:
-            return UNSUPPORTED
-        outside = self._leaves_fence(c.p5, c.p6, c.p7)
-        was_holding = self._commander.active is NavState.HOLD
-        result = self._switch(NavState.HOLD)
-        if result != ACCEPTED or not self._commander.armed:
-            return result
-        if outside:
-            self._announcer.both(2, "Reposition is outside geofence", "navigator_reposition_outside_geofence")
-        elif self._commander.active is NavState.HOLD:
-            self._navigator.goto(c.p5, c.p6, c.p7, c.p4)
-            if math.isfinite(c.p1) and c.p1 > 0.0:
-                self._navigator.path.cruise_m_s = c.p1
-            elif not was_holding:
-                self._navigator.path.cruise_m_s = math.nan
-        return result
-
-    def _change_altitude(self, c: Command) -> int:
-        """Hold, at another altitude above sea level [m], over where the vehicle comes to rest."""
-        outside = self._leaves_fence(math.nan, math.nan, c.p1)
-        result = self._switch(NavState.HOLD)
-        if result != ACCEPTED or not self._commander.armed:
-            return result
-        if outside:
-            self._announcer.both(
-                2, "Altitude outside the geofence", "navigator_change_altitude_outside_geofence"
-            )
-        elif self._commander.active is NavState.HOLD:
-            self._navigator.stop_at(c.p1)
-        return result
-
-    def _leaves_fence(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
-        belief = self._context.body.belief
-        here = belief.lat_deg, belief.lon_deg
-        lat, lon = (lat_deg, lon_deg) if is_place(lat_deg, lon_deg) else here
-        alt = alt_amsl_m if math.isfinite(alt_amsl_m) else belief.alt_amsl_m
-        return math.isfinite(lat) and not self._navigator.fence.allows(lat, lon, alt)
-
-    def _change_speed(self, c: Command) -> int:
-        self._navigator.change_speed(c.p1, c.p2)
-        return ACCEPTED
-
-    def _set_home(self, c: Command) -> int:
-        if not self._context.body.choice("COM_HOME_EN"):
-            return DENIED
-        if c.p1 > 0.5:
-            return ACCEPTED if self._commander.home.set_here() else TEMPORARILY_REJECTED
-        if not (abs(c.p5) <= 90.0 and abs(c.p6) <= 180.0 and abs(c.p7) <= ALTITUDE_LIMIT_M):
-            return DENIED
-        if not self._context.body.belief.valid_position:
-            return TEMPORARILY_REJECTED
-        self._commander.home.set(c.p5, c.p6, c.p7, c.p4)
-        return ACCEPTED
-
-    def _terminate(self, c: Command) -> int:
-        if c.p1 > 0.5 and self._commander.terminate():
-            return ACCEPTED
-        return DENIED
-
-    def _mission_start(self, c: Command) -> int:
-        started = self._commander.start_mission(c.p1)
-        if started is None:
-            return DENIED
-        return ACCEPTED if started else TEMPORARILY_REJECTED
-
-    def _go_to_landing(self, c: Command) -> int:
-        """DO_LAND_START: on with the mission where its landing begins."""
-        start = self._navigator.mission.landing_start
-        if start is None:
-            return CANCELLED
-        self._commander.start_mission(float(start))
-        return ACCEPTED
-
-    # --- the rest --------------------------------------------------------------------------------------
-
-    def _actuator_test(self, c: Command) -> int:
-        if self._commander.armed or self._context.body.choice("COM_MOT_TEST_EN") != 1:
-            return DENIED
-        which = int(c.p5 + 0.5) if math.isfinite(c.p5) else 0
-        known = (
-            FIRST_MOTOR <= which < FIRST_MOTOR + MOTORS
-            or FIRST_SERVO <= which < FIRST_SERVO + SERVOS
-            or which >= OWN_FUNCTIONS
-        )
-        return ACCEPTED if known else UNSUPPORTED
-
-    def _high_latency(self, c: Command) -> int:
-        self._announcer.both(2, "No high-latency telemetry to control", "commander_ctrl_high_latency_failed")
-        return FAILED
-
-    def _checks(self, c: Command) -> int:
-        self._commander.run_checks()
-        return ACCEPTED
-
-    def _storage(self, c: Command) -> int | None:
-        if self._commander.armed:
-            return TEMPORARILY_REJECTED
-        what = int(c.p1) if math.isfinite(c.p1) else -1
-        if what in STORAGE_RESETS:
-            only, keep = STORAGE_RESETS[what]
-            parameters = self._context.body.parameters
-            self._context.later(lambda: parameters.reset_all(only=only, keep=keep))
-        return ACCEPTED if what in (LOAD, SAVE, *STORAGE_RESETS) else None
-
-    def _gripper(self, c: Command) -> int | None:
-        grab = c.p2 == 1.0
-        if grab == self._gripper_holds:
-            return ACCEPTED
-        self._gripper_holds = grab
-        self._acknowledge(c, IN_PROGRESS, progress=255)
-        self._context.after(GRIPPER_S, lambda: self._acknowledge(c, ACCEPTED))
-        return None
-
-    def _autotune(self, c: Command) -> int:
-        """PX4 only notes the wish while it stands on the ground; the tuning itself is not simulated."""
-        if self._commander.armed:
-            self._announcer.text(4, "Autotuning is not simulated")
-            return UNSUPPORTED
-        self._context.body.parameters.set("MC_AT_START", 1)
-        return IN_PROGRESS
-
-    def _external_wind(self, c: Command) -> int:
-        self._acknowledge(c, ACCEPTED)
-        return UNSUPPORTED
-
-
-def _rounded(value: float) -> int:
-    """To the nearest whole number, halves away from zero; 0 for NaN, as recorded."""
-    if math.isnan(value):
-        return 0
-    return int(math.copysign(math.floor(min(abs(value), INT32_MAX) + 0.5), value))
-
-
-def _mode_of_flags(base: int) -> NavState | None:
-    """What the old base modes ask for, without a mode of PX4's own."""
-    if base & AUTO_FLAG:
-        return NavState.MISSION
-    if not base & MANUAL_FLAG:
-        return None
-    if base & GUIDED_FLAG:
-        return NavState.POSITION
-    return NavState.STABILIZED if base & STABILIZE_FLAG else NavState.MANUAL

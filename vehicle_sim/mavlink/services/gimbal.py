@@ -1,22 +1,16 @@
-"""The gimbal manager protocol (version 2) and what PX4 still takes of the old mount commands."""
+"""The gimbal manager's messages (protocol version 2); its commands are in `commands/gimbal.py`."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, UNSUPPORTED, Command
-
-CONFIGURE, PITCHYAW = 1001, 1000
-ROI_LOCATION, ROI_WPNEXT, ROI_NONE, ROI_SYSID, ROI, MOUNT_CONTROL = 195, 196, 197, 198, 201, 205
-MOUNT_RETRACT, MOUNT_NEUTRAL, MOUNT_MAVLINK, MOUNT_RC, MOUNT_GPS = 0, 1, 2, 3, 4
 
 
 class GimbalService:
-    """Messages 282 and 288 and the gimbal's commands."""
+    """Messages 282 and 288."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -24,16 +18,6 @@ class GimbalService:
         self.handlers: dict[str, Callable[[Link, Message], None]] = {
             "GIMBAL_MANAGER_SET_ATTITUDE": self.set_attitude,
             "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self.set_manual,
-        }
-        self.commands: dict[int, Callable[[Command], int | None]] = {
-            CONFIGURE: self.configure,
-            PITCHYAW: self.pitch_yaw,
-            ROI_LOCATION: self.roi_location,
-            ROI_WPNEXT: self.roi_none_or_next,
-            ROI_NONE: self.roi_none_or_next,
-            ROI_SYSID: lambda command: UNSUPPORTED,
-            ROI: self.roi,
-            MOUNT_CONTROL: self.mount,
         }
 
     def _mine(self, message: Message) -> bool:
@@ -56,63 +40,3 @@ class GimbalService:
         """288: ignored without control."""
         if self._mine(m):
             self._gimbal.set_manual(m.flags, m.pitch, m.yaw, m.pitch_rate, m.yaw_rate)
-
-    def configure(self, command: Command) -> int | None:
-        """Take, give or release control; the secondary is never kept."""
-        if not self._gimbal.enabled:
-            return None
-        system = _whole(command.p1)
-        self._gimbal.configure(system, _whole(command.p2), command.sender, self._context.own)
-        return ACCEPTED
-
-    def pitch_yaw(self, command: Command) -> int | None:
-        """Angles and rates in degrees."""
-        if not self._gimbal.enabled:
-            return None
-        if not self._gimbal.controls(command.sender):
-            return DENIED
-        pitch, yaw, pitch_rate, yaw_rate = (
-            math.radians(value) for value in (command.p1, command.p2, command.p3, command.p4)
-        )
-        self._gimbal.set_pitch_yaw(_whole(command.p5), pitch, yaw, pitch_rate, yaw_rate)
-        return ACCEPTED
-
-    def roi_location(self, command: Command) -> int:
-        """Look at a place; needs no control."""
-        self._gimbal.look_at(command.p5, command.p6, command.p7)
-        return ACCEPTED
-
-    def roi_none_or_next(self, command: Command) -> int:
-        """Look ahead again, or at the next waypoint."""
-        if command.number == ROI_NONE:
-            self._gimbal.look_nowhere()
-        else:
-            self._gimbal.look_ahead(command.p6, command.p5, command.p7)
-        return ACCEPTED
-
-    def roi(self, command: Command) -> int:
-        """The old region-of-interest command: PX4 keeps its mode only, and points at 0 N 0 E at sea level."""
-        if _whole(command.p1) == 3:
-            self._gimbal.look_at(0.0, 0.0, 0.0)
-        if _whole(command.p1) == 0:
-            self._gimbal.look_nowhere()
-        return ACCEPTED
-
-    def mount(self, command: Command) -> int | None:
-        """The old mount command; needs no control."""
-        if not self._gimbal.enabled:
-            return None
-        mode = _whole(command.p7)
-        if mode in (MOUNT_RETRACT, MOUNT_NEUTRAL):
-            self._gimbal.mount_default(centred=True)
-        elif mode == MOUNT_RC:
-            self._gimbal.mount_default(centred=False)
-        elif mode == MOUNT_MAVLINK:
-            self._gimbal.set_mount(command.p1, command.p2, command.p3)
-        elif mode == MOUNT_GPS:
-            self._gimbal.look_at(command.p5, command.p6, command.p4)
-        return ACCEPTED
-
-
-def _whole(value: float) -> int:
-    return int(value) if math.isfinite(value) else 0

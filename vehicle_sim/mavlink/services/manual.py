@@ -18,5 +18,5 @@ class ManualService:
         """Take the sticks over, and tell the arming checks that there are some."""
         autopilot = self._context.autopilot
         if m.target == self._context.system_id and autopilot.sticks.hear(m.x, m.y, m.z, m.r):
-            autopilot.commander.checks.manual_control_at_s = self._context.body.time_s
+            autopilot.commander.checks.manual_control_at_s = self._context.view.time_s
             autopilot.commander.sticks_heard()

@@ -101,7 +101,7 @@ class MissionService:
 
     def _send_reached(self) -> None:
         """MISSION_ITEM_REACHED, at once and then every second for a while."""
-        flight, now_s = self._flight, self._context.body.time_s
+        flight, now_s = self._flight, self._context.view.time_s
         if flight.reached is None:
             self._told_reached = flight.reached_count
             return
@@ -123,7 +123,7 @@ class MissionService:
             self._say("Mission download request ignored, already active", "mavlink_mission_req_ignored")
             return
         plan = self._plans.get(kind, [])
-        exchange.heard_s = self._context.body.time_s
+        exchange.heard_s = self._context.view.time_s
         if plan:
             exchange.state, exchange.partner = _State.SENDING, message.sender
             exchange.kind, exchange.count, exchange.seq = kind, len(plan), 0
@@ -146,7 +146,7 @@ class MissionService:
             self._say(BUSY, "mavlink_mission_mis_req_ignored_busy")
         if exchange.state is not _State.SENDING or message.mission_type != exchange.kind:
             return
-        exchange.heard_s = self._context.body.time_s
+        exchange.heard_s = self._context.view.time_s
         plan, seq = self._plans[exchange.kind], message.seq
         if seq not in (exchange.seq, exchange.seq - 1) or seq >= min(exchange.count, len(plan)):
             exchange.end()
@@ -171,7 +171,7 @@ class MissionService:
         if not self._context.is_for_me(message):
             return
         exchange, kind = self._exchange(link), message.mission_type
-        exchange.heard_s = self._context.body.time_s
+        exchange.heard_s = self._context.view.time_s
         if exchange.state is _State.SENDING or (exchange.state is _State.RECEIVING and exchange.seq):
             self._ack(link, message.sender, ERROR, kind)
             if message.sender == exchange.partner:
@@ -208,7 +208,7 @@ class MissionService:
             return
         if message.mission_type != exchange.kind:
             return
-        exchange.heard_s = self._context.body.time_s
+        exchange.heard_s = self._context.view.time_s
         if message.seq != exchange.seq:
             return
         fields = {name: getattr(message, name) for name in ITEM_FIELDS}
@@ -236,7 +236,7 @@ class MissionService:
         if exchange.state is not _State.IDLE:
             self._say("WPM: IGN WP CLEAR CMD: Busy", "mavlink_mission_ignore_clear")
             return
-        exchange.heard_s = self._context.body.time_s
+        exchange.heard_s = self._context.view.time_s
         for each in CAPACITY if kind == ALL else (kind,):
             if each in CAPACITY:
                 self._store(each, [])
@@ -287,7 +287,7 @@ class MissionService:
             self._send_reached()
 
     def _tend(self, exchange: _Exchange) -> None:
-        now_s = self._context.body.time_s
+        now_s = self._context.view.time_s
         if exchange.link not in self._context.links:
             exchange.end()
         elif now_s - exchange.heard_s > TIMEOUT_S:
@@ -297,7 +297,7 @@ class MissionService:
             self._ask(exchange)
 
     def _ask(self, exchange: _Exchange) -> None:
-        exchange.asked_s = self._context.body.time_s
+        exchange.asked_s = self._context.view.time_s
         exchange.link.send(
             "MISSION_REQUEST_INT" if exchange.as_int else "MISSION_REQUEST",
             target_system=exchange.partner[0], target_component=exchange.partner[1], seq=exchange.seq,

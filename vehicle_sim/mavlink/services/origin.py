@@ -37,14 +37,14 @@ class OriginService:
         self._context.later(lambda: self._tell(link))
 
     def _move(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        body, keeper = self._context.body, self._context.autopilot.commander.home
-        body.simulation.set_origin(body.row, lat_deg, lon_deg, alt_amsl_m)
+        view, keeper = self._context.view, self._context.autopilot.commander.home
+        view.simulation.set_origin(view.row, lat_deg, lon_deg, alt_amsl_m)
         keeper.origin_moved()
 
     def _look(self) -> None:
         if self._asked:
             return
-        if not math.isfinite(self._context.body.origin[0]):
+        if not math.isfinite(self._context.view.origin[0]):
             self._context.after(LOOK_EVERY_S, self._look)
             return
         for link in self._context.links:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from vehicle_sim.autopilot.own_commands import GIMBAL_CONFIGURE, PARACHUTE, OwnCommand
+from vehicle_sim.commands.command import Command, Handler
 from vehicle_sim.mavlink.context import Context
-from vehicle_sim.mavlink.services.command_types import Command
-from vehicle_sim.mavlink.services.gimbal import GimbalService
 
 REPEATS = 3
 FIRST_REPEAT_S = 1.0
@@ -18,9 +19,9 @@ PARACHUTE_COMPONENT = 161
 class OwnCommandService:
     """COMMAND_LONG from the autopilot to component 0 of its own system."""
 
-    def __init__(self, context: Context, gimbal: GimbalService) -> None:
+    def __init__(self, context: Context, commands: Mapping[int, Handler]) -> None:
         self._context = context
-        self._gimbal = gimbal
+        self._commands = commands
         self._generations: dict[int, int] = {}
         context.autopilot.own_commands.add_listener(self._send)
 
@@ -28,7 +29,7 @@ class OwnCommandService:
         parameters = list(command.parameters)
         if command.number == GIMBAL_CONFIGURE and parameters[0] == SELF:
             parameters[:2] = map(float, self._context.own)
-        handler = self._gimbal.commands.get(command.number)
+        handler = self._commands.get(command.number)
         if handler is not None:
             p1, p2, p3, p4, p5, p6, p7 = parameters
             handler(Command(command.number, p1, p2, p3, p4, p5, p6, p7, self._context.own, ""))

@@ -32,7 +32,7 @@ class ParamService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._parameters = context.body.parameters
+        self._parameters = context.view.parameters
         self._lists: dict[str, deque[str]] = {}
         self._unsaved: set[str] = set()
         self._save_at_s = math.inf
@@ -90,7 +90,7 @@ class ParamService:
         self._limits.apply()
 
     def _note(self, name: str, _value: ParameterValue) -> None:
-        why = self._context.body.simulation.reload_parameters(self._context.body.row)
+        why = self._context.view.simulation.reload_parameters(self._context.view.row)
         if why is not None:
             self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
         if self._parameters.change is Change.COUNT:
@@ -99,12 +99,12 @@ class ParamService:
             self._unsaved.discard(name)
         else:
             self._mark(name)
-        self._tell_at_s = min(self._tell_at_s, self._context.body.time_s + TELL_AFTER_S)
+        self._tell_at_s = min(self._tell_at_s, self._context.view.time_s + TELL_AFTER_S)
 
     def _mark(self, name: str) -> None:
         self._unsaved.add(name)
         self._context.wake()
-        now_s = self._context.body.time_s
+        now_s = self._context.view.time_s
         if self._save_at_s == math.inf:
             self._save_at_s = max(now_s + SAVE_AFTER_S, self._saved_at_s + SAVE_EVERY_S)
 
@@ -112,7 +112,7 @@ class ParamService:
         """Send values to every link as after a change, though they are what they were."""
         for name in names:
             self._mark(name)
-        self._tell_at_s = min(self._tell_at_s, self._context.body.time_s + TELL_AFTER_S)
+        self._tell_at_s = min(self._tell_at_s, self._context.view.time_s + TELL_AFTER_S)
 
     @property
     def unsaved(self) -> frozenset[str]:
@@ -126,7 +126,7 @@ class ParamService:
 
     def step(self) -> None:
         """Send what is due: after a change all unsaved values to every link; parts of running lists."""
-        now_s = self._context.body.time_s
+        now_s = self._context.view.time_s
         if now_s >= self._tell_at_s:
             self._tell_at_s = math.inf
             for name in sorted(self._unsaved, key=self._parameters.index_of):

@@ -22,7 +22,7 @@ class RangingService:
 
     def begin(self, link: Link, now_us: int) -> None:
         """Stream OBSTACLE_DISTANCE where the world has such a lidar."""
-        if self._context.body.simulation.world.lidars.around:
+        if self._context.view.simulation.world.lidars.around:
             link.set_interval(OBSTACLE_DISTANCE.id, round(1e6 / OBSTACLE_HZ[link.profile]), now_us)
 
     def send(self, link: Link) -> None:

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 
 from vehicle_sim.autopilot.modes import LISTED
+from vehicle_sim.commands.command import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.rates import EVENT_DRIVEN
-from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.storage.metadata import GENERAL, general_crc
 
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
@@ -110,7 +110,7 @@ class RequestService:
         known = msg_id in self._context.telemetry.ids or msg_id in streamable or msg_id in SILENT_STREAMS
         if not known:
             return FAILED
-        link, now_us = self._link(command), self._context.body.time_boot_us()
+        link, now_us = self._link(command), self._context.view.time_boot_us()
         interval = command.p2
         if interval == 0.0 or math.isnan(interval):
             link.restore_interval(layout.name, now_us)
@@ -161,11 +161,11 @@ class RequestService:
         return bool(modes)
 
     def _flight_information(self, link: Link, command: Command) -> bool:
-        link.send("FLIGHT_INFORMATION", time_boot_ms=self._context.body.time_boot_ms())
+        link.send("FLIGHT_INFORMATION", time_boot_ms=self._context.view.time_boot_ms())
         return True
 
     def _timesync(self, link: Link, command: Command) -> bool:
-        link.send("TIMESYNC", ts1=self._context.body.time_boot_us() * 1000)
+        link.send("TIMESYNC", ts1=self._context.view.time_boot_us() * 1000)
         return True
 
     def _mag_cal_report(self, link: Link, command: Command) -> bool:
@@ -177,21 +177,21 @@ class RequestService:
 
     def _storage_information(self, link: Link, command: Command) -> bool:
         link.send(
-            "STORAGE_INFORMATION", time_boot_ms=self._context.body.time_boot_ms(), storage_id=1,
+            "STORAGE_INFORMATION", time_boot_ms=self._context.view.time_boot_ms(), storage_id=1,
             storage_count=1, status=STORAGE_READY, total_capacity=STORAGE_MIB, available_capacity=STORAGE_MIB,
         )  # fmt: skip
         return True
 
     def _component_metadata(self, link: Link, command: Command) -> bool:
         link.send(
-            "COMPONENT_METADATA", time_boot_ms=self._context.body.time_boot_ms(), file_crc=general_crc(),
+            "COMPONENT_METADATA", time_boot_ms=self._context.view.time_boot_ms(), file_crc=general_crc(),
             uri=f"mftp://{GENERAL}",
         )  # fmt: skip
         return True
 
     def _component_information(self, link: Link, command: Command) -> bool:
         link.send(
-            "COMPONENT_INFORMATION", time_boot_ms=self._context.body.time_boot_ms(),
+            "COMPONENT_INFORMATION", time_boot_ms=self._context.view.time_boot_ms(),
             general_metadata_file_crc=general_crc(), general_metadata_uri=f"mftp://{GENERAL}",
         )  # fmt: skip
         return True
@@ -205,7 +205,7 @@ class RequestService:
         counts = link.parser.counts
         link.send(
             "LINK_NODE_STATUS",
-            timestamp=self._context.body.time_boot_us(),
+            timestamp=self._context.view.time_boot_us(),
             tx_rate=link.tx_rate,
             rx_rate=link.rx_rate,
             rx_parse_err=min(65535, counts.bad_crc),

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.shell.console import Console
 
 SHELL = 10
 """SERIAL_CONTROL_DEV."""
@@ -23,11 +23,28 @@ MOST_WAITING_BYTES = 200_000
 """Nobody needs more of it than that; the rest is cut off."""
 
 
+class Terminal(Protocol):
+    """A console without its wires."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a command takes its time."""
+        ...
+
+    def type(self, text: str) -> str:
+        """Characters typed; what the console shows for them."""
+        ...
+
+    def step(self) -> str:
+        """What a command that runs shows now."""
+        ...
+
+
 @dataclass(slots=True)
 class _Session:
     """A console of one link."""
 
-    console: Console
+    console: Terminal
     to: tuple[int, int]
     waiting: bytearray = field(default_factory=bytearray)
 
@@ -35,8 +52,10 @@ class _Session:
 class ShellService:
     """One console a link, opened by its first bytes."""
 
-    def __init__(self, context: Context, console: Callable[[], Console]) -> None:
-        self._context, self._console = context, console
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.console: Callable[[], Terminal] | None = None
+        """Makes one; None: the vehicle has none."""
         self._sessions: dict[str, _Session] = {}
         self.handlers = {"SERIAL_CONTROL": self.receive}
 
@@ -50,13 +69,13 @@ class ShellService:
         values = message.values
         if values["target_system"] not in (0, self._context.system_id) or values["target_component"] > 1:
             return
-        if message.device != SHELL:
+        if message.device != SHELL or self.console is None:
             return
         session = self._sessions.get(link.name)
         count = min(message.count, PART_BYTES)
         if count:
             if session is None:
-                session = self._sessions[link.name] = _Session(self._console(), message.sender)
+                session = self._sessions[link.name] = _Session(self.console(), message.sender)
             session.to = message.sender
             text = bytes(message.data[:count]).decode("utf-8", "replace")
             self._show(session, session.console.type(text))

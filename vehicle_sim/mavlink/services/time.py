@@ -18,7 +18,7 @@ class TimeService:
         """Give our time (nanoseconds) to who asks with tc1 = 0."""
         if message.tc1 == 0:
             link.send(
-                "TIMESYNC", tc1=self._context.body.time_boot_us() * 1000, ts1=message.ts1,
+                "TIMESYNC", tc1=self._context.view.time_boot_us() * 1000, ts1=message.ts1,
                 target_system=message.system_id, target_component=message.component_id,
             )  # fmt: skip
 
@@ -32,9 +32,9 @@ class TimeService:
 
     def send_timesync(self, link: Link) -> None:
         """Ask for the other end's time."""
-        link.send("TIMESYNC", ts1=self._context.body.time_boot_us() * 1000)
+        link.send("TIMESYNC", ts1=self._context.view.time_boot_us() * 1000)
 
     def send_ping(self, link: Link) -> None:
         """Ask for an echo."""
-        link.send("PING", time_usec=self._context.body.time_boot_us(), seq=link.ping_sequence)
+        link.send("PING", time_usec=self._context.view.time_boot_us(), seq=link.ping_sequence)
         link.ping_sequence += 1

@@ -49,7 +49,7 @@ class VisionService:
         if m.frame_id == LOCAL_FRD:
             if not oriented:
                 return
-            turn = self._context.body.belief.yaw_ned_rad - heading
+            turn = self._context.view.estimate.yaw_ned_rad - heading
             heading = math.nan
         velocity = _usable((m.vx, m.vy, m.vz), FASTEST_M_S)
         if m.child_frame_id == BODY_FRD:
@@ -69,8 +69,8 @@ class VisionService:
         )
 
     def _take(self, sample: VisionSample) -> None:
-        body = self._context.body
-        body.simulation.take_vision(body.row, sample)
+        view = self._context.view
+        view.simulation.take_vision(view.row, sample)
 
 
 def _usable(values: Vector, largest: float) -> Vector:

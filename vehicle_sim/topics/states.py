@@ -14,8 +14,8 @@ from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.takeoff import TakeoffState
-from vehicle_sim.logger.topics import ARRAY_TOPICS
-from vehicle_sim.logger.ulog import Layout
+from vehicle_sim.topics.arrays import ARRAY_TOPICS
+from vehicle_sim.topics.layout import Layout
 
 Values = Mapping[str, Any]
 NAN = math.nan
@@ -63,7 +63,7 @@ class States:
 
     def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self._autopilot = autopilot
-        self._body = autopilot.body
+        self._view = autopilot.view
         self._commander = autopilot.commander
         self._system_id = system_id
         self._armed_us = self._took_off_us = 0
@@ -123,7 +123,7 @@ class States:
     def _note(self, item: StatusText | Event) -> None:
         if isinstance(item, StatusText):
             return
-        now_us = self._body.time_boot_us()
+        now_us = self._view.time_boot_us()
         if item.name == "commander_armed_by":
             self._armed_us, self._reasons[0] = now_us, item.arguments[0]
         elif item.name == "commander_disarmed_by":
@@ -265,14 +265,14 @@ class States:
         }
 
     def _landing(self) -> Values:
-        detector, belief = self._autopilot.land_detector, self._body.belief
-        speed = math.hypot(*belief.velocity_ned_m_s[:2])
-        parameter = self._body.parameter
+        detector, estimate = self._autopilot.land_detector, self._view.estimate
+        speed = math.hypot(*estimate.velocity_ned_m_s[:2])
+        parameter = self._view.parameter
         return {
             "ground_contact": detector.ground_contact,
             "maybe_landed": detector.maybe_landed,
             "landed": detector.landed,
-            "vertical_movement": abs(belief.velocity_ned_m_s[2]) > parameter("LNDMC_Z_VEL_MAX"),
+            "vertical_movement": abs(estimate.velocity_ned_m_s[2]) > parameter("LNDMC_Z_VEL_MAX"),
             "horizontal_movement": speed > parameter("LNDMC_XY_VEL_MAX"),
             "at_rest": detector.landed and not self._commander.armed,
         }
@@ -280,10 +280,10 @@ class States:
     def _takeoff(self) -> Values:
         state = self._autopilot.takeoff.state
         name = "MPC_TILTMAX_AIR" if state is TakeoffState.FLIGHT else "MPC_TILTMAX_LND"
-        return {"tilt_limit": math.radians(self._body.parameter(name)), "takeoff_state": _TAKEOFF[state]}
+        return {"tilt_limit": math.radians(self._view.parameter(name)), "takeoff_state": _TAKEOFF[state]}
 
     def _battery(self) -> Values:
-        battery, i = self._body.simulation.battery, self._body.row
+        battery, i = self._view.simulation.battery, self._view.row
         volts = float(battery.voltage_v[i])
         return {
             "voltage_v": volts, "current_a": float(battery.current_a[i]), "current_average_a": -1.0,
@@ -304,15 +304,15 @@ class States:
         }  # fmt: skip
 
     def _estimator_key(self) -> object:
-        b = self._body.belief
+        b = self._view.estimate
         return b.valid_attitude, b.valid_position, b.valid_altitude, self._autopilot.land_detector.landed
 
     def _estimator(self) -> Values:
-        b, landed = self._body.belief, self._autopilot.land_detector.landed
-        fix = int(self._body.simulation.sensors.gps_fix_type[self._body.row]) >= 3
+        b, landed = self._view.estimate, self._autopilot.land_detector.landed
+        fix = int(self._view.simulation.sensors.gps_fix_type[self._view.row]) >= 3
         aided = b.valid_position and fix
         return {
-            "timestamp_sample": self._body.time_boot_us(), "cs_tilt_align": b.valid_attitude,
+            "timestamp_sample": self._view.time_boot_us(), "cs_tilt_align": b.valid_attitude,
             "cs_yaw_align": b.valid_attitude, "cs_gnss_pos": aided, "cs_gnss_vel": aided, "cs_gps_hgt": aided,
             "cs_baro_hgt": b.valid_altitude, "cs_mag_hdg": b.valid_attitude, "cs_mag": b.valid_attitude,
             "cs_in_air": not landed, "cs_vehicle_at_rest": landed and not self._commander.armed,

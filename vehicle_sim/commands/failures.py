@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from vehicle_sim.mavlink.context import Context
-from vehicle_sim.mavlink.services.command_types import ACCEPTED, DENIED, UNSUPPORTED, Command
+from vehicle_sim.commands.command import ACCEPTED, DENIED, UNSUPPORTED, Command, CommandHost, Handler
 
 INJECT_FAILURE = 420
 GPS, BATTERY, MOTOR = 4, 100, 101
@@ -19,21 +18,21 @@ OK, OFF, STUCK = 0, 1, 2
 EMPTY = 0.0
 
 
-class FailureService:
+class FailureCommands:
     """Command 420, where SYS_FAILURE_EN allows it."""
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
+    def __init__(self, host: CommandHost) -> None:
+        self._host = host
         self._units: dict[int, Callable[[int, int], bool]] = {
             GPS: self._gps,
             BATTERY: self._battery,
             MOTOR: self._motor,
         }
-        self.commands: dict[int, Callable[[Command], int | None]] = {INJECT_FAILURE: self.inject}
+        self.commands: dict[int, Handler] = {INJECT_FAILURE: self.inject}
 
     def inject(self, command: Command) -> int | None:
         """Unit, kind of failure and instance (0: all) in param1 to param3."""
-        if self._context.body.choice("SYS_FAILURE_EN") != 1:
+        if self._host.view.choice("SYS_FAILURE_EN") != 1:
             return DENIED
         unit = self._units.get(_whole(command.p1))
         if unit is None:
@@ -43,22 +42,22 @@ class FailureService:
     def _gps(self, kind: int, instance: int) -> bool:
         if kind not in (OK, OFF, STUCK) or instance not in (0, 1):
             return False
-        body = self._context.body
-        body.simulation.set_gps_enabled(body.row, kind != OFF)
-        body.simulation.set_gps_stuck(body.row, kind == STUCK)
+        view = self._host.view
+        view.simulation.set_gps_enabled(view.row, kind != OFF)
+        view.simulation.set_gps_stuck(view.row, kind == STUCK)
         return True
 
     def _battery(self, kind: int, _instance: int) -> bool:
-        body = self._context.body
+        view = self._host.view
         if kind == OFF:
-            body.simulation.set_battery_remaining(body.row, EMPTY)
+            view.simulation.set_battery_remaining(view.row, EMPTY)
         elif kind == OK:
-            body.simulation.refill_battery(body.row)
+            view.simulation.refill_battery(view.row)
         return kind in (OK, OFF)
 
     def _motor(self, kind: int, instance: int) -> bool:
-        body = self._context.body
-        health = body.simulation.motor_health[body.row]
+        view = self._host.view
+        health = view.simulation.motor_health[view.row]
         if kind not in (OK, OFF) or not 0 <= instance <= len(health):
             return False
         which = slice(None) if instance == 0 else instance - 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from vehicle_sim.autopilot.body import Body, Vector
 from vehicle_sim.geodesy import to_local
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 FIX_3D = 3
 GPS_HOME_EVERY_US = 2_000_000
@@ -33,43 +33,47 @@ class Home:
 class HomeKeeper:
     """Moves home: by command, with the vehicle while it is disarmed, and to where it arms and lifts."""
 
-    def __init__(self, body: Body, home: Home) -> None:
-        self._body = body
+    def __init__(self, view: VehicleView, home: Home) -> None:
+        self._view = view
         self.home = home
 
     def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
         """A given place becomes home, and stays it until the next command."""
-        origin_lat, origin_lon, origin_alt = self._body.origin
+        origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home
         home.lat_deg, home.lon_deg, home.alt_amsl_m = lat_deg, lon_deg, alt_amsl_m
         home.position_ned_m = (float(n), float(e), -(alt_amsl_m - origin_alt))
         home.yaw_ned_rad = math.radians(yaw_deg)
-        home.set_at_us, home.manual = self._body.time_boot_us(), True
+        home.set_at_us, home.manual = self._view.time_boot_us(), True
 
     def origin_moved(self) -> None:
         """The local frame lies elsewhere: home stays on the globe."""
         home = self.home
         if home.valid:
-            lat, lon, alt = self._body.origin
+            lat, lon, alt = self._view.origin
             n, e = to_local(home.lat_deg, home.lon_deg, lat, lon)  # type: ignore[arg-type]
             home.position_ned_m = (float(n), float(e), alt - home.alt_amsl_m)
 
     def set_here(self) -> bool:
         """The present place becomes home, where the vehicle knows it."""
-        belief, home = self._body.belief, self.home
-        if not belief.valid_position:
+        estimate, home = self._view.estimate, self.home
+        if not estimate.valid_position:
             return False
-        if math.isfinite(belief.lat_deg):
-            home.lat_deg, home.lon_deg, home.alt_amsl_m = belief.lat_deg, belief.lon_deg, belief.alt_amsl_m
-            home.position_ned_m = belief.position_ned_m
-            home.yaw_ned_rad = belief.yaw_ned_rad
-            home.set_at_us, home.manual = self._body.time_boot_us(), False
+        if math.isfinite(estimate.lat_deg):
+            home.lat_deg, home.lon_deg, home.alt_amsl_m = (
+                estimate.lat_deg,
+                estimate.lon_deg,
+                estimate.alt_amsl_m,
+            )
+            home.position_ned_m = estimate.position_ned_m
+            home.yaw_ned_rad = estimate.yaw_ned_rad
+            home.set_at_us, home.manual = self._view.time_boot_us(), False
         return True
 
     def _follow_gps(self) -> None:
         """Without a local position home is where the receiver says, anew every two seconds."""
-        sensors, i, now_us = self._body.simulation.sensors, self._body.row, self._body.time_boot_us()
+        sensors, i, now_us = self._view.simulation.sensors, self._view.row, self._view.time_boot_us()
         home = self.home
         if int(sensors.gps_fix_type[i]) < FIX_3D or now_us - home.set_at_us < GPS_HOME_EVERY_US:
             return
@@ -80,7 +84,7 @@ class HomeKeeper:
     @property
     def _moves(self) -> bool:
         """Whether home moves by itself: COM_HOME_EN, unless a place was given."""
-        return not self.home.manual and self._body.choice("COM_HOME_EN") != 0
+        return not self.home.manual and self._view.choice("COM_HOME_EN") != 0
 
     def armed_or_lifted(self) -> None:
         """The vehicle was armed or left the ground: where it did is home."""
@@ -89,11 +93,11 @@ class HomeKeeper:
 
     def follow(self) -> None:
         """While disarmed: home goes with a vehicle that is carried more than a metre."""
-        belief = self._body.belief
+        estimate = self._view.estimate
         if not self._moves:
             return
-        if not belief.valid_position:
+        if not estimate.valid_position:
             self._follow_gps()
             return
-        if not self.home.valid or math.dist(belief.position_ned_m, self.home.position_ned_m) > 1.0:
+        if not self.home.valid or math.dist(estimate.position_ned_m, self.home.position_ned_m) > 1.0:
             self.set_here()

@@ -7,17 +7,17 @@ and tells them again. One that needs the vehicle turned waits for that until it 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
-from vehicle_sim.mavlink.context import Context
-from vehicle_sim.mavlink.services.command_types import (
+from vehicle_sim.commands.command import (
     ACCEPTED,
     DENIED,
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
     Command,
+    CommandHost,
+    Handler,
 )
-from vehicle_sim.mavlink.services.params import ParamService
 
 CALIBRATION, FIXED_MAG = 241, 42006
 INFO, CRITICAL = 6, 2
@@ -37,26 +37,31 @@ BARO_S = 15.0
 Action = Callable[[], None]
 
 
-class CalibrationService:
-    """Commands 241 and 42006; one calibration at a time."""
+class CalibrationCommands:
+    """Commands 241 and 42006; one calibration at a time.
 
-    def __init__(self, context: Context, params: ParamService) -> None:
-        self._context = context
-        self._params = params
-        self._announcer = context.autopilot.announcer
+    Args:
+        host: the vehicle.
+        tell_parameters: sends these to every ground station, though they are what they were.
+    """
+
+    def __init__(self, host: CommandHost, tell_parameters: Callable[[Iterable[str]], None]) -> None:
+        self._host = host
+        self._tell_parameters = tell_parameters
+        self._announcer = host.autopilot.announcer
         self._now = ""
         self._measuring = False
         self._cancelled_by: Command | None = None
         self._token = 0
         """Rises with each calibration: what an ended one still had planned is dropped."""
-        self.commands: dict[int, Callable[[Command], int | None]] = {
+        self.commands: dict[int, Handler] = {
             CALIBRATION: self.calibrate,
             FIXED_MAG: self.fixed_mag,
         }
 
     def calibrate(self, c: Command) -> int | None:
         """What the first parameter that is set asks for; all zero cancels."""
-        if self._context.autopilot.commander.armed:
+        if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         wanted = [int(p) if math.isfinite(p) else 0 for p in (c.p1, c.p2, c.p3, c.p4, c.p5, c.p6, c.p7)]
         if not any(wanted):
@@ -72,9 +77,9 @@ class CalibrationService:
         if wanted[3] in (1, 2):
             return self._begin(self._remote)
         if wanted[4] in (ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK):
-            bodies = {ACCELEROMETER_FULL: self._accelerometer, LEVEL: self._level,
+            starts = {ACCELEROMETER_FULL: self._accelerometer, LEVEL: self._level,
                       ACCELEROMETER_QUICK: self._accelerometer_quick}  # fmt: skip
-            return self._begin(bodies[wanted[4]])
+            return self._begin(starts[wanted[4]])
         if wanted[5] in (1, 2):
             return self._begin(self._airspeed)
         if wanted[6] == 1:
@@ -84,7 +89,7 @@ class CalibrationService:
 
     def fixed_mag(self, c: Command) -> int:
         """FIXED_MAG_CAL_YAW: the heading is given, the field is known."""
-        if self._context.autopilot.commander.armed:
+        if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         heading_deg = c.p1 if math.isfinite(c.p1) else 0.0
         self._token += 1
@@ -100,13 +105,13 @@ class CalibrationService:
     @_running.setter
     def _running(self, name: str) -> None:
         self._now = name
-        self._context.autopilot.commander.calibrating = bool(name)
+        self._host.autopilot.commander.calibrating = bool(name)
 
     # --- the calibrations ------------------------------------------------------------------------------
 
-    def _begin(self, body: Action) -> int:
+    def _begin(self, start: Action) -> int:
         self._token += 1
-        body()
+        start()
         return ACCEPTED
 
     def _start(self, name: str) -> None:
@@ -152,8 +157,8 @@ class CalibrationService:
             self._at(2 * LIST_S + rest_s + orientation_s + LIST_S * n, lambda: self._say(DOWN))
 
     def _down_side(self) -> None:
-        body = self._context.body
-        x, y, z = body.simulation.sensors.accel_frd_m_s2[body.row].tolist()
+        view = self._host.view
+        x, y, z = view.simulation.sensors.accel_frd_m_s2[view.row].tolist()
         self._say(f"[cal] down side result: [{x:.3f} {y:.3f} {z:.3f}]")
 
     def _baro(self) -> None:
@@ -168,7 +173,7 @@ class CalibrationService:
         self._start("level")
         for step in range(6):
             self._at(LIST_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
-        self._at(0.57, lambda: self._params.tell(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF")))
+        self._at(0.57, lambda: self._tell_parameters(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF")))
         self._at(0.585, lambda: self._progress(100))
         self._at(0.63, lambda: self._done("level"))
 
@@ -195,7 +200,7 @@ class CalibrationService:
         if running == "rc":
             self._announcer.both(INFO, "Calibration: Restoring RC input", "commander_calib_rc_on")
             return ACCEPTED
-        self._acknowledge(c, ACCEPTED)
+        self._host.acknowledge(c, ACCEPTED)
         self._say("[cal] calibration cancelled", CRITICAL)
         return TEMPORARILY_REJECTED
 
@@ -205,21 +210,15 @@ class CalibrationService:
         if command is None:
             return
         self._running = ""
-        self._acknowledge(command, ACCEPTED)
+        self._host.acknowledge(command, ACCEPTED)
         self._say("[cal] calibration cancelled", CRITICAL)
         self._at(LIST_S, lambda: self._say("[cal] calibration failed: accel", CRITICAL))
 
-    def _acknowledge(self, c: Command, result: int) -> None:
-        self._context.broadcast(
-            "COMMAND_ACK", command=c.number, result=result, target_system=c.sender[0],
-            target_component=c.sender[1],
-        )  # fmt: skip
-
     def _tell(self, prefix: str) -> None:
-        store = self._context.body.parameters
+        store = self._host.view.parameters
         if store.get(f"{prefix}PRIO") < 0:
             store.set(f"{prefix}PRIO", PRIORITY)
-        self._params.tell([name for name in store.names if name.startswith(prefix)])
+        self._tell_parameters([name for name in store.names if name.startswith(prefix)])
 
     def _say(self, text: str, severity: int = INFO) -> None:
         self._announcer.text(severity, text)
@@ -234,4 +233,4 @@ class CalibrationService:
             if token == self._token:
                 action()
 
-        self._context.after(seconds, run)
+        self._host.after(seconds, run)

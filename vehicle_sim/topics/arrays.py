@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from vehicle_sim.frames import yaw_of
 from vehicle_sim.geodesy import to_global
-from vehicle_sim.logger.ulog import Layout
 from vehicle_sim.simulation import Simulation
+from vehicle_sim.topics.layout import Layout
 
 Source = Callable[[Simulation], NDArray[Any]]
 NAN = math.nan

@@ -5,16 +5,16 @@ Reading single elements of NumPy arrays is what costs in a Python autopilot; thi
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
+from vehicle_sim.frames import angles_of
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.simulation import Simulation
 
 Vector = tuple[float, float, float]
 
 
-class Belief(NamedTuple):
+class VehicleEstimate(NamedTuple):
     """What the estimator says now; NED, FRD, SI."""
 
     position_ned_m: Vector
@@ -36,7 +36,7 @@ class Belief(NamedTuple):
     valid_altitude: bool
 
 
-class Body:
+class VehicleView:
     """Vehicle `row` of a simulation, for its autopilot and its telemetry."""
 
     def __init__(self, simulation: Simulation, row: int, boot_time_unix_s: float) -> None:
@@ -44,7 +44,7 @@ class Body:
         self.row = row
         self.parameters: Parameters = simulation.parameters[row]
         self.boot_time_unix_s = boot_time_unix_s
-        self._belief: Belief | None = None
+        self._estimate: VehicleEstimate | None = None
         self._floats: dict[str, float] = {}
         self._choices: dict[str, int] = {}
         self.parameter_changes = 0
@@ -96,29 +96,30 @@ class Body:
             return default
 
     @property
-    def belief(self) -> Belief:
+    def estimate(self) -> VehicleEstimate:
         """The estimate of this step."""
-        if self._belief is None or self._step != self.simulation.steps:
-            self._belief = self._read()
+        if self._estimate is None or self._step != self.simulation.steps:
+            self._estimate = self._read()
             self._step = self.simulation.steps
-        return self._belief
+        return self._estimate
 
-    def _read(self) -> Belief:
+    def _read(self) -> VehicleEstimate:
         rows, i = self.simulation.estimate_rows, self.row
         w, x, y, z = rows.q_ned_frd[i]
+        roll, pitch, yaw = angles_of((w, x, y, z))
         north, east, down = rows.position_ned_m[i]
         vn, ve, vd = rows.velocity_ned_m_s[i]
         an, ae, ad = rows.acceleration_ned_m_s2[i]
         roll_rate, pitch_rate, yaw_rate = rows.rates_frd_rad_s[i]
-        return Belief(
+        return VehicleEstimate(
             position_ned_m=(north, east, down),
             velocity_ned_m_s=(vn, ve, vd),
             acceleration_ned_m_s2=(an, ae, ad),
             q_ned_frd=(w, x, y, z),
             rates_frd_rad_s=(roll_rate, pitch_rate, yaw_rate),
-            roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            pitch_rad=math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-            yaw_ned_rad=math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+            roll_rad=roll,
+            pitch_rad=pitch,
+            yaw_ned_rad=yaw,
             lat_deg=rows.lat_deg[i],
             lon_deg=rows.lon_deg[i],
             alt_amsl_m=rows.alt_amsl_m[i],
