@@ -260,7 +260,7 @@ def console():
     station = Station()
     station.run(1)
     node = station.sim.nodes[0]
-    made: Console = node._shell._console()
+    made: Console = node._shell.console()
     return made
 
 
