@@ -44,7 +44,10 @@ async def release(v: str, station: StationDep, client: ClientDep) -> Response:
 
 @router.post("/angles", response_model=responses.GimbalPointed)
 async def angles(v: str, body: models.GimbalAngles, station: StationDep, client: ClientDep) -> Response:
-    """Points the camera; answers once it is there or has stopped: `limited` says where it stopped short."""
+    """Points the camera; answers once it is there or has stopped: `limited` says where it stopped short.
+
+    Without `wait` it answers once the vehicle has acknowledged.
+    """
     return await carry_out(
         station,
         client,
@@ -52,7 +55,7 @@ async def angles(v: str, body: models.GimbalAngles, station: StationDep, client:
         v,
         body.model_dump(exclude_none=True),
         lambda x: x.gimbal.set_angles(
-            body.pitch_deg, body.yaw_deg, roll_deg=body.roll_deg, yaw_lock=body.yaw_lock
+            body.pitch_deg, body.yaw_deg, roll_deg=body.roll_deg, yaw_lock=body.yaw_lock, wait=body.wait
         ),
         result_as="limited",
     )

@@ -12,6 +12,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.api.strict_body import StrictBody
+from gcs_server.control.client import key_of
 from gcs_server.streamer import group_status as status
 from gcs_server.streamer import setpoints as s
 from gcs_server.streamer.group_checks import GroupOrder
@@ -97,6 +98,7 @@ class StartGroup(_Together):
             valid_for_s=self.valid_for_s,
             on_expiry=self.expiry(),
             client=client,
+            client_key=key_of(client),
             rate_hz=self.rate_hz,
             start_at_unix_s=self.start_at_unix_s,
             others_go_on=self.others_go_on,

@@ -60,7 +60,10 @@ async def setpoints(g: str, body: models.GroupSetpoints, station: StationDep, cl
     }
     with together(station, client, "offboard/setpoint", arguments):
         orders = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
-        return answer(await station.groups.setpoints(g, orders, body.valid_for_s, body.expiry(), client))
+        status = await station.groups.setpoints(
+            g, orders, body.valid_for_s, body.expiry(), client, client.key
+        )
+        return answer(status)
 
 
 @router.post("/{g}/hold", response_model=models.GroupModel)

@@ -94,6 +94,11 @@ class GimbalAngles(StrictBody):
     )
     roll_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-180, le=180, description="[deg]")
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
+    wait: bool = Field(
+        default=True,
+        description="Answer once it is there or has stopped; false: once the vehicle has acknowledged, "
+        "for angles that follow each other fast.",
+    )
 
 
 class GimbalRates(StrictBody):

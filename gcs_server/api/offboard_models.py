@@ -24,6 +24,7 @@ from gcs_server.api.setpoint_models import (
     VelocitySetpoint,
 )
 from gcs_server.api.strict_body import StrictBody
+from gcs_server.control.client import key_of
 from gcs_server.streamer import limit_values as values
 from gcs_server.streamer import setpoints as s
 
@@ -69,9 +70,8 @@ class _Lasting(StrictBody):
         """The streamer's own value."""
         expiry = self.on_expiry
         hold_for_s = expiry.hold_for_s if isinstance(expiry, HoldOnExpiry) else 0.0
-        return s.Order(
-            setpoint.to_setpoint(), self.valid_for_s, s.OnExpiry(expiry.action, hold_for_s), client
-        )
+        on_expiry = s.OnExpiry(expiry.action, hold_for_s)
+        return s.Order(setpoint.to_setpoint(), self.valid_for_s, on_expiry, client, key_of(client))
 
 
 class StartRequest(_Lasting):

@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection
 
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
-from gcs_server.control.client import Client
+from gcs_server.control.client import Client, key_of
 from gcs_server.control.journal import Journal
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.router import Router
@@ -123,7 +123,12 @@ def progress_to(vehicle: Vehicle, client: str, command: str) -> Progress:
     """Tells everybody who listens how far a command is, and whose it is; kept in no history."""
 
     def tell(text: str, fraction: float | None) -> None:
-        data: dict[str, object] = {"command": command, "client": client, "fraction": fraction}
+        data: dict[str, object] = {
+            "command": command,
+            "client": client,
+            "client_key": key_of(client),
+            "fraction": fraction,
+        }
         vehicle.events.add("progress", vehicle.clock.unix_s(), text, severity=DEBUG, data=data, kept=False)
 
     return tell

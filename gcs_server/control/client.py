@@ -55,5 +55,10 @@ class Client(str):
         return (str, (str(self),))  # a copy is a name: journal and samples keep no keys
 
 
+def key_of(client: str) -> str:
+    """What tells a client from others of its name, where it is passed on as a name."""
+    return Client.named(client).key
+
+
 def _printable(text: str) -> str:
     return "".join(c for c in text if c.isprintable()).strip()

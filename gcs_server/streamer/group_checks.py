@@ -29,6 +29,7 @@ class GroupOrder:
     on_expiry: OnExpiry
     client: str
     rate_hz: float = 50.0
+    client_key: str = ""
     start_at_unix_s: float | None = None
     others_go_on: bool = False
 
@@ -156,6 +157,7 @@ class GroupChecks:
                 order.valid_for_s + longest_s - _duration_s(setpoint),
                 order.on_expiry,
                 order.client,
+                order.client_key,
             )
             for vehicle_id, setpoint in setpoints.items()
         }

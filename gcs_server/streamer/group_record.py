@@ -55,6 +55,7 @@ class Group:
             id=self.id,
             state=self.state,
             client=self.order.client,
+            client_key=self.order.client_key,
             minimum_separation_m=self.order.minimum_separation_m,
             margin_m=None if margin_m is None else round(margin_m, 2),
             others_go_on=self.order.others_go_on,

@@ -59,6 +59,8 @@ class GroupStatus:
     """starting (being brought into Offboard), waiting (for the common start), flying, holding, ended."""
     client: str
     """Whose setpoints they are."""
+    client_key: str
+    """Tells the client from others of its name."""
     minimum_separation_m: float
     """How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m]."""
     margin_m: float | None

@@ -107,6 +107,7 @@ class Groups:
         valid_for_s: float,
         on_expiry: OnExpiry,
         client: str,
+        client_key: str = "",
     ) -> GroupStatus:
         """New setpoints for some or all, sent at one instant; those of the others are renewed.
 
@@ -116,15 +117,20 @@ class Groups:
         """
         group = self._get(group_id)
         async with group.changing:  # each is checked against what the one before has changed
-            return await self._change(group, changed, valid_for_s, on_expiry, client)
+            lasting = replace(
+                group.order,
+                valid_for_s=valid_for_s,
+                on_expiry=on_expiry,
+                client=client,
+                client_key=client_key,
+            )
+            return await self._change(group, changed, lasting)
 
     async def _change(
         self,
         group: Group,
         changed: Mapping[str, Setpoint],
-        valid_for_s: float,
-        on_expiry: OnExpiry,
-        client: str,
+        lasting: GroupOrder,
     ) -> GroupStatus:
         group_id, guard = group.id, self._guard(group)
         if guard is None or group.state not in ("flying", "holding") or guard.phase != "flying":
@@ -141,9 +147,7 @@ class Groups:
                     remedy="Command it by itself, or hold the group and start it anew.",
                 )
         setpoints = group.setpoints | dict(changed)
-        order = replace(
-            group.order, setpoints=setpoints, valid_for_s=valid_for_s, on_expiry=on_expiry, client=client
-        )
+        order, valid_for_s = replace(lasting, setpoints=setpoints), lasting.valid_for_s
         orders = self._checks.orders(order, changed)
         for index, vehicle_id in enumerate(changed):
             vehicle = group.vehicles[vehicle_id]
@@ -228,13 +232,16 @@ class Groups:
 
     async def _gather(self, group: Group) -> dict[str, Order]:
         """All members stream their places and fly Offboard; at the first that does not, all hold."""
+        order = group.order
         waits: dict[str, Order] = {}
         failed: dict[str, GcsError] = {}
         for vehicle in group.vehicles.values():
             here = vehicle.offboard.snapshot().position_at(self._clock.monotonic_s())
             if here is None:
                 raise NotTogether(f"Vehicle {vehicle.id} does not know where it is.", vehicles=(vehicle.id,))
-            waits[vehicle.id] = Order(Position(here), STAY_S, OnExpiry("hold", 1.0), group.order.client)
+            waits[vehicle.id] = Order(
+                Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key
+            )
             group.numbers[vehicle.id] = self._streams.state(vehicle.id).number + 1
 
         async def join(vehicle: Vehicle) -> None:

@@ -328,6 +328,7 @@ class OffboardControl:
             streaming=state.phase != "idle",
             state=state.phase,
             client=order.client if order else None,
+            client_key=(order.client_key or None) if order else None,
             ordered_type=order.setpoint.type if order else None,
             setpoint=setpoint_view(state.sent),
             limited=state.limited,

@@ -217,6 +217,8 @@ class Order:
     valid_for_s: float = 1.0
     on_expiry: OnExpiry = OnExpiry()
     client: str = ""
+    client_key: str = ""
+    """Tells the client from others of its name; empty where nobody is meant."""
 
     @property
     def lasts_s(self) -> float:

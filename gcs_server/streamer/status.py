@@ -61,6 +61,8 @@ class OffboardStatus:
     (the start failed, but the vehicle may yet take Offboard)."""
     client: str | None
     """Whose setpoint it is."""
+    client_key: str | None
+    """Tells the client from others of its name."""
     ordered_type: str | None
     """The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry)."""
     setpoint: dict[str, object] | None

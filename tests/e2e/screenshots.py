@@ -268,7 +268,7 @@ def lost(at: Set) -> None:
     """The simulator is stopped: nothing is heard of the vehicle."""
     os.killpg(at.simulator.pid, signal.SIGSTOP)
     try:
-        until_pill(at.page, "Lost")
+        until_pill(at.page, "Connection lost")
         time.sleep(3)
         shoot(at.page, at.folder, "lost")
     finally:

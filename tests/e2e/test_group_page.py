@@ -132,8 +132,10 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         page.evaluate(HIDE, "visible")
         expect(card).to_contain_text("Its setpoints expired.")
 
-        # Somebody else's is seen too, and can be held.
-        with SyncGcs(url, client="pair", client_id="e2e") as other:
+        # Somebody else's is seen too, by key and not by name, and can be held.
+        for drone in drones:
+            drone.control.release()
+        with SyncGcs(url, client="pair", client_id="pair") as other:
             orders = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
             with other.group(orders, minimum_separation_m=1, valid_for_s=60):
                 theirs = room.get_by_role("region", name="Group 3")

@@ -474,8 +474,10 @@ def test_nothing_that_only_counts_is_said_aloud(browser: Browser, flying: Statio
         drone.hold()
         os.killpg(vehicles, signal.SIGSTOP)
         try:
+            expect(page.locator(".pill b")).to_have_text("Connection lost")
             expect(page.get_by_role("button", name=re.compile("^101"))).to_contain_text("lost")
             page.wait_for_timeout(500)
             assert page.evaluate(TICKING, A_FEW_SECONDS_MS) == []
         finally:
             os.killpg(vehicles, signal.SIGCONT)
+        expect(page.locator(".pill b")).not_to_have_text("Connection lost")

@@ -72,7 +72,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         # Silence: said at once in words and shape, and what was known is not shown as live.
         os.killpg(second.pid, signal.SIGSTOP)
         try:
-            expect(pill).to_have_text("Lost")
+            expect(pill).to_have_text("Connection lost")
             expect(chips.nth(1)).to_contain_text("lost")
             expect(chips.nth(0)).not_to_contain_text("lost")
             expect(page.get_by_label("Values", exact=True)).to_contain_text(" old")

@@ -3,11 +3,13 @@
 import contextlib
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from pydantic import TypeAdapter
 
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
-from gcs_server.api.offboard_models import StartRequest
+from gcs_server.api.offboard_models import AnyOrder, StartRequest
 from gcs_server.control.client import Client
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
@@ -19,6 +21,9 @@ ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
 MISSION = 4 << 16 | 4 << 24
 START = StartRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
+)
+ORDER: Any = TypeAdapter(AnyOrder).validate_python(
+    {"type": "position", "position_ned_m": [0, 0, -6], "valid_for_s": 60}
 )
 YES = control_models.TakeControl(force=True)
 
@@ -356,5 +361,22 @@ def test_a_setpoint_stream_outlives_its_clients_control_by_its_own_validity_only
         await seconds(40)
         assert at.pilot.mode == HOLD
         assert order().valid_for_s == START.valid_for_s
+
+    desk(jump, story)
+
+
+def test_a_stream_says_by_key_which_of_two_clients_of_one_name_has_set_it(jump):
+    first, second = Client.of("anna", "one tab"), Client.of("anna", "another tab")
+
+    async def story(at):
+        await offboard_routes.start("1", START, at.station, first)
+        status = (
+            at.vehicle.offboard.status()
+        )  # as the streams' process tells it: a name alone has no key any more
+        assert (status.client, status.client_key) == ("anna", first.key)
+        await control_routes.release("1", at.station, first)
+        await offboard_routes.setpoint("1", ORDER, at.station, second)
+        await seconds(0.5)
+        assert at.vehicle.offboard.status().client_key == second.key != first.key
 
     desk(jump, story)

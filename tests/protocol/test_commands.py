@@ -7,6 +7,7 @@ import struct
 import pytest
 
 from gcs_server.api.station import progress_to
+from gcs_server.control.client import Client
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
 from tests.protocol.one_vehicle import LOSS, flight
 
@@ -191,16 +192,18 @@ def test_progress_prolongs_the_wait(kit, jump):
         heard = []
         vehicle.events.subscribe(heard.append)
 
+        client = Client.of("page-1", "a tab")
+
         def progress(what, fraction):
             told.append(fraction)
-            progress_to(vehicle, "page-1", "arm")(what, fraction)
+            progress_to(vehicle, client, "arm")(what, fraction)
 
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
         assert 0.84 in told
         news = [e for e in heard if e.kind == "progress"]
         assert news[0].text == f"Asking vehicle {vehicle.id} to arm"
-        wanted = {"command": "arm", "client": "page-1", "fraction": 0.84}
+        wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
         assert wanted in [dict(e.data) for e in news]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # kept in no history
 

@@ -38,6 +38,7 @@ def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):
         await seconds(1)
         changed = changes({"1": place(7), "3": place(7)}, valid_for_s=2.0)
         shown = view(await group_routes.setpoints("1", changed, at.station, ANNA))
+        assert (shown["client"], shown["client_key"]) == ("anna", ANNA.key)
         assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path goes on to its end
         await seconds(0.1)
         begun = [first_s(at.pilots[v], 7.0) for v in "13"]

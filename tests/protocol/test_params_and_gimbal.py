@@ -117,6 +117,17 @@ def test_a_gimbal_that_stops_at_its_own_limit_is_told_as_limited(kit, jump, loss
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
+def test_angles_that_nobody_waits_for_are_answered_at_their_acknowledgement(kit, jump):
+    async def story(world, vehicle, pilot):
+        turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
+        await vehicle.gimbal.take_control()
+        began_s = world.loop.time()
+        assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
+        assert world.loop.time() - began_s < 0.3
+
+    flight(kit, jump, story)
+
+
 def test_a_gimbal_that_is_slow_or_does_not_report_is_not_told_as_limited(kit, jump):
     async def story(world, vehicle, pilot):
         turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)

@@ -74,12 +74,18 @@ class GimbalService:
         await self._configure(RELEASE, RELEASE, "release the gimbal", lambda c: c != ours)
 
     async def set_angles(
-        self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
+        self,
+        pitch_deg: float,
+        yaw_deg: float,
+        *,
+        roll_deg: float | None = None,
+        yaw_lock: bool = False,
+        wait: bool = True,
     ) -> GimbalLimited | None:
         """Points the camera. Pitch positive up; yaw from the nose, from north with `yaw_lock`.
 
         Returns once the gimbal is there, has stopped short of it (then where), or acknowledged where it
-        does not report its attitude.
+        does not report its attitude, or where nobody is to `wait`.
         """
         number("pitch_deg", pitch_deg, -LARGEST_PITCH_DEG, LARGEST_PITCH_DEG)
         number("yaw_deg", yaw_deg, -360.0, 360.0)
@@ -91,15 +97,17 @@ class GimbalService:
         yaw_deg = math.degrees(wrap(math.radians(yaw_deg)))
         if roll_deg is not None:
             await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
-            self.roi = None
-            return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock)
+        else:
+            await self._pitch_yaw(pitch_deg, yaw_deg, yaw_lock)
+        self.roi = None
+        return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock) if wait else None
+
+    async def _pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
         flags = YAW_LOCK if yaw_lock else 0
         await self._acknowledged(
             Request(d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, 0)),
             "point the gimbal",
         )
-        self.roi = None
-        return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock)
 
     async def set_rates(
         self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None

@@ -890,6 +890,8 @@ export interface paths {
         /**
          * Angles
          * @description Points the camera; answers once it is there or has stopped: `limited` says where it stopped short.
+         *
+         *     Without `wait` it answers once the vehicle has acknowledged.
          */
         post: operations["angles_api_v1_vehicles__v__gimbal_angles_post"];
         delete?: never;
@@ -2405,6 +2407,12 @@ export interface components {
              * @default false
              */
             yaw_lock: boolean;
+            /**
+             * Wait
+             * @description Answer once it is there or has stopped; false: once the vehicle has acknowledged, for angles that follow each other fast.
+             * @default true
+             */
+            wait: boolean;
         };
         /**
          * GimbalLimited
@@ -2722,6 +2730,11 @@ export interface components {
              * @description Whose setpoints they are.
              */
             client: string;
+            /**
+             * Client Key
+             * @description Tells the client from others of its name.
+             */
+            client_key: string;
             /**
              * Minimum Separation M
              * @description How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m].
@@ -3948,6 +3961,11 @@ export interface components {
              */
             client: string | null;
             /**
+             * Client Key
+             * @description Tells the client from others of its name.
+             */
+            client_key: string | null;
+            /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
@@ -4036,6 +4054,11 @@ export interface components {
              */
             client: string | null;
             /**
+             * Client Key
+             * @description Tells the client from others of its name.
+             */
+            client_key: string | null;
+            /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
@@ -4121,6 +4144,11 @@ export interface components {
              * @description Whose setpoint it is.
              */
             client: string | null;
+            /**
+             * Client Key
+             * @description Tells the client from others of its name.
+             */
+            client_key: string | null;
             /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).

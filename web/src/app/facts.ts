@@ -12,7 +12,10 @@ export interface VehicleFacts {
   id: string;
   name: string;
   now_unix_s: number;
+  /** No connection to it: the server has lost its link, or this page the server. */
   lost: boolean;
+  /** This page has no connection to the server: nothing is known of the vehicle's link. */
+  offline: boolean;
   /** Null until it has said so. */
   simulated: boolean | null;
   replayed: boolean;
@@ -33,7 +36,8 @@ export interface VehicleFacts {
   fromHome_m: number | null;
 }
 
-export function vehicleFacts(vehicle: VehicleState, now_unix_s: number): VehicleFacts {
+/** @param connected whether the page hears the server. */
+export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connected: boolean): VehicleFacts {
   const status = vehicle.read('status', now_unix_s);
   const global = vehicle.read('global_position', now_unix_s);
   const home = vehicle.read('home', now_unix_s);
@@ -44,7 +48,8 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number): Vehicle
     id: vehicle.id,
     name: vehicleName(vehicle.id, vehicle.identity),
     now_unix_s,
-    lost: vehicle.lost(now_unix_s),
+    lost: !connected || vehicle.linkLost,
+    offline: !connected,
     simulated: vehicle.identity.simulated,
     replayed: vehicle.identity.replayed,
     inAir: landed === 'in_air' || landed === 'landing',

@@ -53,9 +53,11 @@ class Page {
       },
       (state) => {
         this.connection = state;
+        this.store.connected = state.phase === 'open';
         // A socket that is refused does not say why, a call does.
         if (state.phase === 'waiting') void this.api.get('/version');
       },
+      () => this.store.vehicles.size > 0,
     );
   }
 
@@ -115,14 +117,14 @@ class Page {
   /** The selected vehicle as of this frame. */
   readonly facts: VehicleFacts | null = $derived.by(() => {
     void this.tick;
-    return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId));
+    return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId), this.store.connected);
   });
 
   /** Any vehicle as of this frame. */
   factsOf(id: string): VehicleFacts | null {
     void this.tick;
     const vehicle = this.store.vehicles.get(id);
-    return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id));
+    return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
   }
 
   /** Whether the server streams setpoints to a vehicle now. */

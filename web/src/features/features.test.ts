@@ -12,7 +12,7 @@ import { severityWord, shown } from './messages/messages';
 import { OffboardControl } from './offboard/control.svelte';
 import { SetpointKeeper, type Said } from './offboard/keeper';
 import { LASTING, nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
-import { error_m, nudgeBase, readOffboard } from './offboard/view';
+import { error_m, limitsNotice, nudgeBase, readOffboard } from './offboard/view';
 import { batteryIndicator, gpsIndicator } from './topbar/indicators';
 import { linkDetails, recordingIndicator, type LinkLine } from './topbar/links';
 import { statusWords, type StatusFacts } from './topbar/status-words';
@@ -41,7 +41,8 @@ describe('status words', () => {
     expect(words({ status: null }).title).toBe('No vehicle state');
   });
   it('puts lost, replay and failsafe before the mode', () => {
-    expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Lost', who: 'silent for 7 s · last: Hold, armed', tone: 'danger' });
+    expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
+    expect(words({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
     expect(words({ replayed: true }).title).toBe('Replay');
     expect(words({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
   });
@@ -157,6 +158,13 @@ describe('offboard', () => {
     streaming: true, state: 'streaming', client: 'page-1', rate_hz: 50, rate_achieved_hz: 49.9, age_s: 0.1, valid_for_s: 10, valid_left_s: 8.2,
     setpoint: { type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 }, on_expiry: { action: 'hold', hold_for_s: 5 }, if_stream_stops: 'it lands', sends_failed: 0, ended: null,
   };
+  it('tells of limits that a restart kept or lost, and of no others', () => {
+    const origin = { active: true, restored: false, set_by: 'anna', set_unix_s: 1, kept: true, recognised_by: 'uid' as const, warning: null, text: 'Limits of anna.' };
+    expect(limitsNotice(readOffboard({ ...raw, limits_origin: origin })?.limitsOrigin)).toBeNull();
+    expect(limitsNotice({ ...origin, restored: true })).toEqual({ text: 'Limits of anna.', caution: false });
+    expect(limitsNotice({ ...origin, warning: 'Not in force: the file cannot be read.' })).toEqual({ text: 'Not in force: the file cannot be read.', caution: true });
+    expect(limitsNotice(readOffboard(raw)?.limitsOrigin)).toBeNull();
+  });
   it('reads the server’s stream and how far the vehicle is off', () => {
     const stream = readOffboard(raw);
     expect(stream).toMatchObject({ streaming: true, type: 'position', rate_hz: 49.9, validLeft_s: 8.2, onExpiry: 'holds 5 s, then Hold mode', ifStreamStops: 'it lands' });

@@ -1,4 +1,4 @@
-import { describe, expect, it } from 'vitest';
+import { describe, expect, it, vi } from 'vitest';
 import type { Outcome } from '../api/client';
 import { ApiClient } from '../api/client';
 import type { VehicleFacts } from '../app/facts';
@@ -6,6 +6,7 @@ import type { Message, Reading } from '../live/vehicle-state';
 import { question, type ActionFacts } from './actions/actions';
 import { Confirmation } from './actions/confirmation';
 import { ActionController } from './actions/controller.svelte';
+import { GimbalControl } from './gimbal/control.svelte';
 import { BY_ID, CATALOGUE, found, moved, readChoice, USUAL, type Source } from './instruments/catalogue';
 import { fullTime, severityWord, shown, unread } from './messages/messages';
 import { readOffboard, streamWords } from './offboard/view';
@@ -16,7 +17,7 @@ const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2
 
 function source(topics: Record<string, Record<string, unknown>>, stale = false): Source {
   const none = { status: null, attitude: null, local: null, global: null, hud: null, gps: null, battery: null, home: null, health: null, gimbal: null, offboard: null, control: null };
-  const facts: VehicleFacts = { id: '1', name: '1 Quad', now_unix_s: 100, lost: false, simulated: true, replayed: false, inAir: true, fromHome_m: null, ...none };
+  const facts: VehicleFacts = { id: '1', name: '1 Quad', now_unix_s: 100, lost: false, offline: false, simulated: true, replayed: false, inAir: true, fromHome_m: null, ...none };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
 }
 
@@ -132,15 +133,15 @@ describe('what is asked', () => {
   });
   it('shows how far it is to the page that asked, and to no other', async () => {
     let answer: (outcome: Outcome<unknown>) => void = () => undefined;
-    const api = new ApiClient('page-7', undefined, () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))));
+    const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'k7' }, undefined, () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))));
     const { facts } = source({});
     const actions = new ActionController(api, () => 0, () => Promise.reject(new Error('not asked')), () => facts);
     actions.request('hold', facts);
     expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
     const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Asking vehicle 1 to hold (2. attempt)', command: 'hold', fraction: 0.5 };
-    actions.heard({ ...told, client: 'page-8' });
+    actions.heard({ ...told, client: 'Anna', client_key: 'k8' }); // another tab of the same name
     expect(actions.running[0]?.told).toBeNull();
-    actions.heard({ ...told, client: 'page-7' });
+    actions.heard({ ...told, client: 'Anna', client_key: 'k7' });
     expect(actions.running[0]).toMatchObject({ told: told.text, fraction: 0.5 });
     await Promise.resolve();
     answer({ ok: true, value: null });
@@ -161,5 +162,36 @@ describe('what is asked', () => {
     expect(actions.asked?.confirmation.blocked).toBe(false);
     actions.stepTakeoffHeight(1000);
     expect(actions.takeoffAlt_home_m).toBe(120);
+  });
+});
+
+describe('the gimbal', () => {
+  it('is asked where it stopped once nothing new was sent, and says so until something is', async () => {
+    vi.useFakeTimers();
+    const { facts } = source({});
+    const sent: { path: string; wait?: boolean }[] = [];
+    const api = new ApiClient('p', undefined, async (path, init) => {
+      const body = JSON.parse(init.body as string) as { wait?: boolean };
+      sent.push({ path: path.split('/').at(-1) ?? '', ...('wait' in body ? { wait: body.wait as boolean } : {}) });
+      return Promise.resolve(Response.json({ limited: body.wait === true ? { text: 'The gimbal stopped at its own limit: pitch -45° instead of -90°.' } : null }));
+    });
+    const gimbal = new GimbalControl(api, new ActionController(api, () => 0, () => Promise.reject(new Error('not asked')), () => facts));
+    for (const pitch_deg of [-70, -80, -90]) gimbal.point(facts, { pitch_deg, yaw_deg: 0 });
+    await vi.advanceTimersByTimeAsync(300);
+    expect(gimbal.limitedOf(facts)).toBeNull();
+    await vi.advanceTimersByTimeAsync(200);
+    expect(sent.at(-1)).toEqual({ path: 'angles', wait: true });
+    expect(gimbal.limitedOf(facts)).toContain('pitch -45°');
+    gimbal.turn(facts, 1, 0);
+    expect(gimbal.limitedOf(facts)).toBeNull();
+    await vi.advanceTimersByTimeAsync(1000);
+    expect(sent.filter((one) => one.wait === true)).toHaveLength(1);
+    gimbal.point(facts, { pitch_deg: -90, yaw_deg: 0 });
+    await vi.advanceTimersByTimeAsync(399);
+    gimbal.stop(facts); // let go of an arrow: the stop waits for no answer about angles
+    await vi.advanceTimersByTimeAsync(1000);
+    expect(sent.at(-1)).toEqual({ path: 'rates' });
+    expect(gimbal.limitedOf(facts)).toBeNull();
+    vi.useRealTimers();
   });
 });

@@ -1,4 +1,5 @@
 import { describe, expect, it } from 'vitest';
+import { vehicleFacts } from '../app/facts';
 import { ageText, learnPeriod, staleAfterS } from './age';
 import { advance, NO_FLIGHT } from './flight-time';
 import { TelemetryStore } from './store';
@@ -77,21 +78,25 @@ describe('store', () => {
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000, '8'), sample('status', status(), future_s + 2, '8')] });
     expect(store.nowUnixS()).toBe(1000);
     expect(store.nowUnixS('7')).toBe(future_s);
-    expect(store.vehicle('1').lost(store.nowUnixS('1'))).toBe(false);
+    expect(store.vehicle('1').read('status', store.nowUnixS('1'))).toMatchObject({ stale: false, age_s: 0.5 });
   });
   it('keeps the newest of a topic whatever the order', () => {
     const store = new TelemetryStore(() => 100);
     store.apply({ type: 'samples', samples: [sample('status', status({ mode: 'land' }), 90), sample('status', status(), 80)] });
     expect(store.vehicle('1').read('status', 100)?.value.mode).toBe('land');
   });
-  it('calls a vehicle lost when it, or the silence, says so', () => {
+  it('calls a vehicle lost when the server says so, and back when it says so; not by a clock of its own', () => {
     const store = new TelemetryStore(() => 100);
-    store.apply({ type: 'samples', samples: [sample('status', status(), 99.5)] });
     const vehicle = store.vehicle('1');
-    expect(vehicle.lost(100)).toBe(false);
-    expect(vehicle.lost(106)).toBe(true);
-    store.apply({ type: 'samples', samples: [sample('status', status({ link_lost: true }), 100)] });
-    expect(vehicle.lost(100)).toBe(true);
+    expect(vehicleFacts(vehicle, 100, true).lost).toBe(true); // nothing heard yet
+    store.apply({ type: 'samples', samples: [sample('status', status(), 99.5)] });
+    expect(vehicleFacts(vehicle, 100, true).lost).toBe(false);
+    expect(vehicleFacts(vehicle, 160, true).lost).toBe(false);
+    store.apply({ type: 'samples', samples: [sample('status', status({ link_lost: true }), 161)] });
+    expect(vehicleFacts(vehicle, 161, true)).toMatchObject({ lost: true, offline: false });
+    store.apply({ type: 'samples', samples: [sample('status', status(), 170)] });
+    expect(vehicleFacts(vehicle, 170, true).lost).toBe(false);
+    expect(vehicleFacts(vehicle, 170, false)).toMatchObject({ lost: true, offline: true });
   });
   it('marks stale what stopped, with its age', () => {
     const store = new TelemetryStore(() => 100);

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { retryDelayMs, TelemetrySocket, type SocketLike, type SocketState } from './socket';
+import { ANSWER_MS, retryDelayMs, SILENT_MS, TelemetrySocket, type SocketLike, type SocketState } from './socket';
 import type { Frame } from './wire';
 
 class FakeSocket implements SocketLike {
@@ -22,7 +22,8 @@ function rig() {
   const states: SocketState[] = [];
   let timers: { at: number; run: () => void }[] = [];
   let now = 0;
-  const socket = new TelemetrySocket('ws://x', () => ({ vehicles: '*', topics: ['gps'], rate_hz: 25 }), (f) => frames.push(f), (s) => states.push(s), {
+  const server = { vehicles: true };
+  const socket = new TelemetrySocket('ws://x', () => ({ vehicles: '*', topics: ['gps'], rate_hz: 25 }), (f) => frames.push(f), (s) => states.push(s), () => server.vehicles, {
     open: () => {
       const one = new FakeSocket();
       sockets.push(one);
@@ -42,7 +43,7 @@ function rig() {
     timers = timers.filter((t) => t.at > now);
     for (const timer of due) timer.run();
   };
-  return { socket, sockets, frames, states, pass };
+  return { socket, sockets, frames, states, pass, server };
 }
 
 const HELLO = '{"type":"hello","schema_version":1,"server_time_unix_s":5}';
@@ -56,6 +57,32 @@ describe('telemetry socket', () => {
     sockets[0]?.onmessage?.({ data: HELLO });
     expect(socket.state.phase).toBe('open');
     expect(frames).toHaveLength(1);
+  });
+  it('asks a silent server to send all anew, and calls the connection dead where nothing comes', () => {
+    const { socket, sockets, pass } = rig();
+    socket.start();
+    const first = sockets[0];
+    first?.onopen?.();
+    first?.onmessage?.({ data: HELLO });
+    const seconds = (count: number): void => { for (let i = 0; i < count; i++) pass(1000); };
+    seconds(SILENT_MS / 1000);
+    expect(first?.sent).toHaveLength(2); // a vehicle whose link is lost sends nothing: no reason to worry yet
+    first?.onmessage?.({ data: '{"type":"samples","samples":[]}' });
+    seconds(SILENT_MS / 1000 - 1);
+    expect(socket.state.phase).toBe('open');
+    seconds(ANSWER_MS / 1000 + 1);
+    expect(socket.state.phase).toBe('waiting');
+    expect(first?.closed).toBe(true);
+  });
+  it('does not ask a server without vehicles', () => {
+    const { socket, sockets, pass, server } = rig();
+    server.vehicles = false;
+    socket.start();
+    sockets[0]?.onopen?.();
+    sockets[0]?.onmessage?.({ data: HELLO });
+    for (let i = 0; i < 60; i++) pass(1000);
+    expect(sockets[0]?.sent).toHaveLength(1);
+    expect(socket.state.phase).toBe('open');
   });
   it('comes back by itself, waits longer each time, and says so', () => {
     const { socket, sockets, states, pass } = rig();

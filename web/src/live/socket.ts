@@ -28,6 +28,11 @@ export interface SocketDeps {
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 8000;
 const OPEN_DEADLINE_MS = 8000;
+/** Vehicles are known and nothing came for this long: the server is asked to send all anew. */
+export const SILENT_MS = 6000;
+/** Without an answer to that the connection is dead, whatever the browser says: a network that was pulled tells nobody. */
+export const ANSWER_MS = 4000;
+const LOOK_MS = 1000;
 
 /** Waiting time before the given attempt [ms]: doubles up to 8 s. */
 export function retryDelayMs(attempt: number): number {
@@ -40,12 +45,17 @@ export class TelemetrySocket {
   private timer: unknown = null;
   private attempt = 1;
   private stopped = false;
+  private watchTimer: unknown = null;
+  private heardAt_ms = 0;
+  private askedAt_ms: number | null = null;
 
   constructor(
     private readonly url: string,
     private readonly subscription: () => object,
     private readonly onFrame: (frame: Frame) => void,
     private readonly onState: (state: SocketState) => void,
+    /** Whether the server has anything to send: it knows vehicles. */
+    private readonly expectsFrames: () => boolean,
     private readonly deps: SocketDeps = browserDeps,
   ) {}
 
@@ -57,6 +67,7 @@ export class TelemetrySocket {
   stop(): void {
     this.stopped = true;
     this.deps.clearTimer(this.timer);
+    this.deps.clearTimer(this.watchTimer);
     this.drop();
   }
 
@@ -88,6 +99,8 @@ export class TelemetrySocket {
 
   private received(socket: SocketLike, data: unknown): void {
     if (socket !== this.socket || typeof data !== 'string') return;
+    this.heardAt_ms = this.deps.nowMs();
+    this.askedAt_ms = null;
     const frame = parseFrame(data);
     if (frame === null) return;
     if (frame.type === 'hello') {
@@ -101,14 +114,32 @@ export class TelemetrySocket {
       this.attempt = 1;
       this.onFrame(frame);
       this.set({ phase: 'open' });
+      this.watch(socket);
       return;
     }
     this.onFrame(frame);
   }
 
+  /** Looks after the open socket; ends with it. */
+  private watch(socket: SocketLike): void {
+    this.deps.clearTimer(this.watchTimer);
+    this.watchTimer = this.deps.setTimer(() => {
+      if (socket !== this.socket) return;
+      const now_ms = this.deps.nowMs();
+      if (this.askedAt_ms !== null && now_ms - this.askedAt_ms >= ANSWER_MS) return this.lost(socket);
+      if (this.askedAt_ms === null && this.expectsFrames() && now_ms - this.heardAt_ms >= SILENT_MS) {
+        this.askedAt_ms = now_ms;
+        this.subscribe(socket);
+      }
+      this.watch(socket);
+    }, LOOK_MS);
+  }
+
   private lost(socket: SocketLike): void {
     if (socket !== this.socket || this.stopped) return;
     this.deps.clearTimer(this.timer);
+    this.deps.clearTimer(this.watchTimer);
+    this.askedAt_ms = null;
     this.drop();
     const delay = retryDelayMs(this.attempt);
     this.attempt += 1;

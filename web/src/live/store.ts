@@ -12,6 +12,8 @@ export class TelemetryStore {
   revision = 0;
   /** What concerns no single vehicle: links, warnings; newest first. */
   stationEvents: WireEvent[] = [];
+  /** Whether the telemetry socket is open: else all of this is old. */
+  connected = false;
   /** What is played now. */
   replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;

@@ -118,10 +118,9 @@ export class VehicleState {
     return { value: held.value as T, age_s, stale: age_s > staleAfterS(topic, held.period_s) };
   }
 
-  /** Whether the vehicle is to be drawn hollow: it says so itself no more, or the server says so for it. */
-  lost(now_unix_s: number): boolean {
-    const status = this.read('status', now_unix_s);
-    return status === null || status.value.link_lost || status.age_s > 6;
+  /** Whether the server has no connection to the vehicle: it pushes that when the link is lost, and when it is back. */
+  get linkLost(): boolean {
+    return (this.held.get('status')?.value as Status | null | undefined)?.link_lost ?? true;
   }
 }
 

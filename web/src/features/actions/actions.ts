@@ -127,7 +127,7 @@ export function call(action: Exclude<ActionName, 'offboard_start'>, facts: Actio
 export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A recording takes no commands.';
   if (action === 'hold' || action === 'kill' || action === 'force_control') return null;
-  if (facts.lost) return 'The vehicle is not heard.';
+  if (facts.lost) return 'No connection to the vehicle.';
   if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
   if (action === 'goto' && !facts.inAir) return 'It is on the ground: take off first.';
   if ((action === 'land' || action === 'land_now' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';

@@ -152,7 +152,7 @@ export class ActionController {
 
   /** A word of the server about a command that still waits; those of other clients are not ours to show. */
   heard(event: WireEvent): void {
-    if (event.kind !== 'progress' || event['client'] !== this.api.name) return;
+    if (event.kind !== 'progress' || this.api.key === null || event['client_key'] !== this.api.key) return;
     const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
     this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, told: event.text, fraction } : r));
   }

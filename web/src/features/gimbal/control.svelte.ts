@@ -7,6 +7,8 @@ import type { ActionController } from '../actions/controller.svelte';
 import { LatestSender } from './latest';
 import { clamp, limits, type Angles } from './pad';
 
+/** The pad was let go, or no key pressed, for this long [ms]: the vehicle is asked where the camera stopped. */
+const SETTLES_MS = 400;
 /** How fast an arrow turns the camera [deg/s]. */
 export const RATE_DEG_S = 20;
 
@@ -24,6 +26,10 @@ export class GimbalControl {
   /** Yaw stays where it points while the vehicle turns. Null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
+  /** Why the camera does not look where it was sent, by vehicle; null: it does, or it is on its way. */
+  private limited = $state.raw<{ id: string; text: string } | null>(null);
+  private settling: ReturnType<typeof setTimeout> | undefined;
+  private orders = 0;
   /** Whether this server is in control, by vehicle and holder as the server was last asked. */
   private mine = $state.raw<{ key: string; mine: boolean }>({ key: '', mine: false });
   /** The place the station asked it to look at, by vehicle, as the server was last asked. */
@@ -73,6 +79,8 @@ export class GimbalControl {
   async control(facts: VehicleFacts, take: boolean): Promise<void> {
     this.busy = true;
     this.asked = null;
+    clearTimeout(this.settling);
+    this.limited = null;
     await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () => this.api.post(`${base(facts)}/${take ? 'take' : 'release'}`));
     this.busy = false;
   }
@@ -85,7 +93,29 @@ export class GimbalControl {
     const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
     // With lock the API counts yaw from north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap(held.yaw_deg + (vehicleYaw * 180) / Math.PI) : held.yaw_deg;
-    this.sender.push({ facts, path: 'angles', body: { pitch_deg: round(held.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock } });
+    const body = { pitch_deg: round(held.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
+    this.push({ facts, path: 'angles', body: { ...body, wait: false } });
+    this.settling = setTimeout(() => void this.settle(facts, body), SETTLES_MS);
+  }
+
+  /** Where it stopped short of what it was sent to; null: nowhere. */
+  limitedOf(facts: VehicleFacts): string | null {
+    return this.limited?.id === facts.id ? this.limited.text : null;
+  }
+
+  /** Says the same angles once more and waits until the camera stands; whatever is sent meanwhile goes at once. */
+  private async settle(facts: VehicleFacts, body: object): Promise<void> {
+    const mine = this.orders;
+    const answer = await this.api.post<{ limited: { text: string } | null }>(`${base(facts)}/angles`, { ...body, wait: true });
+    if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: facts.id, text: answer.value.limited.text };
+  }
+
+  /** A newer order: what was said of the one before is over. */
+  private push(order: Order): void {
+    clearTimeout(this.settling);
+    this.orders += 1;
+    this.limited = null;
+    this.sender.push(order);
   }
 
   /** Turns while held: signs of pitch (up) and yaw (right). */
@@ -108,7 +138,7 @@ export class GimbalControl {
   }
 
   private rates(facts: VehicleFacts, pitch: number, yaw: number): void {
-    this.sender.push({ facts, path: 'rates', body: { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) } });
+    this.push({ facts, path: 'rates', body: { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) } });
   }
 }
 

@@ -46,7 +46,7 @@ export class GroupDesk {
   readonly own = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
 
   isOwn(group: Group): boolean {
-    return group.client === this.api.name;
+    return this.api.key !== null && group.client_key === this.api.key;
   }
 
   names(group: Group): string[] {

@@ -14,7 +14,7 @@ const reading = <T>(value: T, stale = false): { value: T; age_s: number; stale: 
 
 function vehicle(id: string, position_ned_m: number[] | null, lat_deg = 47): VehicleFacts {
   return {
-    id, name: `${id} Quad`, lost: false, inAir: true,
+    id, name: `${id} Quad`, lost: false, offline: false, inAir: true,
     local: position_ned_m === null ? null : reading({ position_ned_m }),
     attitude: reading({ yaw_ned_rad: 1 }),
     global: reading({ lat_deg, lon_deg: 8, alt_amsl_m: 500, alt_home_m: 10 }),
@@ -22,7 +22,7 @@ function vehicle(id: string, position_ned_m: number[] | null, lat_deg = 47): Veh
 }
 
 const GROUP: Group = {
-  id: '1', state: 'flying', client: 'me', minimum_separation_m: 5, margin_m: 1.6, others_go_on: false, created_unix_s: 100, start_unix_s: 110, valid_left_s: 4,
+  id: '1', state: 'flying', client: 'Anna', client_key: 'me', minimum_separation_m: 5, margin_m: 1.6, others_go_on: false, created_unix_s: 100, start_unix_s: 110, valid_left_s: 4,
   members: ['1', '2'].map((id) => ({ vehicle: id, ordered_type: 'position', stream: 'streaming', mode: 'offboard', held: false })),
   nearest: { vehicles: ['1', '2'], distance_m: 7 }, findings: [], ended: null,
 };
@@ -182,7 +182,7 @@ describe('the desk of groups', () => {
   function station(): { desk: GroupDesk; calls: { call: string; body: unknown }[]; at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> }; dropped: string[]; refused: Refusal[]; settle: () => Promise<void> } {
     const calls: { call: string; body: unknown }[] = [];
     const at = { now_s: 0, seen: true, group: GROUP, status: 200, answer: Promise.resolve() };
-    const api = new ApiClient('me', undefined, (path, init) => {
+    const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
       calls.push({ call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`, body: init.body === undefined ? null : JSON.parse(init.body as string) as unknown });
       const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
       const response = at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });

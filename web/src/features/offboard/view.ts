@@ -1,8 +1,11 @@
 /** The server's offboard stream as the card shows it; reads what is there, unknown stays null. */
 
+import type { components } from '../../api/schema';
 import type { MaybeVector3, Vector3 } from '../../live/topics';
 import { kindName } from '../setpoints/kinds';
 import type { PositionSetpoint } from './setpoint';
+
+export type LimitsOrigin = components['schemas']['LimitsOrigin'];
 
 export interface OffboardStatus {
   /** The server sends setpoints to this vehicle. */
@@ -22,6 +25,10 @@ export interface OffboardStatus {
   ifStreamStops: string | null;
   onExpiry: string | null;
   client: string | null;
+  /** Tells the client from others of its name. */
+  clientKey: string | null;
+  /** Where the operator's limits come from; null where an older server does not say. */
+  limitsOrigin: LimitsOrigin | null;
   /** What the limits take away now, in words. */
   limited: readonly string[];
   /** Why the last stream ended. */
@@ -81,6 +88,8 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     ifStreamStops: text(raw, 'if_stream_stops'),
     onExpiry: expiryWords(object(raw['on_expiry'])),
     client: text(raw, 'client'),
+    clientKey: text(raw, 'client_key'),
+    limitsOrigin: object(raw['limits_origin']) as LimitsOrigin | null,
     limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
     ended: text(raw, 'ended'),
   };
@@ -89,6 +98,13 @@ export function readOffboard(value: unknown): OffboardStatus | null {
 const STATES: Readonly<Record<string, string>> = {
   idle: 'no stream', starting: 'Starting', undoing: 'Not started: going back', holding: 'Expired: holding the place', to_hold: 'Expired: going to Hold', landing: 'Expired: landing',
 };
+
+/** What a person should know of the operator's limits before a start: that a restart of the server kept them, or lost them. */
+export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: string; caution: boolean } | null {
+  if (origin == null) return null;
+  if (origin.warning !== null) return { text: origin.warning, caution: true };
+  return origin.active && origin.restored ? { text: origin.text, caution: false } : null;
+}
 
 /** What the stream is, for the card's corner. */
 export function streamWords(status: OffboardStatus): string {

@@ -60,7 +60,7 @@ export function limitsWords(limits: Limits | null): string {
   if (limits === null) return 'not known yet';
   const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map((f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`);
   if (limits.operator.fence != null) said.push('fence');
-  return said.length === 0 ? 'none of yours, the vehicle’s own hold' : said.join(', ');
+  return said.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : said.join(', ');
 }
 
 /** "5.0 m/s" of the vehicle's own limit, for the field's placeholder. */

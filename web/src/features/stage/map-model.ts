@@ -94,7 +94,7 @@ export function mapVehicles(store: TelemetryStore, selectedId: string | null, wa
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);
     if (vehicle === undefined) return;
-    const facts = vehicleFacts(vehicle, store.nowUnixS(id));
+    const facts = vehicleFacts(vehicle, store.nowUnixS(id), store.connected);
     if (facts.global === null) return;
     const { lat_deg, lon_deg } = facts.global.value;
     const here = { lat_deg, lon_deg };

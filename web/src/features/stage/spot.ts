@@ -18,7 +18,7 @@ export const HEIGHT_RANGE_M = { min: -100, max: 1000 } as const;
 export const GO_WITHIN_M = 1000;
 
 const RECORDED = 'A recording takes no commands.';
-const UNHEARD = 'The vehicle is not heard.';
+const UNHEARD = 'No connection to the vehicle.';
 const NO_PLACE = 'Its position is not known.';
 const NO_HOME = 'Its home is not known, so no height above it.';
 

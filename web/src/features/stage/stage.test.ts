@@ -80,7 +80,7 @@ const reading = <T>(value: T, stale = false) => ({ value, age_s: stale ? 9 : 0, 
 const gimbal = { pitch_min_rad: -1.58, pitch_max_rad: 0.5, yaw_min_rad: -3.1, yaw_max_rad: 3.1 };
 function facts(over: Record<string, unknown> = {}): VehicleFacts {
   return {
-    id: '1', name: '1 Quad', lost: false, replayed: false, inAir: true,
+    id: '1', name: '1 Quad', lost: false, offline: false, replayed: false, inAir: true,
     global: reading({ ...HERE, alt_amsl_m: 500, alt_home_m: 12 }), home: reading({ ...HERE, alt_amsl_m: 488 }),
     attitude: reading({ yaw_ned_rad: Math.PI / 2 }), gimbal: reading(gimbal), status: reading({ armed: true, mode: 'hold' }), ...over,
   } as unknown as VehicleFacts;
@@ -101,7 +101,7 @@ describe('what can be done at a place', () => {
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within reach
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/reach: pitch 71°/);
-    for (const [over, word] of [[{ replayed: true }, /recording/], [{ lost: true }, /not heard/], [{ global: null }, /position/], [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/]] as const) {
+    for (const [over, word] of [[{ replayed: true }, /recording/], [{ lost: true }, /No connection/], [{ global: null }, /position/], [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/]] as const) {
       for (const why of [whyNotGo(facts(over), EAST_30), whyNotLook(facts(over), EAST_30, 0, true), whyNotRoi(facts(over))]) expect(why).toMatch(word);
     }
   });

@@ -15,6 +15,8 @@ export interface StatusFacts {
   /** Age of the status [s]. */
   age_s: number;
   lost: boolean;
+  /** The page has no connection to the server. */
+  offline?: boolean;
   replayed: boolean;
   ready: boolean | null;
   /** Who from outside put it into its mode; null where nobody did. */
@@ -70,8 +72,8 @@ export function statusWords(facts: StatusFacts): StatusWords {
   if (status === null) return { title: 'No vehicle state', who: 'nothing heard yet', tone: 'neutral' };
   if (facts.lost) {
     const last = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
-    const silent = Math.max(facts.age_s, status.last_heartbeat_age_s ?? 0);
-    return { title: 'Lost', who: `silent for ${seconds(silent)} · ${last}`, tone: 'danger' };
+    if (facts.offline === true) return { title: 'No connection to the server', who: last, tone: 'danger' };
+    return { title: 'Connection lost', who: `${seconds((status.last_heartbeat_age_s ?? 0) + facts.age_s)} ago · ${last}`, tone: 'danger' };
   }
   if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recording, takes no commands`, tone: 'neutral' };
   if (!status.armed) {
