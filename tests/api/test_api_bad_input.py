@@ -124,7 +124,7 @@ def test_a_group_of_unknown_vehicles_is_404_and_each_has_its_line(client):
 
 def test_a_groups_changes_are_events_of_the_station(client):
     groups = client.app.state.station.groups
-    status = GroupStatus("4", "flying", "anna", "key", 5.0, False, 1.0, 2.0, 3.0, (), None, (), None)
+    status = GroupStatus("4", "flying", "anna", "key", 5.0, 1.6, False, 1.0, 2.0, 3.0, (), None, (), None)
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         assert socket.receive_json()["type"] == "hello"
         client.portal.call(groups.tell, "Group 4 has begun.", status, True)
