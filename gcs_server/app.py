@@ -15,6 +15,9 @@ from starlette.requests import Request
 from starlette.types import Scope
 
 from gcs_server.api.access import Access
+from gcs_server.api.admission import Admission
+from gcs_server.api.bodies import Bodies
+from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
 from gcs_server.api.offboard_models import LimitsRequest
@@ -251,6 +254,14 @@ def create_app(
             )
 
     app.state.note_invalid = note_invalid
+    in_control = server.station.authority.controls_any
+    connections = Connections(clock, in_control=in_control)
+    app.state.connections = connections
+    server.station.more_warnings.append(
+        lambda: [Notice("connections", text)] if (text := connections.warning()) is not None else []
+    )
+    app.add_middleware(Bodies, turns=server.station.turns)
+    app.add_middleware(Admission, connections=connections, in_control=in_control)
     access = Access(loopback_only=settings.loopback_only, token=token_of(settings))
     app.add_middleware(Guard, access=access, clock=clock)
     app.add_middleware(SecurityHeaders)  # the outermost: refusals carry them, too

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import gc
 import logging
 import os
 import socket
@@ -14,16 +13,20 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import uvicorn
-
 from gcs_server import key_command
 from gcs_server.addresses import links
+from gcs_server.api.connections import Connections
 from gcs_server.app import create_app
+from gcs_server.clock import SystemClock
 from gcs_server.errors import GcsError
+from gcs_server.http_server import descriptors
+from gcs_server.http_server.server import HttpServer
+from gcs_server.log_limit import LogLimit
 from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
 
+WAITING_TO_BE_ACCEPTED = 1024
 COMMANDS = ("serve", "sim", "replay", "key")
 EXIT_CANNOT_START = 2
 UNSENT_BYTES = 32_768
@@ -132,6 +135,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(
         level=logging.DEBUG if verbose else logging.INFO, format="%(levelname)s %(name)s: %(message)s"
     )
+    limit = LogLimit(SystemClock().monotonic_s)
+    for handler in logging.getLogger().handlers:
+        handler.addFilter(limit)
     for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     # Logs a traceback for each connection that closes before it said anything (the 3D view's own probe).
@@ -178,7 +184,7 @@ def listen(settings: Settings) -> socket.socket:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
     try:
         listener.bind((settings.host, settings.port))
-        listener.listen(128)
+        listener.listen(WAITING_TO_BE_ACCEPTED)
     except OSError as error:
         listener.close()
         raise GcsError(
@@ -191,21 +197,6 @@ def listen(settings: Settings) -> socket.socket:
     return listener
 
 
-class _Announcing(uvicorn.Server):
-    """Says once everything is up how to come in."""
-
-    addresses: Sequence[str] = ()
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        # All that was imported stays for ever. Looking through it again at each full garbage collection would
-        # halt the process, the offboard stream included, and cost as much as decoding a fleet's telemetry.
-        gc.collect()
-        gc.freeze()
-        if self.started:
-            print("Ready: " + "\n       ".join(self.addresses), flush=True)
-
-
 def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     """Runs the server until it is told to end."""
     DataFolder(settings.data).prepare()
@@ -214,18 +205,11 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     token = token_of(settings)
     if not settings.loopback_only:
         print(_exposed(settings, port), file=sys.stderr, flush=True)
-    config = uvicorn.Config(
-        create_app(settings, more_links=more_links),
-        log_level="warning",
-        ws="websockets-sansio",
-        ws_per_message_deflate=False,
-        ws_max_size=1 << 20,
-        access_log=False,
-        timeout_graceful_shutdown=3,
-        lifespan="on",
-    )
-    server = _Announcing(config)
-    server.addresses = links(settings.host, port, token)
+    clock = SystemClock()
+    app = create_app(settings, clock, more_links=more_links)
+    connections: Connections = app.state.connections
+    connections.limits = connections.limits.within(descriptors.for_connections())
+    server = HttpServer(app, connections, clock, links(settings.host, port, token))
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again once it has shut down
         server.run(sockets=[listener])
     return 0 if server.started else 1

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from pathlib import Path as File
 from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Header, Path, Response
 from fastapi.responses import FileResponse
 
 from gcs_server.api import responses
-from gcs_server.api.problems import RESPONSES, problem
+from gcs_server.api.problems import RESPONSES, Problem, problem
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep
 from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, read_tile
@@ -21,6 +22,7 @@ router = APIRouter(prefix="/maps", tags=["station"])
 LARGEST_ZOOM = 24
 FRESH = {"Cache-Control": "no-cache"}
 """The browser may keep a tile, and asks whether the file is still the same."""
+RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
 GZIP_MAGIC = b"\x1f\x8b"
 
 
@@ -37,14 +39,25 @@ async def list_maps(station: StationDep) -> Response:
     responses={
         **RESPONSES,
         200: {"content": {"application/octet-stream": {}}},
-        206: {"description": "A part."},
+        206: {"description": "A part.", "content": {"application/octet-stream": {}}},
+        416: {"model": Problem, "description": "The Range is none of the file's."},
     },
 )
-async def map_file(name: str, station: StationDep) -> Response:
+async def map_file(
+    name: str, station: StationDep, wanted: Annotated[str | None, Header(alias="Range")] = None
+) -> Response:
     """A PMTiles file, whole or (with a Range header) a part."""
     path = await _find(station, name)
     if path is None or path.suffix != ".pmtiles":
         return _unknown(name)
+    if wanted is not None and not _lies_within(wanted, path.stat().st_size):
+        return problem(
+            416,
+            "No such part",
+            "no_such_part",
+            f"{name} has no part {wanted[:100]!r}.",
+            remedy="Ask for `bytes=FIRST-LAST` within the file.",
+        )
     return FileResponse(path, media_type="application/octet-stream", headers=FRESH)
 
 
@@ -74,6 +87,17 @@ async def map_tile(
         return Response(status_code=204, headers=FRESH)
     zipped = {"Content-Encoding": "gzip"} if tile.startswith(GZIP_MAGIC) else {}
     return Response(tile, media_type=info.content_type, headers={**FRESH, **zipped})
+
+
+def _lies_within(wanted: str, size: int) -> bool:
+    """Whether this Range header asks for one part that the file has."""
+    found = RANGE.fullmatch(wanted)
+    if found is None:
+        return False
+    first, last = found["first"], found["last"]
+    if not first:
+        return bool(last) and int(last) > 0
+    return int(first) < size and (not last or int(last) >= int(first))
 
 
 def _look(station: Station) -> tuple[list[dict[str, object]], list[str]]:

@@ -16,15 +16,23 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gcs_server.api import offboard_models as models
+from gcs_server.api.bodies import json_fault
 from gcs_server.api.problems import validation_errors
 from gcs_server.api.station import Station, journaled
 from gcs_server.clock import Clock
+from gcs_server.control.client import Client
 from gcs_server.errors import GcsError
 from gcs_server.streamer.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
 
 MOST_HZ = 100.0
 ANSWERS_KEPT = 200
+ANSWERS_BYTES = 131_072
+"""Of the answers that wait to be read, together."""
+UNPARSED_BYTES = 2 << 20
+"""Of the orders that wait unread, together."""
+LARGE = 4096
+"""An order of more characters waits for a turn of the loop of its own."""
 LONGEST_BACKLOG = 200
 """Orders that wait unread; older ones are overtaken anyway."""
 FLOOD_PER_S = 2000
@@ -60,7 +68,9 @@ class OrderSocket:
         self._vehicle_id = vehicle_id
         self._socket = socket
         self._backlog: deque[str] = deque()
-        self._answers: deque[Answer] = deque(maxlen=ANSWERS_KEPT)
+        self._backlog_size = 0
+        self._answers: deque[bytes] = deque()
+        self._answers_size = 0
         self._ordered = asyncio.Event()
         self._answered = asyncio.Event()
 
@@ -83,9 +93,12 @@ class OrderSocket:
             if count > FLOOD_PER_S:
                 await self._socket.close(CLOSE_FLOOD, f"more than {FLOOD_PER_S} orders in a second")
                 return
-            if len(self._backlog) >= LONGEST_BACKLOG:
-                self._answer(_superseded(self._backlog.popleft()))
             self._backlog.append(text)
+            self._backlog_size += len(text)
+            while len(self._backlog) > LONGEST_BACKLOG or self._backlog_size > UNPARSED_BYTES:
+                overtaken = self._backlog.popleft()
+                self._backlog_size -= len(overtaken)
+                self._answer(_superseded(overtaken))
             self._ordered.set()
 
     async def _apply(self) -> None:
@@ -97,9 +110,12 @@ class OrderSocket:
             applied = False
             while self._backlog:  # from the newest: a malformed one must not take a good one's place
                 text = self._backlog.pop()
+                self._backlog_size -= len(text)
                 if applied:
                     self._answer(_superseded(text))
                 else:
+                    if len(text) > LARGE:
+                        await self._station.turns.wait(Client.named(self._client))
                     answer = await self._take(text)
                     applied = "error" not in answer
                     self._answer(answer)
@@ -111,10 +127,16 @@ class OrderSocket:
             await self._answered.wait()
             self._answered.clear()
             while self._answers:
-                await self._socket.send_text(encode(self._answers.popleft()).decode())
+                encoded = self._answers.popleft()
+                self._answers_size -= len(encoded)
+                await self._socket.send_text(encoded.decode())
 
     def _answer(self, answer: Answer) -> None:
-        self._answers.append(answer)
+        encoded = encode(answer)
+        self._answers.append(encoded)
+        self._answers_size += len(encoded)
+        while len(self._answers) > ANSWERS_KEPT or self._answers_size > ANSWERS_BYTES:
+            self._answers_size -= len(self._answers.popleft())
         self._answered.set()
 
     async def _take(self, text: str) -> Answer:
@@ -126,7 +148,7 @@ class OrderSocket:
         try:
             body = _order.validate_python(data)
         except ValidationError as error:
-            faults = validation_errors(RequestValidationError(error.errors()))
+            faults = validation_errors(RequestValidationError(error.errors(include_url=False)))
             detail = "; ".join(f"{fault['field']}: {fault['message']}" for fault in faults)
             wrong = {
                 "code": "invalid_request",
@@ -159,6 +181,9 @@ def arguments_of(body: BaseModel) -> dict[str, object]:
 
 
 def _parsed(text: str) -> tuple[int | None, dict[str, Any]]:
+    fault = json_fault(text.encode())
+    if fault is not None:
+        raise ValueError(f"not read: {fault}")
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:

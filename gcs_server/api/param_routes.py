@@ -101,7 +101,11 @@ async def all_params(vehicle: VehicleDep) -> Response:
     return Response(content, media_type="application/json")
 
 
-@router.post("/{v}/params/refresh", response_model=ListModel)
+@router.post(
+    "/{v}/params/refresh",
+    response_model=ListModel,
+    responses={202: {"model": ListModel, "description": "They are being read."}},
+)
 async def refresh_params(
     vehicle: VehicleDep, body: Annotated[RefreshRequest | None, Body()] = None
 ) -> Response:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -34,6 +35,10 @@ log = logging.getLogger(__name__)
 
 UNION_TAGS = frozenset(TYPES) | {"hold", "land", "stop_stream", "polygon", "circle"}
 """Names of union branches, which Pydantic puts into the paths of fields."""
+
+MOST_ERRORS = 20
+"""Values at fault that an answer names."""
+LONGEST_WORDS = 300
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
@@ -117,9 +122,10 @@ def problem(status: int, title: str, code: str, detail: str, **more: object) -> 
 
 
 def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
-    """(field, message) of each value at fault; the names of union branches are left out of the path."""
+    """(field, message) of the first values at fault; the names of union branches are left out of the path."""
     found: list[dict[str, str]] = []
-    for item in error.errors():
+    errors = [item for item in error.errors() if item["type"] != "too_short" or not _follows(item, error)]
+    for item in errors[:MOST_ERRORS]:
         parts = [str(part) for part in item["loc"]]
         if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
             parts = parts[1:]
@@ -127,8 +133,21 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
         message = str(item["msg"]).removeprefix("Value error, ")
         if item["type"] == "json_invalid":
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
-        found.append({"field": ".".join(parts) or "body", "message": message})
+        found.append({"field": _short(".".join(parts) or "body"), "message": _short(message)})
+    if len(errors) > MOST_ERRORS:
+        found.append({"field": "body", "message": f"and {len(errors) - MOST_ERRORS} more values at fault"})
     return found
+
+
+def _follows(item: dict[str, Any], error: RequestValidationError) -> bool:
+    """Whether a list counts as too short only because checking ended at its first bad item."""
+    place = tuple(item["loc"])
+    return any(other["loc"][: len(place)] == place and other is not item for other in error.errors())
+
+
+def _short(text: str) -> str:
+    """Names and values are the client's: of any length."""
+    return text if len(text) <= LONGEST_WORDS else f"{text[:LONGEST_WORDS]}…"
 
 
 def install(app: FastAPI) -> None:

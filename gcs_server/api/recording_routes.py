@@ -25,7 +25,11 @@ async def list_recordings(station: StationDep) -> Response:
     return answer({"recordings": await station.replays.recordings()})
 
 
-@router.get("/recordings/{name}", response_class=StreamingResponse)
+@router.get(
+    "/recordings/{name}",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"application/octet-stream": {}}}},
+)
 async def download_recording(name: str, station: StationDep) -> StreamingResponse:
     """The file as it is; of one that is being written, what is there now."""
     path = station.replays.path(name)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
 from typing import Any
 
-from fastapi import APIRouter, Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI, Response
 
 from gcs_server.api import (
     control_routes,
@@ -22,6 +23,7 @@ from gcs_server.api import (
     station_routes,
     vehicle_routes,
 )
+from gcs_server.api.described import describe_refusals
 from gcs_server.api.station import heard
 from gcs_server.version import __version__
 
@@ -48,19 +50,22 @@ def api_router() -> APIRouter:
 
 
 class _Described(FastAPI):
-    """Says beside the routes who may call them; `guard.py` holds it, so that no route has to."""
+    """Says beside the routes who may call them, and what the server answers before a route is asked."""
 
     def openapi(self) -> dict[str, Any]:
-        described = super().openapi()
-        described["components"]["securitySchemes"] = {
-            "token": {
-                "type": "http",
-                "scheme": "bearer",
-                "description": "The token in the link that the server prints when it starts (`GCS_TOKEN`).",
+        if self.openapi_schema is None:
+            described = super().openapi()
+            described["components"]["securitySchemes"] = {
+                "token": {
+                    "type": "http",
+                    "scheme": "bearer",
+                    "description": "The token in the link that the server prints at its start (`GCS_TOKEN`).",
+                }
             }
-        }
-        described["security"] = [{"token": []}, {}]  # on loopback nobody is asked unless a token was set
-        return described
+            described["security"] = [{"token": []}, {}]  # on loopback nobody is asked unless a token was set
+            describe_refusals(described)
+        assert self.openapi_schema is not None
+        return self.openapi_schema
 
 
 def bare_app() -> FastAPI:
@@ -76,13 +81,22 @@ def bare_app() -> FastAPI:
             "A server that other machines can reach wants its token with every call, as "
             "`Authorization: Bearer …`; without it the answer is 401."
         ),
-        openapi_url=f"{API}/openapi.json",
+        openapi_url=None,  # FastAPI would encode it anew for each request
         docs_url=None,
         redoc_url=None,
     )
     problems.install(app)
     app.include_router(api_router())
     app.include_router(reference_page.router)
+
+    @functools.cache
+    def description() -> bytes:
+        return json.dumps(app.openapi(), separators=(",", ":")).encode()
+
+    @app.get(f"{API}/openapi.json", include_in_schema=False)
+    async def openapi() -> Response:
+        return Response(description(), media_type="application/json")
+
     return app
 
 

@@ -6,7 +6,7 @@ import itertools
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import FailFast, Field, model_validator
 
 from gcs_server.api.setpoint_fields import (
     ACCELERATION_WORDS,
@@ -304,7 +304,7 @@ class PathSetpoint(SetpointBody):
     )
 
     type: Literal["path"]
-    points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000)] = Field(
+    points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000), FailFast()] = Field(
         description="In the order of their times; the last is held."
     )
 

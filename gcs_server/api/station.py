@@ -12,6 +12,7 @@ from typing import Annotated
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from gcs_server.api.turns import Turns
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.client import Client, key_of
@@ -27,6 +28,7 @@ from gcs_server.vehicle.services.transaction import Progress
 from gcs_server.vehicle.vehicle import Vehicle
 
 SETPOINT_LINE_PERIOD_S = 1.0
+SETPOINT_LINES_KEPT = 1000
 DEBUG = 7
 """MAV_SEVERITY: of no interest once it is over."""
 
@@ -47,6 +49,7 @@ class Station:
     own_ids: tuple[int, int]
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
+    turns: Turns = field(init=False)
     has_scene: bool = False
     simulator: bool = False
     more_warnings: list[Callable[[], list[Notice]]] = field(default_factory=list[Callable[[], list[Notice]]])
@@ -55,11 +58,15 @@ class Station:
     )
     """By client's key, vehicle and result: when the last line was written, and how many came since."""
 
+    def __post_init__(self) -> None:
+        self.turns = Turns(self.authority.controls_any)
+
     def warnings(self) -> list[Notice]:
         """What stands now, from everywhere."""
         notices = self.fleet.warnings()
         if self.journal.warning is not None:
             notices.append(Notice("journal", self.journal.warning))
+        notices += self.authority.warnings()
         for more in self.more_warnings:
             notices += more()
         return notices
@@ -194,6 +201,8 @@ def _note_setpoint(
 ) -> None:
     """A stream of setpoints becomes a line a second with the newest one and their number."""
     now_s = station.clock.monotonic_s()
+    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:  # by clients that name themselves anew each time
+        station.setpoints_noted.clear()
     key = (Client.named(client).key, vehicle_id, end[0])
     last_s, count = station.setpoints_noted.get(key, (float("-inf"), 0))
     if now_s - last_s < SETPOINT_LINE_PERIOD_S:

@@ -16,10 +16,11 @@ from gcs_server.clock import Clock
 from gcs_server.control.client import Client
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import Change, ControlRequest, Lease, OnControlLost, Terms
+from gcs_server.control.requests import MOST_REQUESTS
 from gcs_server.errors import GcsError, NotInControl, Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.fleet import Fleet
+from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -142,6 +143,24 @@ class Authority:
             if holder is not None and holder.key == client.key:
                 found.append(vehicle.id)
         return found
+
+    def controls_any(self, client_key: str) -> bool:
+        """Whether the client of this key controls a vehicle."""
+        holders = (vehicle.control.lease.holder for vehicle in self._fleet.all() if vehicle.control)
+        return any(holder is not None and holder.key == client_key for holder in holders)
+
+    def warnings(self) -> list[Notice]:
+        """Vehicles for which no more clients can ask."""
+        return [
+            Notice(
+                "control",
+                f"{MOST_REQUESTS} clients ask for control of vehicle {vehicle.id}; no more can ask until the "
+                "holder answers some.",
+                vehicle=vehicle.id,
+            )
+            for vehicle in self._fleet.all()
+            if vehicle.control and vehicle.control.lease.has_most_requests
+        ]
 
     # --- the seam -------------------------------------------------------------------------------
 

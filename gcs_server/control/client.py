@@ -18,10 +18,12 @@ KEY_LENGTH = 12
 class Client(str):
     """A client's name, which knows whose it is. Equal names may be two clients: compare `key`."""
 
-    __slots__ = ("identified", "key")
+    __slots__ = ("address", "identified", "key")
 
     key: str
     """Made of the id or the address, never showing the id itself."""
+    address: str
+    """Where its request comes from; empty where only a name is known."""
     identified: bool
     """Whether it gave an id of its own: it means to be told from others."""
 
@@ -38,6 +40,7 @@ class Client(str):
         own = _printable(client_id)[:LONGEST_ID]
         client = cls(shown)
         secret = f"id {own}" if own else f"name {shown} at {address}"
+        client.address = address
         client.identified = bool(own)
         client.key = sha256(secret.encode()).hexdigest()[:KEY_LENGTH]
         return client

@@ -15,12 +15,11 @@ from typing import Literal
 
 from gcs_server.clock import Clock
 from gcs_server.control.client import Client
+from gcs_server.control.requests import MOST_REQUESTS, REQUEST_LIVES_S, Asking, make_room
 from gcs_server.errors import NotInControl, Refused
 
 OnControlLost = Literal["nothing", "hold", "land", "rtl"]
 """What a flying vehicle is told when its holder is not heard any more."""
-REQUEST_LIVES_S = 120.0
-"""A request, or the right to force that a denial gives, is forgotten after this [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +75,6 @@ class _Holding:
 
 
 @dataclass(slots=True)
-class _Asking:
-    client: Client
-    reason: str | None
-    since_unix_s: float
-    asked_s: float
-    """When the present holder was asked."""
-    first_s: float
-    denied: bool = False
-
-
-@dataclass(slots=True)
 class Lease:
     """Of one vehicle.
 
@@ -103,7 +91,7 @@ class Lease:
     reachable: Callable[[Client], bool]
     tell: Callable[[Change], None]
     _holding: _Holding | None = None
-    _asking: dict[str, _Asking] = field(default_factory=dict[str, _Asking])
+    _asking: dict[str, Asking] = field(default_factory=dict[str, Asking])
 
     # --- what there is --------------------------------------------------------------------------
 
@@ -134,6 +122,11 @@ class Lease:
     def can_be_asked(self) -> bool:
         """Whether the holder would see a request."""
         return self._holding is not None and self.reachable(self._holding.client)
+
+    @property
+    def has_most_requests(self) -> bool:
+        """Whether no more clients can ask for control."""
+        return len(self._asking) >= MOST_REQUESTS
 
     def requests(self) -> tuple[ControlRequest, ...]:
         """Who waits for an answer, the first first."""
@@ -269,7 +262,8 @@ class Lease:
         if known is not None and not known.denied:
             known.reason = reason or known.reason
             return
-        self._asking[client.key] = _Asking(client, reason, self.clock.unix_s(), now_s, now_s)
+        make_room(self._asking, client, self.vehicle_id)
+        self._asking[client.key] = Asking(client, reason, self.clock.unix_s(), now_s, now_s)
         why = f": {reason}" if reason else ""
         text = f"{client} asks {holding.client} for control of vehicle {self.vehicle_id}{why}."
         self.tell(Change("requested", client, text, holding.client, reason=reason))
@@ -337,7 +331,7 @@ class Lease:
         self.heard(client)
         return self._holding
 
-    def _who_asks(self, to: str) -> _Asking:
+    def _who_asks(self, to: str) -> Asking:
         asking = [a for a in self._asking.values() if not a.denied]
         found = [a for a in asking if a.client.key == to] or [a for a in asking if str(a.client) == to]
         if len(found) == 1:
@@ -350,7 +344,7 @@ class Lease:
             f"{to!r} does not ask for control of vehicle {self.vehicle_id}.", remedy=f"Who asks: {names}."
         )
 
-    def _answer_left_s(self, asking: _Asking) -> float:
+    def _answer_left_s(self, asking: Asking) -> float:
         if not self.can_be_asked:
             return 0.0
         return max(0.0, asking.asked_s + self.terms.answer_s - self.clock.monotonic_s())

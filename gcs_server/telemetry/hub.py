@@ -34,6 +34,10 @@ from gcs_server.vehicle.vehicle import Vehicle
 log = logging.getLogger(__name__)
 
 EVENT_QUEUE_LENGTH = 500
+EVENT_QUEUE_CHARACTERS = 1 << 20
+"""Of the events that wait for one client, together."""
+ERRORS_KEPT = 10
+"""Answers to bad requests that wait for one client; more are left out."""
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
@@ -131,6 +135,8 @@ class Client:
         self._seen: dict[tuple[str, str], float] = {}
         self._seen_replays: str | None = None
         self._events: deque[str] = deque()
+        self._events_size = 0
+        self._errors = 0
         self._wake = asyncio.Event()
         self.overflown = False
 
@@ -143,11 +149,18 @@ class Client:
 
     def offer_text(self, text: str) -> None:
         """Queues a frame that must not be skipped."""
-        if len(self._events) >= EVENT_QUEUE_LENGTH:
+        if len(self._events) >= EVENT_QUEUE_LENGTH or self._events_size > EVENT_QUEUE_CHARACTERS:
             self.overflown = True
         else:
             self._events.append(text)
+            self._events_size += len(text)
         self._wake.set()
+
+    def offer_error(self, detail: str) -> None:
+        """Answers a bad request; a client that leaves the answers unread gets no more of them."""
+        if self._errors < ERRORS_KEPT:
+            self._errors += 1
+            self.offer_text(error_frame(detail))
 
     def subscribe(self, request: Subscribe) -> None:
         """Takes effect at once; everything wanted is sent anew."""
@@ -163,7 +176,10 @@ class Client:
         next_s = self._clock.monotonic_s()
         while not self.overflown:
             while self._events and not self.overflown:
-                await self._socket.send_text(self._events.popleft())
+                text = self._events.popleft()
+                self._events_size -= len(text)
+                await self._socket.send_text(text)
+            self._errors = 0
             now_s = self._clock.monotonic_s()
             wants = self._wants
             if wants is not None and now_s >= next_s:
@@ -255,4 +271,4 @@ class Hub:
             try:
                 client.subscribe(parse_subscribe(text, ALL_TOPICS))
             except ValueError as error:
-                client.offer_text(error_frame(str(error)))
+                client.offer_error(str(error))

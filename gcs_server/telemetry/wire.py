@@ -10,6 +10,9 @@ import msgspec
 from gcs_server.vehicle.events import Event
 
 SCHEMA_VERSION = 1
+LONGEST_REQUEST = 65_536
+MOST_NAMES = 256
+LONGEST_ERROR = 500
 
 # msgspec writes NaN and infinities as null, and dataclasses and tuples without help.
 _encoder = msgspec.json.Encoder(enc_hook=lambda value: str(value))
@@ -78,7 +81,8 @@ def replays_frame(replays: object) -> str:
 
 def error_frame(text: str) -> str:
     """What a client did wrong; the socket stays open."""
-    return encode({"type": "error", "detail": text}).decode()
+    short = text if len(text) <= LONGEST_ERROR else f"{text[:LONGEST_ERROR]}…"
+    return encode({"type": "error", "detail": short}).decode()
 
 
 def parse_subscribe(text: str | bytes, known_topics: frozenset[str]) -> Subscribe:
@@ -87,10 +91,15 @@ def parse_subscribe(text: str | bytes, known_topics: frozenset[str]) -> Subscrib
     Raises:
         ValueError: in words, naming the field.
     """
+    if len(text) > LONGEST_REQUEST:
+        raise ValueError(f"Not a subscription: longer than {LONGEST_REQUEST} characters.")
     try:
         request = _subscribe.decode(text)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, RecursionError) as error:
         raise ValueError(f"Not a subscription: {error}.") from error
+    for name in ("vehicles", "topics"):
+        if len(getattr(request, name)) > MOST_NAMES:
+            raise ValueError(f"{name}: at most {MOST_NAMES}.")
     if isinstance(request.vehicles, str) and request.vehicles != "*":
         raise ValueError('vehicles: a list of ids, or "*".')
     if isinstance(request.topics, str):

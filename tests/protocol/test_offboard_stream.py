@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
+from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
 from gcs_server.control.client import Client
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import flight, order, seconds
@@ -161,6 +161,26 @@ def test_a_client_that_does_not_read_its_answers_still_steers(jump):
         await seconds(0.2)
         assert len(socket.heard) <= 202  # the oldest answers were dropped
         assert socket.heard[-1]["seq"] == 999
+
+    streamed(jump, story)
+
+
+@pytest.mark.parametrize(
+    "text", ['{"' + "x" * 500_000 + '": 1}', "[" * 500_000, '{"type": "' + "y" * 500_000 + '"}']
+)
+def test_bad_orders_whose_answers_are_not_read_cost_no_memory_and_do_not_end_the_stream(jump, text):
+    async def story(vehicle, pilot, socket):
+        socket.reads.clear()
+        for _ in range(100):
+            socket.inbox.put_nowait(text)
+            await seconds(0.02)
+        socket.say(seq=7, **north(3))
+        await seconds(0.1)
+        assert pilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
+        socket.reads.set()
+        await seconds(0.2)
+        assert sum(len(json.dumps(answer)) for answer in socket.heard) < ANSWERS_BYTES + 10_000
+        assert socket.heard[-1]["seq"] == 7
 
     streamed(jump, story)
 

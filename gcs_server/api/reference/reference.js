@@ -107,7 +107,7 @@ function showOperation(api, method, path, operation) {
       ...part('Parameters', parameters.length ? table(parameters) : null),
       ...part('Body', body === undefined ? null : table(fieldRows(api, body))),
       ...part(`Answer${answer ? ` (${answer[0]})` : ''}`, answerSchema === undefined ? null : table(fieldRows(api, answerSchema.items ?? answerSchema))),
-      ...part('Problems', problems.length ? table(problems.map(([status, p]) => [status, p.description])) : null)));
+      ...part('Problems', problems.length ? table(problems.map(([status, p]) => [status, (p.$ref ? api.components.responses[p.$ref.split('/').pop()] : p).description])) : null)));
 }
 
 async function show() {

@@ -4,6 +4,7 @@ import pytest
 
 from gcs_server.control.client import Client
 from gcs_server.control.lease import Lease, Terms
+from gcs_server.control.requests import MOST_REQUESTS, MOST_REQUESTS_BY_ADDRESS, REQUEST_LIVES_S
 from gcs_server.errors import NotInControl, Refused
 
 ANNA, BOB, CARL = (Client.of(name, name * 3) for name in ("anna", "bob", "carl"))
@@ -265,3 +266,37 @@ def test_the_holder_hears_what_others_did_by_the_actions_open_to_all(desk):
     assert desk.actions() == ["taken", "intervened"]
     assert desk.told[-1].text == "bob commanded Land now of vehicle 7; anna still has control."
     assert desk.lease.holder.key == ANNA.key
+
+
+# --- bounds ---------------------------------------------------------------------------------------
+
+
+def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
+    desk.sits_down(ANNA)
+    desk.lease.take(ANNA)
+    crowd = [Client.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MOST_REQUESTS + 1)]
+    for client in crowd[:MOST_REQUESTS]:
+        desk.lease.request(client)
+    assert desk.lease.has_most_requests
+    with pytest.raises(Refused, match="20 clients ask"):
+        desk.lease.request(crowd[MOST_REQUESTS])
+    desk.lease.deny(ANNA, crowd[0].key)
+    desk.lease.request(crowd[MOST_REQUESTS])
+    assert len(desk.lease.requests()) == MOST_REQUESTS
+    desk.after(REQUEST_LIVES_S + 1)
+    assert desk.lease.requests() == ()
+    assert not desk.lease.has_most_requests
+
+
+def test_one_address_cannot_keep_the_others_from_asking(desk):
+    desk.sits_down(ANNA)
+    desk.lease.take(ANNA)
+    for n in range(MOST_REQUESTS_BY_ADDRESS):
+        desk.lease.request(Client.of("hostile", f"id {n}", "6.6.6.6"))
+    for n in range(3000):
+        with pytest.raises(Refused, match="at your address"):
+            desk.lease.request(Client.of("hostile", f"other id {n}", "6.6.6.6"))
+    assert len(desk.lease.requests()) == MOST_REQUESTS_BY_ADDRESS
+    bob = Client.of("bob", "bob", "10.0.0.7")
+    desk.lease.request(bob)
+    assert [r.key for r in desk.lease.requests()][-1] == bob.key

@@ -10,7 +10,7 @@ import pytest
 
 from gcs_server.clock import LoopClock, SystemClock
 from gcs_server.isolation import Isolation
-from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_LENGTH, Hub
+from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_CHARACTERS, EVENT_QUEUE_LENGTH, Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.samples import Estimator, Hud, Sample
 from tests.jump_time import in_jumps
@@ -163,6 +163,60 @@ def test_a_bad_request_is_explained_and_the_socket_stays(ask):
         await socket.asks.put(ask)
         await asyncio.sleep(0.05)
         assert [f for f in socket.sent if f["type"] == "error"]
+        assert socket.closed is None
+
+    told(story)
+
+
+def test_a_client_that_asks_badly_and_reads_nothing_costs_no_memory():
+    async def story(fleet, socket, hub):
+        await asyncio.sleep(0.02)
+        socket.writable.clear()
+        bad = json.dumps({"type": "subscribe", "topics": ["x" * 60_000]})
+        for _ in range(2000):
+            await socket.asks.put(bad)
+        await asyncio.sleep(0.1)
+        (client,) = hub._clients
+        assert sum(map(len, client._events)) < 10_000
+        socket.writable.set()
+        await asyncio.sleep(0.1)
+        assert socket.closed is None
+        await socket.asks.put(bad)
+        await asyncio.sleep(0.05)
+        assert socket.sent[-1]["type"] == "error"
+
+    told(story)
+
+
+def test_large_events_that_are_not_read_close_the_client_before_their_number_does():
+    async def story(fleet, socket, hub):
+        await asyncio.sleep(0.02)
+        socket.writable.clear()
+        for n in range(50):
+            fleet.callbacks[0](Event(n, "status_text", "1", 1e9, 4, "x" * 100_000))
+        (client,) = hub._clients
+        assert sum(map(len, client._events)) < EVENT_QUEUE_CHARACTERS + 200_000
+        socket.writable.set()
+        await asyncio.sleep(0.05)
+        assert socket.closed == CLOSE_TOO_SLOW
+
+    told(story)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        '{"type": "subscribe", "vehicles": ' + json.dumps([str(n) for n in range(300)]) + "}",
+        '{"type": "subscribe", "topics": ' + "[" * 20_000 + "]" * 20_000 + "}",
+        '{"type": "subscribe", "topics": ["' + "x" * 70_000 + '"]}',
+    ],
+)
+def test_a_request_without_end_is_explained_in_a_few_words(ask):
+    async def story(fleet, socket, hub):
+        await socket.asks.put(ask)
+        await asyncio.sleep(0.05)
+        (error,) = [f for f in socket.sent if f["type"] == "error"]
+        assert len(error["detail"]) < 600
         assert socket.closed is None
 
     told(story)

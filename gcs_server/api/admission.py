@@ -1,0 +1,117 @@
+"""How many requests and WebSockets one client, one address and all together may have open.
+
+A client in control of a vehicle is served beyond the numbers of its address and of all, up to its own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+from starlette.requests import HTTPConnection
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from gcs_server.api import refusals
+from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
+from gcs_server.api.refusals import LimitRefusal
+from gcs_server.api.station import client_of
+
+Kind = Literal["http", "websocket"]
+CLOSE_TRY_AGAIN = 1013
+
+
+@dataclass(frozen=True, slots=True)
+class OpenLimits:
+    """Of one kind: how many may be open at once."""
+
+    in_all: int
+    by_address: int
+    by_client: int
+
+
+LIMITS: dict[Kind, OpenLimits] = {
+    "http": OpenLimits(in_all=256, by_address=128, by_client=64),
+    "websocket": OpenLimits(in_all=256, by_address=128, by_client=64),
+}
+
+
+class OpenCounts:
+    """What is open now, of one kind."""
+
+    def __init__(self, limits: OpenLimits, in_control: Callable[[str], bool]) -> None:
+        self._limits = limits
+        self._in_control = in_control
+        self._all = 0
+        self._open: Counter[str] = Counter()
+        """By `client …` and `address …`."""
+
+    def refusal(self, client_key: str, address: str) -> LimitRefusal | None:
+        """Why one more is refused."""
+        if self._open[f"client {client_key}"] >= self._limits.by_client:
+            return refusals.TOO_MANY
+        crowded = self._open[f"address {address}"] >= self._limits.by_address
+        if (crowded or self._all >= self._limits.in_all) and not self._in_control(client_key):
+            return refusals.TOO_MANY if crowded else refusals.FULL
+        return None
+
+    @contextmanager
+    def one(self, client_key: str, address: str) -> Generator[None]:
+        """For as long as it is open."""
+        names = (f"client {client_key}", f"address {address}")
+        self._all += 1
+        self._open.update(names)
+        try:
+            yield
+        finally:
+            self._all -= 1
+            self._open.subtract(names)
+            for name in names:
+                if not self._open[name]:
+                    del self._open[name]
+
+
+class Admission:
+    """ASGI middleware, behind the guard.
+
+    Args:
+        connections: the server's.
+        in_control: whether the client of this key controls a vehicle.
+    """
+
+    def __init__(self, app: ASGIApp, connections: Connections, in_control: Callable[[str], bool]) -> None:
+        self._app = app
+        self._connections = connections
+        self._open = {kind: OpenCounts(limits, in_control) for kind, limits in LIMITS.items()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        kind = scope["type"]
+        if kind not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        key = client_of(HTTPConnection(scope)).key
+        address = scope["client"][0] if scope.get("client") else ""
+        connection: Connection | None = (scope.get("extensions") or {}).get(SCOPE_KEY)
+        status = self._connections.let_in(connection, key) if connection is not None else 0
+        counts = self._open[kind]
+        refusal = refusals.BY_STATUS[status] if status else counts.refusal(key, address)
+        if refusal is None:
+            with counts.one(key, address):
+                await self._app(scope, receive, send)
+            return
+        self._connections.turned_away()
+        if kind == "websocket":
+            await receive()
+            if "websocket.http.response" not in (scope.get("extensions") or {}):
+                await send({"type": "websocket.close", "code": CLOSE_TRY_AGAIN, "reason": refusal.code})
+                return
+        await refused(refusal)(scope, receive, send)
+
+
+def refused(refusal: LimitRefusal) -> Response:
+    """The answer, which closes the connection."""
+    headers = {"Connection": "close", "Cache-Control": "no-store", "Retry-After": "2"}
+    return Response(refusal.body(), refusal.status, headers, media_type="application/problem+json")

@@ -1,0 +1,152 @@
+"""Reads the body of each request before its turn comes: within size, time, depth and number of values.
+
+What is deeper or has more keys than anything of ours is refused before it is parsed and checked: a hundred
+thousand unknown keys would make as many complaints.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+from typing import Any
+
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from gcs_server.api import refusals
+from gcs_server.api.admission import refused
+from gcs_server.api.problems import problem
+from gcs_server.api.station import client_of
+from gcs_server.api.turns import Turns
+
+DEEPEST = 32
+MOST_VALUES = 100_000
+"""Counted as commas and opening brackets: a path of 5000 points has 35,000."""
+MOST_KEYS = 100
+"""Of one object; our largest has 20."""
+_LONG_NUMBER = re.compile(rb"[0-9]{400}")
+_TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
+_NOT_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
+
+
+def json_fault(text: bytes) -> str | None:
+    """Why this JSON is not parsed; None where it may be. What is no JSON is left to the parser."""
+    try:
+        text.decode()
+    except UnicodeDecodeError:
+        return "it is not UTF-8 text"
+    if _LONG_NUMBER.search(text):
+        return "it has a number of 400 digits or more"
+    opening = text.count(b"{") + text.count(b"[")
+    if opening + text.count(b",") > MOST_VALUES:
+        return f"it has more than {MOST_VALUES:,} values"
+    if opening > DEEPEST and _deeper_than(text, DEEPEST):
+        return f"it is nested deeper than {DEEPEST} levels"
+    if text.count(b":") > MOST_KEYS and _most_keys(text) > MOST_KEYS:
+        return f"one of its objects has more than {MOST_KEYS} keys"
+    return None
+
+
+def _deeper_than(text: bytes, most: int) -> bool:
+    depth = 0
+    for bracket in _TEXT.sub(b"", text).translate(None, _NOT_BRACKETS):
+        depth += 1 if bracket in b"[{" else -1
+        if depth > most:
+            return True
+    return False
+
+
+def _most_keys(text: bytes) -> int:
+    most = 0
+
+    def count(pairs: list[tuple[str, Any]]) -> None:
+        nonlocal most
+        most = max(most, len(pairs))
+
+    with contextlib.suppress(ValueError):
+        json.loads(text, object_pairs_hook=count)
+    return most
+
+
+class _Gone(Exception):
+    """The client went away."""
+
+
+class Bodies:
+    """ASGI middleware.
+
+    Args:
+        turns: in which requests begin.
+    """
+
+    def __init__(self, app: ASGIApp, turns: Turns) -> None:
+        self._app = app
+        self._turns = turns
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        client = client_of(HTTPConnection(scope))
+        if scope["method"] in ("GET", "HEAD", "OPTIONS"):
+            await self._turns.wait(client)
+            await self._app(scope, receive, send)
+            return
+        try:
+            async with asyncio.timeout(refusals.BODY_DEADLINE_S):
+                body = await _read(scope, receive)
+        except _Gone:
+            return
+        except TimeoutError:
+            await refused(refusals.SLOW)(scope, receive, send)
+            return
+        if body is None:
+            await refused(refusals.BODY_TOO_LARGE)(scope, receive, send)
+            return
+        await self._turns.wait(client)
+        fault = json_fault(body) if b"json" in _header(scope, b"content-type") else None
+        if fault is not None:
+            answer = problem(
+                422,
+                "Not possible as asked",
+                "invalid_request",
+                f"The body is not read: {fault}.",
+                field="body",
+                remedy="Send what the API's description says, and less at once.",
+            )
+            await answer(scope, receive, send)
+            return
+        given = False
+
+        async def again() -> Message:
+            nonlocal given
+            if given:
+                return await receive()
+            given = True
+            return {"type": "http.request", "body": body, "more_body": False}
+
+        await self._app(scope, again, send)
+
+
+def _header(scope: Scope, name: bytes) -> bytes:
+    return next((value.lower() for key, value in scope["headers"] if key == name), b"")
+
+
+async def _read(scope: Scope, receive: Receive) -> bytes | None:
+    """The body; None: it is too large."""
+    declared = _header(scope, b"content-length")
+    if declared.isdigit() and int(declared[:15]) > refusals.LARGEST_BODY_BYTES:
+        return None
+    body = bytearray()
+    more = True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            raise _Gone
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(body) > refusals.LARGEST_BODY_BYTES:
+            return None
+    return bytes(body)

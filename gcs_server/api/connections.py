@@ -1,0 +1,277 @@
+"""All connections of the HTTP server: how many there may be, whose they are, and which one gives way.
+
+A connection waits until its first request was let in (`guard.py`), then it is busy or idle. Where there is no
+room, a connection that waits gives way first, then an idle one; never one of a client in control of a
+vehicle. Where none can give way, a newcomer is taken on probation, within a reserve: it is served only if
+its request comes from a client in control. Pure: sockets are `http_server/`'s.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from gcs_server.clock import Clock
+
+SCOPE_KEY = "gcs.connection"
+"""Where a connection stands in the `extensions` of an ASGI scope."""
+SHED_PERIOD_S = 0.05
+WARNED_FOR_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """Numbers of connections, and the memory that all together may hold."""
+
+    in_all: int = 512
+    by_address: int = 256
+    """Of `in_all`; where an address has more, its own idle connections give way."""
+    reserve: int = 64
+    """Beyond `in_all`, for clients in control of a vehicle."""
+    waiting_in_all: int = 128
+    """Connections that have not sent a request that was let in."""
+    waiting_by_address: int = 64
+    body_bytes: int = 32 << 20
+    """Of requests that are not complete or not answered yet, all together."""
+    unread_bytes: int = 64 << 20
+    """Of answers that clients have not read, all together."""
+
+    def within(self, descriptors: int) -> ConnectionLimits:
+        """The same, for a process that may have only so many files open for its connections."""
+        in_all = max(8, min(self.in_all, descriptors - self.reserve))
+        share = in_all / self.in_all
+        return ConnectionLimits(
+            in_all=in_all,
+            by_address=max(4, int(self.by_address * share)),
+            reserve=self.reserve,
+            waiting_in_all=max(4, int(self.waiting_in_all * share)),
+            waiting_by_address=max(2, int(self.waiting_by_address * share)),
+            body_bytes=self.body_bytes,
+            unread_bytes=self.unread_bytes,
+        )
+
+
+class Socket(Protocol):
+    """What a connection can be told."""
+
+    def end(self) -> None:
+        """Closes it at once."""
+        ...
+
+    def check(self, now_s: float) -> None:
+        """Closes it where a deadline has passed."""
+        ...
+
+    def unread_bytes(self) -> int:
+        """How much was written that the system has not taken for the client."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class Connection:
+    """One accepted connection."""
+
+    address: str
+    opened_s: float
+    probation: int = 0
+    """The status (429 or 503) that a request gets whose client is not in control; 0: none."""
+    socket: Socket | None = None
+    """Set once the transport is there."""
+    client_key: str = ""
+    let_in: bool = False
+    """Whether a request of it has passed the guard."""
+    busy: bool = False
+    """Whether a request is under way, or a WebSocket is open."""
+    body_bytes: int = 0
+    closed: bool = False
+
+    def end(self) -> None:
+        """Closes it at once."""
+        if self.socket is not None:
+            self.socket.end()
+
+
+class Connections:
+    """All there are.
+
+    Args:
+        clock: the server's.
+        limits: how many.
+        in_control: whether the client of this key controls a vehicle.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        limits: ConnectionLimits | None = None,
+        in_control: Callable[[str], bool] | None = None,
+    ) -> None:
+        self._clock = clock
+        self.limits = limits or ConnectionLimits()
+        self._in_control: Callable[[str], bool] = in_control or _nobody
+        self._all: dict[Connection, None] = {}
+        self._by_address: Counter[str] = Counter()
+        self._waiting: dict[str, dict[Connection, None]] = {}
+        self._waiting_count = 0
+        self._on_probation = 0
+        self._body_bytes = 0
+        self._shed_s = float("-inf")
+        self._refused_s = float("-inf")
+        self.refused = 0
+        """Connections and requests turned away since the start, and connections that had to give way."""
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    # --- coming and going -----------------------------------------------------------------------
+
+    def open(self, address: str) -> Connection | None:
+        """Takes a new connection; None: there is no room for it."""
+        waiting = self._waiting.get(address, {})
+        if len(waiting) >= self.limits.waiting_by_address:
+            self._give_way(next(iter(waiting)))
+        elif self._waiting_count >= self.limits.waiting_in_all:
+            self._give_way(next(iter(max(self._waiting.values(), key=len))))
+        probation = self._probation(address)
+        if probation is None:
+            self.turned_away()
+            return None
+        connection = Connection(address, self._clock.monotonic_s(), probation)
+        self._all[connection] = None
+        self._by_address[address] += 1
+        self._on_probation += probation > 0
+        self._wait(connection)
+        return connection
+
+    def closed(self, connection: Connection) -> None:
+        """It has gone; may be called more than once."""
+        if connection.closed:
+            return
+        connection.closed = True
+        self.release_body(connection)
+        self._stop_waiting(connection)
+        self._all.pop(connection, None)
+        self._on_probation -= connection.probation > 0
+        self._by_address[connection.address] -= 1
+        if not self._by_address[connection.address]:
+            del self._by_address[connection.address]
+
+    def set_busy(self, connection: Connection, busy: bool) -> None:
+        """A request begins or has been answered."""
+        connection.busy = busy
+        if connection.closed:
+            return
+        if busy:
+            self._stop_waiting(connection)
+        elif not connection.let_in:
+            self._wait(connection)
+
+    def let_in(self, connection: Connection, client_key: str) -> int:
+        """Its request has passed the guard; answers the status that refuses it all the same, or 0."""
+        connection.let_in = True
+        connection.client_key = client_key
+        return 0 if not connection.probation or self._in_control(client_key) else connection.probation
+
+    # --- memory ---------------------------------------------------------------------------------
+
+    def take_body(self, connection: Connection, size: int) -> bool:
+        """Counts bytes of a request's body; false where all bodies together are too large."""
+        if connection.closed:
+            return False
+        connection.body_bytes += size
+        self._body_bytes += size
+        return self._body_bytes <= self.limits.body_bytes
+
+    def release_body(self, connection: Connection) -> None:
+        """The request has been answered, or has ended."""
+        self._body_bytes -= connection.body_bytes
+        connection.body_bytes = 0
+
+    def shed(self) -> None:
+        """Ends those that hold most unread bytes, until all together are within the limit."""
+        now_s = self._clock.monotonic_s()
+        if now_s - self._shed_s < SHED_PERIOD_S:
+            return
+        self._shed_s = now_s
+        held = [(c.socket.unread_bytes(), c) for c in self._all if c.socket is not None]
+        total = sum(size for size, _ in held)
+        if total <= self.limits.unread_bytes:
+            return
+        for size, connection in sorted(held, key=lambda each: (self._protected(each[1]), -each[0])):
+            if total <= self.limits.unread_bytes:
+                return
+            total -= size
+            self._give_way(connection)
+
+    def check(self) -> None:
+        """Now and then: lets each connection look at its deadlines."""
+        now_s = self._clock.monotonic_s()
+        for connection in list(self._all):
+            if connection.socket is not None:
+                connection.socket.check(now_s)
+        self.shed()
+
+    # --- words ----------------------------------------------------------------------------------
+
+    def turned_away(self) -> None:
+        """Counts what was refused or had to give way."""
+        self.refused += 1
+        self._refused_s = self._clock.monotonic_s()
+
+    def warning(self) -> str | None:
+        """For people, while it is a minute ago at most."""
+        if self._clock.monotonic_s() - self._refused_s > WARNED_FOR_S:
+            return None
+        return (
+            f"The server is turning clients away: too many connections or requests ({self.refused} since its "
+            f"start; {len(self)} connections are open). Clients in control of a vehicle are still served."
+        )
+
+    # --- the parts ------------------------------------------------------------------------------
+
+    def _probation(self, address: str) -> int | None:
+        crowded = self._by_address[address] >= self.limits.by_address
+        if not crowded and len(self._all) - self._on_probation < self.limits.in_all:
+            return 0
+        candidates = [c for c in self._all if not c.probation and (not crowded or c.address == address)]
+        if self._one_gives_way(candidates):
+            return 0
+        if self._on_probation >= self.limits.reserve and not self._one_gives_way(
+            [c for c in self._all if c.probation]
+        ):
+            return None
+        return 429 if crowded else 503
+
+    def _one_gives_way(self, candidates: list[Connection]) -> bool:
+        able = [c for c in candidates if not c.let_in or (not c.busy and not self._protected(c))]
+        if not able:
+            return False
+        self._give_way(min(able, key=lambda c: (c.let_in, -self._by_address[c.address], c.opened_s)))
+        return True
+
+    def _protected(self, connection: Connection) -> bool:
+        return bool(connection.client_key) and self._in_control(connection.client_key)
+
+    def _give_way(self, connection: Connection) -> None:
+        self.turned_away()
+        self.closed(connection)
+        connection.end()
+
+    def _wait(self, connection: Connection) -> None:
+        self._waiting.setdefault(connection.address, {})[connection] = None
+        self._waiting_count += 1
+
+    def _stop_waiting(self, connection: Connection) -> None:
+        waiting = self._waiting.get(connection.address)
+        if waiting is None or connection not in waiting:
+            return
+        del waiting[connection]
+        self._waiting_count -= 1
+        if not waiting:
+            del self._waiting[connection.address]
+
+
+def _nobody(_: str) -> bool:
+    return False

@@ -1,0 +1,48 @@
+"""What any call may be answered before its route is asked: added to each operation of the description."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from gcs_server.api import refusals
+
+PROBLEM_JSON = "application/problem+json"
+_PROBLEM = {"schema": {"$ref": "#/components/schemas/Problem"}}
+_OURS = ("Problem", "HTTPValidationError")
+
+COMMON: dict[str, str] = {
+    "400": "Not HTTP, or without one Host.",
+    "401": "The token is missing or wrong.",
+    "403": "A page of another site, a foreign name, or a cookie without its page's Origin.",
+    **{str(refusal.status): refusal.detail for refusal in refusals.ALL if refusal.status not in (400, 503)},
+    "422": "Malformed; names the field.",
+    "503": f"The link to the vehicle was lost, or: {refusals.FULL.detail}",
+}
+"""Status and words."""
+
+
+def describe_refusals(described: dict[str, Any]) -> None:
+    """Errors are problem+json everywhere; the door's and the limits' stand at each operation."""
+    described["components"]["responses"] = {
+        f"Refused{status}": {"description": words, "content": {PROBLEM_JSON: _PROBLEM}}
+        for status, words in COMMON.items()
+    }
+    described["components"]["responses"]["Refused401"]["content"]["text/html"] = {
+        "schema": {"type": "string"}
+    }
+    for operations in described["paths"].values():
+        for operation in operations.values():
+            answers = cast("dict[str, dict[str, Any]]", operation["responses"])
+            for answer in answers.values():
+                if _is_problem(answer):
+                    answer["content"] = {PROBLEM_JSON: _PROBLEM}
+            common = {status: {"$ref": f"#/components/responses/Refused{status}"} for status in COMMON}
+            operation["responses"] = dict(sorted({**answers, **common}.items()))
+    schemas = described["components"]["schemas"]
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(unused, None)
+
+
+def _is_problem(answer: dict[str, Any]) -> bool:
+    schema = answer.get("content", {}).get("application/json", {}).get("schema", {})
+    return str(schema.get("$ref", "")).rpartition("/")[2] in _OURS

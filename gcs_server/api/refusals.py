@@ -1,0 +1,94 @@
+"""What a client is told that exceeds a limit: one table for the server and its description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from http import HTTPStatus
+
+from gcs_server.telemetry.wire import encode
+
+LONGEST_HEAD_BYTES = 32_768
+"""Request line and headers together."""
+LONGEST_URL_BYTES = 8_192
+MOST_HEADERS = 100
+LARGEST_BODY_BYTES = 1 << 20
+"""A path of 5000 points has some 700 kB; everything else a few kilobytes."""
+LARGEST_MESSAGE_BYTES = 1 << 20
+"""Of a WebSocket, from a client."""
+HEAD_DEADLINE_S = 10.0
+"""From the connection's begin, or the first byte of a later request, to the end of its headers."""
+BODY_DEADLINE_S = 20.0
+UNREAD_DEADLINE_S = 20.0
+"""How long a client may take nothing of what was written for it."""
+MOST_PIPELINED = 8
+"""Requests that wait on one connection behind the one that is being answered."""
+
+
+@dataclass(frozen=True, slots=True)
+class LimitRefusal:
+    """Why the server does not serve a request that exceeds a limit."""
+
+    status: int
+    code: str
+    detail: str
+    remedy: str
+
+    @property
+    def title(self) -> str:
+        """The status's own words."""
+        return HTTPStatus(self.status).phrase
+
+    def body(self) -> bytes:
+        """As problem+json."""
+        return encode(
+            {
+                "type": f"/problems/{self.code}",
+                "title": self.title,
+                "status": self.status,
+                "code": self.code,
+                "detail": self.detail,
+                "remedy": self.remedy,
+            }
+        )
+
+
+MALFORMED = LimitRefusal(
+    400, "malformed_http", "The request is not HTTP as this server reads it.", "Send HTTP/1.1."
+)
+SLOW = LimitRefusal(
+    408,
+    "too_slow",
+    f"The request was not complete in time: its headers must arrive within {HEAD_DEADLINE_S:g} s, its body "
+    f"within {BODY_DEADLINE_S:g} s.",
+    "Send it again; nothing was carried out.",
+)
+BODY_TOO_LARGE = LimitRefusal(
+    413,
+    "body_too_large",
+    f"The request's body is larger than {LARGEST_BODY_BYTES:,} bytes.",
+    "Send less at once: a path of fewer points, fewer vehicles in a call.",
+)
+URL_TOO_LONG = LimitRefusal(
+    414, "url_too_long", f"The address is longer than {LONGEST_URL_BYTES:,} bytes.", "Send a shorter one."
+)
+HEAD_TOO_LARGE = LimitRefusal(
+    431,
+    "headers_too_large",
+    f"The request line and the headers are longer than {LONGEST_HEAD_BYTES:,} bytes, or more than "
+    f"{MOST_HEADERS} headers.",
+    "Send fewer and shorter headers.",
+)
+TOO_MANY = LimitRefusal(
+    429,
+    "too_many_requests",
+    "This client, or its address, has too many connections, requests or WebSockets open.",
+    "Close some, wait for the answers, then try again. A client in control of a vehicle is served.",
+)
+FULL = LimitRefusal(
+    503,
+    "server_full",
+    "The server has as many connections and requests as it takes.",
+    "Try again later. A client in control of a vehicle is served.",
+)
+ALL = (MALFORMED, SLOW, BODY_TOO_LARGE, URL_TOO_LONG, HEAD_TOO_LARGE, TOO_MANY, FULL)
+BY_STATUS = {refusal.status: refusal for refusal in ALL}

@@ -1,0 +1,1 @@
+"""HTTP and WebSockets on the wire: every connection bounded in size, time, number and memory."""

@@ -1,0 +1,132 @@
+"""Accepts connections: a few in each turn of the loop, and none that there is no room for.
+
+asyncio's own acceptor takes as many at once as wait, and where the process has no file left it writes a
+traceback for each of them, again every second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import logging
+import os
+import socket
+from collections.abc import Callable
+
+from gcs_server.api.connections import Connection, Connections
+from gcs_server.api.refusals import FULL
+from gcs_server.clock import Clock
+from gcs_server.http_server.http_protocol import raw_answer
+from gcs_server.supervise import Supervisor
+
+log = logging.getLogger(__name__)
+
+ACCEPTED_A_TURN = 8
+CHECK_PERIOD_S = 0.5
+NO_FILES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
+NO_FILES_PAUSE_S = 0.2
+
+
+class Acceptor:
+    """Of one listening socket.
+
+    Args:
+        listener: bound, listening, not blocking.
+        protocol: makes what speaks on a new connection.
+        connections: asked whether there is room.
+        clock: the server's.
+    """
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        protocol: Callable[[Connection], asyncio.Protocol],
+        connections: Connections,
+        clock: Clock,
+    ) -> None:
+        self._listener = listener
+        self._protocol = protocol
+        self._connections = connections
+        self._clock = clock
+        self._supervisor = Supervisor(clock)
+        self._accepting: asyncio.Task[None] | None = None
+        self._spare: int | None = None
+        """A file that is given up to accept, and close, one connection where there are no others left."""
+
+    def start(self) -> None:
+        """Begins."""
+        self._keep_spare()
+        self._accepting = self._supervisor.start("acceptor", self._accept_for_ever)
+        self._supervisor.start("deadlines of connections", self._check_for_ever)
+
+    def close(self) -> None:
+        """Accepts no more; deadlines stay in force until the loop ends."""
+        if self._accepting is not None:
+            self._accepting.cancel()
+        if self._spare is not None:
+            os.close(self._spare)
+            self._spare = None
+
+    async def wait_closed(self) -> None:
+        """For uvicorn."""
+
+    async def _accept_for_ever(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            for _ in range(ACCEPTED_A_TURN):
+                try:
+                    accepted, address = await loop.sock_accept(self._listener)
+                except OSError as error:
+                    await self._failed(error)
+                    break
+                self._take(accepted, str(address[0]))
+            await asyncio.sleep(0)
+
+    def _take(self, accepted: socket.socket, address: str) -> None:
+        connection = self._connections.open(address)
+        if connection is None:
+            _turn_away(accepted)
+            return
+        self._supervisor.spawn("connection", self._connect(accepted, connection))
+
+    async def _connect(self, accepted: socket.socket, connection: Connection) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.connect_accepted_socket(lambda: self._protocol(connection), accepted)
+        except OSError:  # it has gone already
+            self._connections.closed(connection)
+            accepted.close()
+
+    async def _failed(self, error: OSError) -> None:
+        """Where no file is left: tells one that waits and closes it, and tries again a little later."""
+        if error.errno not in NO_FILES:
+            return  # the client went before it was accepted
+        log.warning("no connection can be accepted: %s", error.strerror)
+        self._connections.turned_away()
+        if self._spare is not None:
+            os.close(self._spare)
+            self._spare = None
+            with contextlib.suppress(OSError):
+                accepted, _ = self._listener.accept()
+                _turn_away(accepted)
+        self._keep_spare()
+        await self._clock.sleep(NO_FILES_PAUSE_S)
+
+    def _keep_spare(self) -> None:
+        if self._spare is None:
+            with contextlib.suppress(OSError):
+                self._spare = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+
+    async def _check_for_ever(self) -> None:
+        while True:
+            await self._clock.sleep(CHECK_PERIOD_S)
+            self._connections.check()
+
+
+def _turn_away(accepted: socket.socket) -> None:
+    """Says why, without waiting."""
+    with accepted, contextlib.suppress(OSError):
+        accepted.setblocking(False)
+        accepted.send(raw_answer(FULL))
+        accepted.shutdown(socket.SHUT_WR)

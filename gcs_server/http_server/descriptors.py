@@ -1,0 +1,34 @@
+"""How many files the process may have open, and how many of them are for connections of clients."""
+
+from __future__ import annotations
+
+import logging
+import resource
+
+log = logging.getLogger(__name__)
+
+WANTED = 4096
+KEPT = 256
+"""For MAVLink links, recordings, the streams' process, the journal and the page's files."""
+
+
+def for_connections() -> int:
+    """Raises the soft limit as far as is useful and allowed; how many connections then leave `KEPT` free."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    allowed = soft
+    if soft != resource.RLIM_INFINITY and soft < WANTED:
+        allowed = WANTED if hard == resource.RLIM_INFINITY else min(WANTED, hard)
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+        except (OSError, ValueError):
+            allowed = soft
+    if allowed == resource.RLIM_INFINITY:
+        return WANTED
+    if allowed < WANTED:
+        log.warning(
+            "This process may open %d files only (ulimit -n): fewer clients can connect at once. "
+            "%d or more are better.",
+            allowed,
+            WANTED,
+        )
+    return max(allowed - KEPT, allowed // 2)

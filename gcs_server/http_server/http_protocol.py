@@ -1,0 +1,286 @@
+"""HTTP of one connection, within limits of size, time and number.
+
+uvicorn's protocol does the work; this one counts what comes in before it is kept, and refuses in words. What
+was refused is closed so that the words arrive: the server ends its own side, and drops what still comes in.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import Any, cast
+
+import httptools
+from uvicorn.config import Config
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from uvicorn.server import ServerState
+
+from gcs_server.api import refusals as r
+from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
+from gcs_server.clock import Clock
+from gcs_server.http_server.stall import Stall
+from gcs_server.http_server.websocket_protocol import BoundedWebSocket
+
+OVERHEAD_BYTES = 131_072
+"""What a chunked body may have beside its content."""
+MOST_CHUNKS = 4096
+LINGER_S = 2.0
+LINGER_BYTES = 4 << 20
+
+_HEADERS = (
+    b"content-type: application/problem+json\r\ncache-control: no-store\r\n"
+    b"x-content-type-options: nosniff\r\ncontent-security-policy: default-src 'none'\r\nconnection: close\r\n"
+)
+
+
+def raw_answer(refusal: r.LimitRefusal) -> bytes:
+    """A whole HTTP answer."""
+    body = refusal.body()
+    return b"HTTP/1.1 %d %s\r\n%scontent-length: %d\r\n\r\n%s" % (
+        refusal.status,
+        refusal.title.encode(),
+        _HEADERS,
+        len(body),
+        body,
+    )
+
+
+class _Stop(Exception):
+    """Ends the parsing of what has come in."""
+
+
+class BoundedHttp(HttpToolsProtocol):
+    """One connection.
+
+    Args:
+        config: uvicorn's.
+        server_state: uvicorn's.
+        app_state: of the application's lifespan.
+        connection: its place among the others.
+        connections: all of them.
+        clock: the server's.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        *,
+        connection: Connection,
+        connections: Connections,
+        clock: Clock,
+    ) -> None:
+        super().__init__(config, server_state, app_state)
+        self.connection = connection
+        self._connections = connections
+        self._clock = clock
+        self._stall = Stall(clock)
+        self._since_s = clock.monotonic_s()
+        """Of the present deadline: for the head, or for the body."""
+        self._in_head = False
+        self._in_body = False
+        self._head_bytes = 0
+        self._url_bytes = 0
+        self._body_bytes = 0
+        self._chunks = 0
+        self._fed_bytes = 0
+        """As they came, since the message began; without those that came together with its beginning."""
+        self._began = False
+        """Whether a message began in the bytes that are being parsed."""
+        self._unanswered: deque[RequestResponseCycle] = deque()
+        self._present: RequestResponseCycle | None = None
+        """Of the request whose body is coming in; None until its head is whole."""
+        self._refused = False
+        self._lingers_until_s: float | None = None
+        self._dropped_bytes = 0
+
+    # --- asyncio's side -------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The socket is there."""
+        super().connection_made(cast(asyncio.Transport, transport))
+        self.connection.socket = self
+        if self.connection.closed:  # it had to give way meanwhile
+            self.end()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The socket has gone."""
+        super().connection_lost(exc)
+        self._connections.closed(self.connection)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes of the client."""
+        if self._refused:
+            self._dropped_bytes += len(data)
+            if self._dropped_bytes > LINGER_BYTES:
+                self.end()
+            return
+        self._unset_keepalive_if_required()
+        self._began = False
+        try:
+            cast(httptools.HttpRequestParser, self.parser).feed_data(data)
+        except httptools.HttpParserUpgrade:
+            if self._should_upgrade():
+                self.handle_websocket_upgrade()
+            return  # another protocol is asked for (h2c): the request is answered as it is
+        except httptools.HttpParserError:
+            self._refuse(r.MALFORMED)
+            return
+        if not self._began:
+            self._fed_bytes += len(data)
+        # Incomplete headers, chunk extensions and trailers are in no callback's count.
+        if self._in_head and self._fed_bytes > r.LONGEST_HEAD_BYTES:
+            self._refuse(r.HEAD_TOO_LARGE)
+        elif self._in_body and self._fed_bytes > r.LARGEST_BODY_BYTES + OVERHEAD_BYTES:
+            self._refuse(r.BODY_TOO_LARGE)
+
+    # --- the parser's side ----------------------------------------------------------------------
+
+    def on_message_begin(self) -> None:
+        """A request begins."""
+        if len(self.pipeline) >= r.MOST_PIPELINED:
+            self._stop(r.TOO_MANY)
+        super().on_message_begin()
+        self._in_head = self._began = True
+        self._since_s = self._clock.monotonic_s()
+        self._present = None
+        self._chunks = self._fed_bytes = self._head_bytes = self._url_bytes = self._body_bytes = 0
+
+    def on_url(self, url: bytes) -> None:
+        """A piece of the address."""
+        self._head_bytes += len(url)
+        self._url_bytes += len(url)
+        if self._url_bytes > r.LONGEST_URL_BYTES:
+            self._stop(r.URL_TOO_LONG)
+        super().on_url(url)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """A header, or a trailer behind the body."""
+        self._head_bytes += len(name) + len(value) + 4
+        if self._head_bytes > r.LONGEST_HEAD_BYTES or len(self.headers) >= r.MOST_HEADERS:
+            self._stop(r.HEAD_TOO_LARGE)
+        if self._in_head:  # trailers are of no use here
+            super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        """The head is whole: the application begins."""
+        self._in_head, self._in_body = False, True
+        self._since_s = self._clock.monotonic_s()
+        declared = next((value for name, value in self.headers if name == b"content-length"), b"0")
+        if len(declared) > 15 or int(declared) > r.LARGEST_BODY_BYTES:
+            self._stop(r.BODY_TOO_LARGE)
+        super().on_headers_complete()
+        if not self._should_upgrade():
+            self._present = self.cycle
+            self._unanswered.append(self.cycle)
+            cast("dict[str, Any]", self.scope)["extensions"] = {SCOPE_KEY: self.connection}
+            self._connections.set_busy(self.connection, True)
+            self._connections.shed()
+
+    def on_chunk_header(self) -> None:
+        """A piece of a chunked body begins."""
+        self._chunks += 1
+        if self._chunks > MOST_CHUNKS:
+            self._stop(r.BODY_TOO_LARGE)
+
+    def on_body(self, body: bytes) -> None:
+        """A piece of the body."""
+        self._body_bytes += len(body)
+        if self._body_bytes > r.LARGEST_BODY_BYTES:
+            self._stop(r.BODY_TOO_LARGE)
+        if not self.cycle.response_complete and not self._connections.take_body(self.connection, len(body)):
+            self._stop(r.FULL)
+        super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """The request is whole."""
+        self._in_body = False
+        super().on_message_complete()
+
+    def on_response_complete(self) -> None:
+        """The request has been answered."""
+        self._unanswered.popleft()
+        if not self._unanswered:
+            self._connections.release_body(self.connection)
+            self._connections.set_busy(self.connection, False)
+        if not (self._in_body or self._in_head):
+            self._since_s = self._clock.monotonic_s()
+        super().on_response_complete()
+
+    def handle_websocket_upgrade(self) -> None:
+        """Hands the connection over to a WebSocket."""
+        if self._unanswered:
+            self._refuse(r.MALFORMED)
+            return
+        self.server_state.connections.discard(self)
+        lines = [self.scope["method"].encode() + b" " + self.url + b" HTTP/1.1\r\n"]
+        lines += [name + b": " + value + b"\r\n" for name, value in self.scope["headers"]]
+        protocol = BoundedWebSocket(
+            self.config,
+            self.server_state,
+            self.app_state,
+            connection=self.connection,
+            connections=self._connections,
+            clock=self._clock,
+        )
+        protocol.connection_made(self.transport)
+        self.transport.set_protocol(protocol)
+        protocol.data_received(b"".join([*lines, b"\r\n"]))
+
+    # --- for `Connections` ----------------------------------------------------------------------
+
+    def end(self) -> None:
+        """Closes it at once."""
+        if self.transport is not None:  # type: ignore[redundant-expr]
+            self.transport.abort()
+
+    def unread_bytes(self) -> int:
+        """What was written and not taken."""
+        return self.transport.get_write_buffer_size()
+
+    def check(self, now_s: float) -> None:
+        """Closes it where a deadline has passed."""
+        if self._lingers_until_s is not None:
+            if now_s > self._lingers_until_s:
+                self.end()
+        elif self._stall.too_long(self.unread_bytes()):
+            self.end()
+        elif self._in_body:
+            if now_s - self._since_s > r.BODY_DEADLINE_S:
+                self._refuse(r.SLOW)
+        elif not self.connection.busy and now_s - self._since_s > r.HEAD_DEADLINE_S:
+            if self._in_head:
+                self._refuse(r.SLOW)
+            else:
+                self.transport.close()
+
+    # --- refusing -------------------------------------------------------------------------------
+
+    def _stop(self, refusal: r.LimitRefusal) -> None:
+        self._refuse(refusal)
+        raise _Stop
+
+    def _refuse(self, refusal: r.LimitRefusal) -> None:
+        """Answers in words where no other answer is under way, and closes."""
+        if self._refused:
+            return
+        self._refused = True
+        self._connections.turned_away()
+        self.pipeline.clear()
+        self._unset_keepalive_if_required()
+        present = self._present
+        others = any(cycle is not present for cycle in self._unanswered)
+        begun = present is not None and present.response_started
+        for cycle in self._unanswered:
+            cycle.disconnected, cycle.waiting_for_100_continue = True, False
+            cycle.message_event.set()
+        if self.transport.is_closing():
+            return
+        if not (others or begun):
+            self.transport.write(raw_answer(refusal))
+        self._lingers_until_s = self._clock.monotonic_s() + LINGER_S
+        self.flow.resume_writing()
+        self.flow.resume_reading()
+        if self.transport.can_write_eof():
+            self.transport.write_eof()

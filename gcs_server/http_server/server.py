@@ -1,0 +1,70 @@
+"""uvicorn's server with an acceptor and connections of our own."""
+
+from __future__ import annotations
+
+import gc
+import socket
+from collections.abc import Sequence
+from typing import Any, cast
+
+import uvicorn
+
+from gcs_server.api.connections import Connection, Connections
+from gcs_server.api.refusals import LARGEST_MESSAGE_BYTES
+from gcs_server.clock import Clock
+from gcs_server.http_server.acceptor import Acceptor
+from gcs_server.http_server.http_protocol import BoundedHttp
+
+
+class HttpServer(uvicorn.Server):
+    """Serves an application on a socket that listens already, and says once everything is up how to come in.
+
+    Args:
+        app: the application.
+        connections: what it knows of its connections, with their limits.
+        clock: the server's.
+        addresses: said when it is ready.
+    """
+
+    def __init__(self, app: Any, connections: Connections, clock: Clock, addresses: Sequence[str]) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                log_config=None,
+                log_level="warning",
+                http="httptools",
+                ws="websockets-sansio",
+                ws_per_message_deflate=False,
+                ws_max_size=LARGEST_MESSAGE_BYTES,
+                access_log=False,
+                timeout_graceful_shutdown=3,
+                lifespan="on",
+            )
+        )
+        self._connections = connections
+        self._clock = clock
+        self._addresses = addresses
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Starts the application, then lets clients in."""
+        await super().startup([])
+        for listener in sockets or []:
+            acceptor = Acceptor(listener, self._protocol, self._connections, self._clock)
+            acceptor.start()
+            self.servers.append(cast(Any, acceptor))
+        # All that was imported stays for ever. Looking through it again at each full garbage collection would
+        # halt the process, the offboard stream included, and cost as much as decoding a fleet's telemetry.
+        gc.collect()
+        gc.freeze()
+        if self.started:
+            print("Ready: " + "\n       ".join(self._addresses), flush=True)
+
+    def _protocol(self, connection: Connection) -> BoundedHttp:
+        return BoundedHttp(
+            self.config,
+            self.server_state,
+            self.lifespan.state,
+            connection=connection,
+            connections=self._connections,
+            clock=self._clock,
+        )

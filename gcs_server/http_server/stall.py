@@ -1,0 +1,31 @@
+"""Whether a client takes what is written for it."""
+
+from __future__ import annotations
+
+from gcs_server.api.refusals import UNREAD_DEADLINE_S
+from gcs_server.clock import Clock
+
+
+class Stall:
+    """Of one connection.
+
+    Args:
+        clock: the server's.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._last_bytes = 0
+        self._since_s = 0.0
+
+    def too_long(self, unread_bytes: int) -> bool:
+        """Whether nothing was taken for `UNREAD_DEADLINE_S`; to be asked now and then.
+
+        Args:
+            unread_bytes: how much waits in the process now.
+        """
+        now_s = self._clock.monotonic_s()
+        if not unread_bytes or unread_bytes < self._last_bytes or not self._last_bytes:
+            self._since_s = now_s
+        self._last_bytes = unread_bytes
+        return bool(unread_bytes) and now_s - self._since_s > UNREAD_DEADLINE_S

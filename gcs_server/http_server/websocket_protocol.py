@@ -1,0 +1,172 @@
+"""One WebSocket, within limits: what comes in is parsed in small pieces, what is not read is not kept.
+
+uvicorn's protocol parses all that came in at once and keeps each message; a quarter of a megabyte of empty
+frames would stop the loop for most of a second. Here the next piece is parsed when the application has taken
+the messages of the one before, in a turn of the loop of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import Any, cast
+
+from uvicorn.config import Config
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from uvicorn.server import ServerState
+from websockets.frames import Frame
+from websockets.http11 import Request
+
+from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
+from gcs_server.api.refusals import UNREAD_DEADLINE_S
+from gcs_server.clock import Clock
+from gcs_server.http_server.stall import Stall
+
+PIECE_BYTES = 2048
+MOST_FRAMES = 1024
+"""Of one message."""
+MOST_FRAMES_PER_S = 5000
+MOST_UNREAD_PONG_BYTES = 65_536
+CLOSE_DEADLINE_S = 5.0
+CLOSE_POLICY = 1008
+CLOSE_TOO_LARGE = 1009
+CLOSE_TOO_SLOW = 1013
+
+
+class BoundedWebSocket(WebSocketsSansIOProtocol):
+    """One WebSocket; arguments as `BoundedHttp`."""
+
+    def __init__(
+        self,
+        config: Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        *,
+        connection: Connection,
+        connections: Connections,
+        clock: Clock,
+    ) -> None:
+        super().__init__(config, server_state, app_state)
+        self.connection = connection
+        self._connections = connections
+        self._clock = clock
+        self._stall = Stall(clock)
+        self._opened_s = clock.monotonic_s()
+        self._unparsed: deque[bytes] = deque()
+        self._parsing = False
+        self._second_s, self._frames_in_second = clock.monotonic_s(), 0
+        self._closing_since_s: float | None = None
+
+    # --- coming in ------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Taken over from HTTP."""
+        super().connection_made(transport)
+        self.connection.socket = self
+        self._connections.set_busy(self.connection, True)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The socket has gone."""
+        self._unparsed.clear()
+        super().connection_lost(exc)
+        self._connections.closed(self.connection)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes of the client, cut into pieces."""
+        if not self.handshake_initiated:  # the head, from our own parser
+            super().data_received(data)
+            return
+        if self.close_sent and not self._parsing:  # only the answer to our closing is of interest
+            data = data[-PIECE_BYTES:]
+        self._unparsed.extend(data[i : i + PIECE_BYTES] for i in range(0, len(data), PIECE_BYTES))
+        self.transport.pause_reading()
+        self._parse_some()
+
+    def _parse_some(self) -> None:
+        """One piece; the next follows in another turn, once the application has taken what there is."""
+        self._parsing = False
+        if self.transport.is_closing() or self.disconnected:
+            self._unparsed.clear()
+            return
+        if self._unparsed and (self.queue.empty() or self.close_sent):
+            super().data_received(self._unparsed.popleft())
+        if self._unparsed:
+            if self.queue.empty() or self.close_sent:
+                self._parsing = True
+                self.loop.call_soon(self._parse_some)
+        elif self.queue.empty():
+            self.read_paused = False
+            self.transport.resume_reading()
+
+    async def receive(self) -> Any:
+        """The next message for the application."""
+        message = await self.queue.get()
+        if self.queue.empty() and not self._parsing:
+            self._parse_some()
+        return message
+
+    def handle_connect(self, event: Request) -> None:
+        """The head is whole; the application begins in the next turn of the loop."""
+        super().handle_connect(event)
+        if self.response.status_code == 101:
+            scope = cast("dict[str, Any]", self.scope)
+            scope["extensions"] = {**scope["extensions"], SCOPE_KEY: self.connection}
+
+    def handle_events(self) -> None:
+        """Frames; more in a second than anybody needs end the WebSocket."""
+        now_s = self._clock.monotonic_s()
+        if now_s - self._second_s >= 1.0:
+            self._second_s, self._frames_in_second = now_s, 0
+        self._frames_in_second += len(self.conn.events)
+        if self._frames_in_second > MOST_FRAMES_PER_S:
+            self._fail(CLOSE_POLICY, f"more than {MOST_FRAMES_PER_S} frames in a second")
+            return
+        super().handle_events()
+
+    def handle_cont(self, event: Frame) -> None:
+        """A further part of a message."""
+        if len(self.frames) >= MOST_FRAMES:
+            self._fail(CLOSE_TOO_LARGE, f"a message of more than {MOST_FRAMES} frames")
+            return
+        super().handle_cont(event)
+
+    def handle_ping(self) -> None:
+        """Answers, unless the client leaves the answers unread."""
+        if self.unread_bytes() < MOST_UNREAD_PONG_BYTES:
+            super().handle_ping()
+        else:
+            self.conn.data_to_send()
+
+    # --- for `Connections` ----------------------------------------------------------------------
+
+    def end(self) -> None:
+        """Closes it at once."""
+        self.transport.abort()
+
+    def unread_bytes(self) -> int:
+        """What was written and not taken."""
+        return self.transport.get_write_buffer_size()
+
+    def check(self, now_s: float) -> None:
+        """Ends it where the client takes nothing, or does not close."""
+        if self.transport.is_closing() or self.close_sent:
+            if self._closing_since_s is None:
+                self._closing_since_s = now_s
+            elif now_s - self._closing_since_s > CLOSE_DEADLINE_S:
+                self.end()
+        elif self._stall.too_long(self.unread_bytes()):
+            self._fail(CLOSE_TOO_SLOW, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
+
+    def _fail(self, code: int, reason: str) -> None:
+        """Closes with a code and a reason; `check` ends it where they are not read."""
+        if self.close_sent or self.transport.is_closing():
+            return
+        self._connections.turned_away()
+        self._unparsed.clear()
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
+        self.conn.fail(code, reason)
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        self.disconnected = True
+        self.writable.set()
+        self.transport.close()

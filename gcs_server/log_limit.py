@@ -1,0 +1,46 @@
+"""An error that is caused again and again fills no log: a few equal lines, then their number."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+LINES = 5
+PERIOD_S = 10.0
+LONGEST_LINE = 4000
+PLACES_KEPT = 1000
+
+
+class LogLimit(logging.Filter):
+    """Of the lines that one place in the code writes, lets `LINES` pass in `PERIOD_S`.
+
+    Args:
+        monotonic_s: the time [s].
+    """
+
+    def __init__(self, monotonic_s: Callable[[], float]) -> None:
+        super().__init__()
+        self._monotonic_s = monotonic_s
+        self._places: dict[tuple[str, int, str], tuple[float, int]] = {}
+        """By file, line and error: when its period began, and the lines since."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether this line is written."""
+        now_s = self._monotonic_s()
+        error = record.exc_info[0].__name__ if record.exc_info and record.exc_info[0] else ""
+        place = (record.pathname, record.lineno, error)
+        since_s, count = self._places.get(place, (now_s, 0))
+        if now_s - since_s >= PERIOD_S:
+            if count > LINES:
+                record.msg = f"{record.getMessage()} ({count - LINES} more such lines since the last one)"
+                record.args = ()
+            since_s, count = now_s, 0
+        if len(self._places) >= PLACES_KEPT and place not in self._places:
+            self._places.clear()
+        self._places[place] = (since_s, count + 1)
+        if count >= LINES:
+            return False
+        text = record.getMessage()
+        if len(text) > LONGEST_LINE:
+            record.msg, record.args = f"{text[:LONGEST_LINE]} … ({len(text)} characters)", ()
+        return True

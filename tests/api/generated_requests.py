@@ -1,0 +1,159 @@
+"""Requests made from the API's own description, good and bad ones, the same for the same seed."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import quote
+
+JUNK: list[Any] = [
+    None,
+    True,
+    -1,
+    10**30,
+    0.5,
+    math.nan,
+    math.inf,
+    "",
+    "x" * 400,
+    "\x00\u2028é",
+    [],
+    {},
+    [[[[]]]],
+    {"a": {"b": 1}},
+]
+TEXTS = [
+    "1",
+    "77",
+    "motors stop, vehicle 1 falls",
+    "vehicle 1 lands now",
+    "hold",
+    "anna",
+    "a b/c",
+    "%00",
+    "é",
+    "flight.tlog",
+    "world.pmtiles",
+    "world.mbtiles",
+]
+
+
+@dataclass
+class Made:
+    """One request."""
+
+    method: str
+    path: str
+    query: dict[str, str] = field(default_factory=dict[str, str])
+    body: bytes | None = None
+    headers: dict[str, str] = field(default_factory=dict[str, str])
+
+
+class Maker:
+    """Makes requests.
+
+    Args:
+        description: OpenAPI.
+        seed: of all choices.
+    """
+
+    def __init__(self, description: dict[str, Any], seed: int) -> None:
+        self._schemas = description["components"]["schemas"]
+        self._random = random.Random(seed)
+
+    def requests(self, method: str, path: str, operation: dict[str, Any], count: int) -> Iterator[Made]:
+        """Of one operation."""
+        for number in range(count):
+            wrong = number % 3 == 2
+            made = Made(method.upper(), path)
+            for parameter in operation.get("parameters", []):
+                text = self._text(parameter["schema"], wrong)
+                if parameter["in"] == "path":
+                    if parameter["name"] in ("v", "g") and self._random.random() < 0.8:
+                        text = "1"
+                    made.path = made.path.replace(f"{{{parameter['name']}}}", quote(text, safe="") or "1")
+                elif parameter["in"] == "query" and (
+                    parameter.get("required") or self._random.random() < 0.5
+                ):
+                    made.query[parameter["name"]] = text
+            content = operation.get("requestBody", {}).get("content", {}).get("application/json")
+            if content is not None:
+                value = self.value(content["schema"])
+                made.body = json.dumps(self._spoilt(value) if wrong else value).encode()
+            if self._random.random() < 0.05:
+                made.body = self._random.choice([b"", b"{", b"\xff\xfe", b"[" * 50_000, b"9" * 5000, b"null"])
+            made.headers["Content-Type"] = "application/json"
+            if self._random.random() < 0.05:
+                made.headers["Content-Type"] = self._random.choice(
+                    ["text/plain", "multipart/form-data", "a/b; é"]
+                )
+            if self._random.random() < 0.3:
+                made.headers["Range"] = self._random.choice(["bytes=0-9", "bytes=9999999-", "bytes=-", "x=1"])
+            yield made
+
+    def value(self, schema: dict[str, Any], depth: int = 0) -> Any:
+        """Something that the schema allows, as far as it says so."""
+        r = self._random
+        if "$ref" in schema:
+            return self.value(self._schemas[schema["$ref"].rpartition("/")[2]], depth + 1)
+        for key in ("anyOf", "oneOf", "allOf"):
+            if key in schema:
+                return self.value(r.choice(schema[key]), depth + 1)
+        if "const" in schema:
+            return schema["const"]
+        if "enum" in schema:
+            return r.choice(schema["enum"])
+        if schema.get("examples") and r.random() < 0.3:
+            return r.choice(schema["examples"])
+        if schema.get("example") is not None and r.random() < 0.3:
+            return schema["example"]
+        kind = schema.get("type")
+        if kind == "object":
+            needed = set(schema.get("required", []))
+            return {
+                name: self.value(part, depth + 1)
+                for name, part in schema.get("properties", {}).items()
+                if name in needed or r.random() < 0.5
+            }
+        if kind == "array":
+            fewest = schema.get("minItems", 0)
+            size = r.randint(fewest, min(schema.get("maxItems", fewest + 3), fewest + 3))
+            parts = schema.get("prefixItems")
+            return (
+                [self.value(part, depth + 1) for part in parts]
+                if parts
+                else [self.value(schema.get("items", {}), depth + 1) for _ in range(size)]
+            )
+        if kind in ("number", "integer"):
+            low = schema.get("minimum", schema.get("exclusiveMinimum", -50))
+            high = schema.get("maximum", schema.get("exclusiveMaximum", 50))
+            return r.randint(math.ceil(low), math.floor(high)) if kind == "integer" else r.uniform(low, high)
+        if kind == "boolean":
+            return r.random() < 0.5
+        if kind == "null":
+            return None
+        return r.choice(TEXTS)
+
+    def _text(self, schema: dict[str, Any], wrong: bool) -> str:
+        value = self._random.choice(JUNK) if wrong else self.value(schema)
+        return value if isinstance(value, str) else json.dumps(value)
+
+    def _spoilt(self, value: Any) -> Any:
+        """The same with one thing wrong."""
+        r = self._random
+        if isinstance(value, dict) and value and r.random() < 0.8:
+            key = r.choice(list(value))
+            choice = r.random()
+            if choice < 0.3:
+                return {name: part for name, part in value.items() if name != key}
+            if choice < 0.5:
+                return {**value, r.choice(["other", "é" * 500]): r.choice(JUNK)}
+            return {**value, key: self._spoilt(value[key])}
+        if isinstance(value, list) and value and r.random() < 0.6:
+            at = r.randrange(len(value))
+            return [*value[:at], self._spoilt(value[at]), *value[at + 1 :]]
+        return r.choice(JUNK)

@@ -1,0 +1,109 @@
+"""Requests made from the API's own description: each answer's status and content type stand in it."""
+
+import asyncio
+import json
+import os
+
+import httpx
+import pytest
+
+from gcs_server.api.described import COMMON, PROBLEM_JSON
+from gcs_server.api.schema import bare_app
+from gcs_server.app import create_app
+from gcs_server.clock import LoopClock
+from gcs_server.links.memory import MemoryLink
+from gcs_server.settings import Settings
+from tests.api.generated_requests import Maker
+from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
+from tests.jump_time import in_jumps
+from tests.protocol.fake_autopilot import FakeAutopilot
+from tests.unit.gcs_server.replay.made_logs import flight, record
+
+DESCRIPTION = json.loads(json.dumps(bare_app().openapi()))
+OPERATIONS = [(m, p, o) for p, operations in DESCRIPTION["paths"].items() for m, o in operations.items()]
+COUNT = int(os.environ.get("GENERATED_REQUESTS", "12"))
+"""Of each operation."""
+SEED = 14
+VEHICLES_OWN = {"503", "504"}
+"""What the vehicle or its link is answerable for; nothing else may be 5xx."""
+
+
+def described_at(operation, status):
+    """What the description says of a status at an operation; None: nothing."""
+    said = operation["responses"].get(status)
+    if said is not None and "$ref" in said:
+        return DESCRIPTION["components"]["responses"][said["$ref"].rpartition("/")[2]]
+    return said
+
+
+def fault(operation, answer):
+    """What the description does not have; None: it has all."""
+    described = described_at(operation, str(answer.status_code))
+    if described is None:
+        return f"status {answer.status_code}"
+    if answer.status_code >= 500 and str(answer.status_code) not in VEHICLES_OWN:
+        return f"{answer.status_code}: {answer.text[:200]}"
+    given = answer.headers.get("content-type", "").partition(";")[0]
+    if answer.content and given not in described.get("content", {}):
+        return f"{answer.status_code} as {given!r}, not {sorted(described.get('content', {}))}"
+    return None
+
+
+async def with_a_vehicle(data, story):
+    """The application in memory, a scripted vehicle on simulated time, no process and no socket."""
+    (data / "maps").mkdir()
+    write_pmtiles(data / "maps" / "world.pmtiles", png((1, 2, 3)))
+    write_mbtiles(data / "maps" / "world.mbtiles", png((1, 2, 3)))
+    (data / "recordings").mkdir()
+    (data / "recordings" / "flight.tlog").write_bytes(b"".join(record(*each) for each in flight()))
+    clock = LoopClock(asyncio.get_running_loop())
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
+    app = create_app(settings, clock, static=data / "none")
+    server = app.state.server
+    server.router.start()
+    server.fleet.start()
+    link = MemoryLink("memory", outgoing=lambda data, _: pilot.receive(data))
+    server.router.add(link)
+    pilot = FakeAutopilot(link)
+    transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+    try:
+        async with httpx.AsyncClient(
+            transport=transport, base_url="http://localhost", timeout=None
+        ) as client:
+            await asyncio.sleep(10.0)
+            assert server.fleet.get("1").topic("home")
+            await story(client)
+    finally:
+        await server.fleet.close()
+        await server.supervisor.close()
+        await server.router.close()
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_every_answer_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
+    maker = Maker(DESCRIPTION, SEED + part)
+    found, met = {}, set()
+
+    async def story(client):
+        for method, path, operation in OPERATIONS[part::4]:
+            for made in maker.requests(method, path, operation, COUNT):
+                headers = {name: value.encode() for name, value in made.headers.items()}
+                headers["X-Client-Id"] = b"generated"
+                answer = await client.request(
+                    made.method, made.path, params=made.query, content=made.body, headers=headers
+                )
+                met.add(answer.status_code)
+                wrong = fault(operation, answer)
+                if wrong is not None:
+                    found[f"{made.method} {path}: {wrong}"] = made
+
+    in_jumps(lambda: with_a_vehicle(tmp_path, story))
+    assert found == {}
+    assert {200, 422} <= met, "the requests do not reach what is behind the checks"
+
+
+def test_what_the_door_and_the_limits_answer_stands_at_every_operation():
+    for method, path, operation in OPERATIONS:
+        for status in ("400", "401", "403", "408", "413", "414", "422", "429", "431", "503"):
+            assert PROBLEM_JSON in described_at(operation, status)["content"], (method, path, status)
+    assert set(COMMON) >= {"401", "403", "408", "413", "414", "429", "431", "503"}

@@ -1,0 +1,300 @@
+"""What a hostile client does to a server: `python -m tests.e2e.hostile PORT ATTACK`."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import os
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+
+HOST = "127.0.0.1"
+GET = b"GET /api/v1/health HTTP/1.1\r\nHost: localhost\r\n"
+POST = b"POST /api/v1/vehicles/1/takeoff HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+
+
+@dataclass
+class Target:
+    """The server under attack."""
+
+    port: int
+    process: int
+    held: list[socket.socket] = field(default_factory=list[socket.socket])
+
+    def connect(self, timeout_s: float = 5.0) -> socket.socket:
+        """A connection, which stays open until the attack is over."""
+        made = socket.create_connection((HOST, self.port), timeout=timeout_s)
+        self.held.append(made)
+        return made
+
+    def send(self, made: socket.socket, data: bytes, times: int = 1) -> int:
+        """Sends for as long as it is taken; how many bytes were."""
+        sent = 0
+        with contextlib.suppress(OSError):
+            for _ in range(times):
+                made.sendall(data)
+                sent += len(data)
+        return sent
+
+    def websocket(self, path: str = "/api/v1/telemetry?client_id=hostile") -> socket.socket:
+        """An open WebSocket, or what was answered instead."""
+        made = self.connect()
+        key = base64.b64encode(os.urandom(16))
+        made.sendall(
+            b"GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: %s\r\n\r\n" % (path.encode(), key)
+        )
+        return made
+
+    def release(self) -> None:
+        """Closes all that is held."""
+        for made in self.held:
+            made.close()
+        self.held.clear()
+
+    def memory_mb(self) -> float:
+        """Resident memory of the server's process [MB]."""
+        for line in Path(f"/proc/{self.process}/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return int(line.split()[1]) / 1000
+        raise OSError("the server has ended")
+
+
+def frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
+    """A masked WebSocket frame."""
+    size = len(payload)
+    head = bytes([opcode | (0x80 if final else 0)])
+    if size < 126:
+        head += bytes([0x80 | size])
+    elif size < 65536:
+        head += struct.pack("!BH", 0x80 | 126, size)
+    else:
+        head += struct.pack("!BQ", 0x80 | 127, size)
+    return head + bytes(4) + payload  # masked by zeros
+
+
+def answer(made: socket.socket, timeout_s: float = 5.0) -> bytes:
+    """What the server says until it closes or falls silent."""
+    made.settimeout(timeout_s)
+    said = b""
+    with contextlib.suppress(OSError):
+        while piece := made.recv(65536):
+            said += piece
+    return said
+
+
+# --- the attacks ------------------------------------------------------------------------------------
+
+
+def idle_sockets(target: Target) -> None:
+    for _ in range(1500):
+        with contextlib.suppress(OSError):
+            target.connect()
+
+
+def huge_headers(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, GET + b"x: ")
+        target.send(made, b"a" * 1_000_000, 50)
+
+
+def many_headers(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, GET)
+        target.send(made, b"x:y\r\n" * 200_000, 20)
+
+
+def huge_url(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, b"GET /")
+        target.send(made, b"a" * 1_000_000, 50)
+
+
+def huge_bodies(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, POST + b"Content-Length: 100000000\r\n\r\n")
+        target.send(made, b"[" * 1_000_000, 25)
+
+
+def huge_chunked_bodies(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, POST + b"Transfer-Encoding: chunked\r\n\r\n")
+        target.send(made, b"f4240\r\n" + b"[" * 1_000_000 + b"\r\n", 25)
+
+
+def tiny_chunks(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, POST + b"Transfer-Encoding: chunked\r\n\r\n")
+        target.send(made, b"1\r\n[\r\n" * 100_000, 20)
+
+
+def largest_json(target: Target) -> None:
+    bodies = [
+        b"{" + b",".join(b'"k%d":1' % n for n in range(80_000)) + b"}",
+        b"[" * 1_000_000,
+        b"[" + b"{}," * 300_000 + b"{}]",
+        b'{"alt_home_m": ' + b"9" * 1_000_000 + b"}",
+        b'{"alt_home_m": "' + b"," * 1_000_000 + b'"}',
+        b'{"type":"path","points":[' + b",".join([b'{"t":0,"a":[0,0,0]}'] * 5000) + b"]}",
+    ]
+    for _ in range(5):
+        for body in bodies:
+            made = target.connect()
+            head = POST.replace(b"takeoff", b"offboard/setpoint") + b"Content-Length: %d\r\n\r\n" % len(body)
+            target.send(made, head + body)
+
+
+def slow_bodies(target: Target) -> None:
+    for _ in range(300):
+        with contextlib.suppress(OSError):
+            made = target.connect()
+            target.send(made, POST + b"Content-Length: 1000000\r\n\r\n" + b" " * 250_000)
+
+
+def slow_headers(target: Target) -> None:
+    made = [target.connect() for _ in range(50)]
+    for letter in b"x-slow: 1":
+        for one in made:
+            target.send(one, bytes([letter]))
+        time.sleep(0.2)
+
+
+def malformed(target: Target) -> None:
+    for _ in range(1000):
+        with contextlib.suppress(OSError):
+            made = target.connect()
+            target.send(made, os.urandom(200) + b"\r\n\r\n")
+            made.close()
+
+
+def pipelining(target: Target) -> None:
+    for _ in range(4):
+        made = target.connect()
+        target.send(made, (GET + b"\r\n") * 20_000, 3)
+
+
+def unread_answers(target: Target) -> None:
+    for _ in range(100):
+        made = target.connect()
+        target.send(made, b"GET /api/v1/openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 6)
+
+
+def unread_websocket(target: Target) -> None:
+    for _ in range(4):
+        made = target.websocket()
+        time.sleep(0.1)
+        target.send(made, frame(b'{"type":"subscribe","topics":["' + b"x" * 60_000 + b'"]}'), 200)
+
+
+def unread_offboard(target: Target) -> None:
+    for _ in range(4):
+        made = target.websocket("/api/v1/vehicles/1/offboard/stream?client_id=hostile")
+        time.sleep(0.1)
+        target.send(made, frame(b'{"' + b"x" * 500_000 + b'":1}'), 40)
+
+
+def tiny_frames(target: Target) -> None:
+    for opcode in (1, 9, 10):
+        made = target.websocket()
+        time.sleep(0.1)
+        target.send(made, frame(b"", opcode) * 40_000, 5)
+
+
+def empty_fragments(target: Target) -> None:
+    made = target.websocket()
+    time.sleep(0.1)
+    target.send(made, frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 100_000, 5)
+
+
+def many_websockets(target: Target) -> None:
+    for number in range(1500):
+        with contextlib.suppress(OSError):
+            target.websocket(f"/api/v1/telemetry?client_id=hostile{number}")
+
+
+def request_flood(target: Target) -> None:
+    made = [target.connect() for _ in range(20)]
+    end_s = time.monotonic() + 3.0
+    while time.monotonic() < end_s:
+        for one in made:
+            target.send(one, GET + b"\r\n")
+
+
+ATTACKS: list[Callable[[Target], None]] = [
+    idle_sockets,
+    huge_headers,
+    many_headers,
+    huge_url,
+    huge_bodies,
+    huge_chunked_bodies,
+    tiny_chunks,
+    largest_json,
+    slow_bodies,
+    slow_headers,
+    malformed,
+    pipelining,
+    unread_answers,
+    unread_websocket,
+    unread_offboard,
+    tiny_frames,
+    empty_fragments,
+    many_websockets,
+    request_flood,
+]
+
+
+# --- what others notice -----------------------------------------------------------------------------
+
+
+@dataclass
+class Noticed:
+    """By a client that only wants to know how things are, on a new connection each time."""
+
+    longest_s: float = 0.0
+    served: int = 0
+    failures: list[str] = field(default_factory=list[str])
+    memory_mb: float = 0.0
+    """The most the server's process had, beyond what it had before."""
+
+
+@contextlib.contextmanager
+def innocent(target: Target, headers: dict[str, str]) -> Iterator[Noticed]:
+    """Asks all the time, while the block runs."""
+    noticed, over = Noticed(), threading.Event()
+    before_mb = target.memory_mb()
+
+    def ask() -> None:
+        while not over.is_set():
+            began_s = time.monotonic()
+            try:
+                with httpx.Client(
+                    base_url=f"http://{HOST}:{target.port}", headers=headers, timeout=20
+                ) as client:
+                    client.get("/api/v1/me").raise_for_status()
+                    noticed.served += 1
+            except httpx.HTTPError as error:
+                noticed.failures.append(f"{type(error).__name__}: {error}")
+            noticed.longest_s = max(noticed.longest_s, time.monotonic() - began_s)
+            noticed.memory_mb = max(noticed.memory_mb, target.memory_mb() - before_mb)
+            over.wait(0.02)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    try:
+        yield noticed
+    finally:
+        over.set()
+        asking.join()

@@ -1,0 +1,155 @@
+"""What a body may be before it is parsed: small, shallow, with few keys, there in time."""
+
+import asyncio
+import json
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.api.bodies import DEEPEST, MOST_KEYS, Bodies, json_fault
+from gcs_server.api.problems import LONGEST_WORDS, MOST_ERRORS
+from gcs_server.api.refusals import BODY_DEADLINE_S, LARGEST_BODY_BYTES
+from gcs_server.api.turns import Turns
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+from tests.jump_time import in_jumps
+
+LONGEST_PATH = {
+    "type": "path",
+    "points": [
+        {
+            "t_s": n / 10 + 0.012345,
+            "position_ned_m": [n * 0.1234567, -n * 0.7654321, -10.123456],
+            "yaw_ned_rad": 1.23,
+        }
+        for n in range(5000)
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
+    with TestClient(
+        create_app(settings, static=data / "none"), base_url="http://localhost", raise_server_exceptions=False
+    ) as client:
+        yield client
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        json.dumps(LONGEST_PATH),
+        json.dumps({"a": "[" * 500 + "{:,}" * 100}),
+        json.dumps({"quotes": '"\\"[[' * 100}),
+        "[" * DEEPEST + "]" * DEEPEST,
+        '"' + "[" * 5000,
+        "{",
+        "",
+    ],
+)
+def test_what_is_within_bounds_is_left_to_the_parser(text):
+    assert len(text) <= LARGEST_BODY_BYTES
+    assert json_fault(text.encode()) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (b"[" * 100_000, "deeper"),
+        (b'{"a":' * (DEEPEST + 1) + b"1" + b"}" * (DEEPEST + 1), "deeper"),
+        (b'["\\"", ' + b"[" * 50, "deeper"),
+        (b"[" + b"{}," * 100_000 + b"{}]", "values"),
+        (json.dumps({f"k{n}": 1 for n in range(MOST_KEYS + 1)}).encode(), "keys"),
+        (json.dumps([{"a": {f"k{n}": 1 for n in range(MOST_KEYS + 1)}}]).encode(), "keys"),
+        (b"[1" + b"0" * 5000 + b"]", "digits"),
+        (b'{"a": "\xff"}', "UTF-8"),
+        ('{"a": 1}'.encode("utf-16"), "UTF-8"),
+    ],
+)
+def test_what_is_beyond_is_named_before_it_is_parsed(text, word):
+    assert word in json_fault(text)
+
+
+def test_a_hundred_thousand_unknown_keys_make_one_complaint(client):
+    body = {f"k{n}": 1 for n in range(50_000)}
+    answer = client.post("/api/v1/vehicles/1/takeoff", json=body, headers={"X-Client": "hostile"})
+    assert answer.status_code == 422
+    assert answer.json()["field"] == "body"
+    assert len(answer.content) < 1000
+    line = client.get("/api/v1/journal?limit=1").json()["entries"]
+    assert len(json.dumps(line)) < 1000
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"alt_home_m": 5, **{f"{'k' * 5000}{n}": 1 for n in range(90)}},
+        {"type": "path", "points": [{"t": n, "p": 1, "q": 2} for n in range(5000)]},
+        {"type": "x" * 900_000},
+        {"members": [{f"k{n}": 1 for n in range(90)}] * 10},
+    ],
+)
+def test_complaints_about_the_worst_that_is_parsed_are_few_and_short(client, body):
+    for path in ("vehicles/1/takeoff", "vehicles/1/offboard/setpoint", "groups"):
+        answer = client.post(f"/api/v1/{path}", json=body)
+        assert answer.status_code == 422
+        errors = answer.json()["errors"]
+        assert len(errors) <= MOST_ERRORS + 1
+        assert all(len(e["field"]) + len(e["message"]) < 2 * LONGEST_WORDS + 10 for e in errors)
+        assert len(client.get("/api/v1/journal?limit=1").content) < 30_000
+
+
+def test_a_path_of_a_thousand_bad_points_makes_one_complaint(client):
+    body = {"type": "path", "points": [{"t": n, "p": 1} for n in range(1000)]}
+    answer = client.post("/api/v1/vehicles/1/offboard/setpoint", json=body)
+    assert answer.status_code == 422
+    fields = {error["field"] for error in answer.json()["errors"]}
+    assert fields == {f"points.0.{name}" for name in ("t", "p", "t_s", "position_ned_m")}
+
+
+def test_a_body_that_is_too_large_is_413_whether_it_says_so_or_not(client):
+    large = b" " * (LARGEST_BODY_BYTES + 1)
+    declared = client.post("/api/v1/vehicles/1/arm", content=large)
+    pieces = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
+    for answer in (declared, pieces):
+        assert (answer.status_code, answer.json()["code"]) == (413, "body_too_large")
+        assert answer.headers["content-type"] == "application/problem+json"
+        assert answer.headers["connection"] == "close"
+    assert client.post("/api/v1/vehicles/1/arm", content=large[:-1]).status_code == 404
+
+
+def test_the_longest_path_there_may_be_comes_in(client):
+    body = {**LONGEST_PATH, "points": [{**p, "t_s": n / 10} for n, p in enumerate(LONGEST_PATH["points"])]}
+    assert client.post("/api/v1/vehicles/1/offboard/setpoint", json=body).status_code == 404
+
+
+def test_a_body_that_does_not_come_is_408_in_time():
+    sent = []
+
+    async def app(scope, receive, send):
+        raise AssertionError("the application is not asked")
+
+    async def never():
+        await asyncio.Event().wait()
+
+    async def send(message):
+        sent.append(message)
+
+    async def run():
+        began_s = asyncio.get_running_loop().time()
+        scope = {
+            "type": "http",
+            "method": "POST",
+            "path": "/",
+            "headers": [],
+            "query_string": b"",
+            "client": None,
+        }
+        await Bodies(app, Turns(lambda _: False))(scope, never, send)
+        assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
+
+    in_jumps(run)
+    assert sent[0]["status"] == 408
+    assert json.loads(sent[1]["body"])["code"] == "too_slow"

@@ -1,0 +1,148 @@
+"""Who gives way when there is no room: strangers before clients, and nobody who controls a vehicle."""
+
+import pytest
+
+from gcs_server.api.connections import WARNED_FOR_S, ConnectionLimits, Connections
+
+
+class Clock:
+    now_s = 100.0
+
+    def monotonic_s(self):
+        return self.now_s
+
+
+class Socket:
+    def __init__(self, unread=0):
+        self.unread, self.ended = unread, False
+
+    def end(self):
+        self.ended = True
+
+    def check(self, now_s):
+        pass
+
+    def unread_bytes(self):
+        return self.unread
+
+
+LIMITS = ConnectionLimits(
+    in_all=10,
+    by_address=8,
+    reserve=3,
+    waiting_in_all=6,
+    waiting_by_address=4,
+    body_bytes=1000,
+    unread_bytes=1000,
+)
+
+
+class House:
+    def __init__(self):
+        self.clock = Clock()
+        self.connections = Connections(self.clock, LIMITS, lambda key: key == "pilot")
+
+    def come(self, address="1.1.1.1", key=None, busy=False, unread=0):
+        self.clock.now_s += 0.01
+        connection = self.connections.open(address)
+        if connection is not None:
+            connection.socket = Socket(unread)
+            if key is not None:
+                self.connections.let_in(connection, key)
+                self.connections.set_busy(connection, True)
+                self.connections.set_busy(connection, busy)
+        return connection
+
+
+@pytest.fixture
+def house():
+    return House()
+
+
+def test_who_sends_nothing_gives_way_to_the_next_of_its_address_the_oldest_first(house):
+    idle = [house.come() for _ in range(20)]
+    assert [c.closed for c in idle] == [True] * 16 + [False] * 4
+    assert all(c.socket.ended for c in idle[:16])
+    assert not house.come("2.2.2.2").closed
+
+
+def test_strangers_of_many_addresses_give_way_where_most_of_one_address_wait(house):
+    crowd = [house.come("3.3.3.3") for _ in range(4)]
+    others = [house.come(f"4.4.4.{n}") for n in range(2)]
+    newest = house.come("5.5.5.5")
+    assert [c.closed for c in crowd] == [True, False, False, False]
+    assert not any(c.closed for c in (*others, newest))
+
+
+def test_an_idle_client_gives_way_before_one_that_is_served_and_never_one_in_control(house):
+    pilot = house.come("9.9.9.9", "pilot")
+    idle = house.come("8.8.8.8", "idle")
+    busy = [house.come(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
+    assert house.come("6.6.6.6").probation == 0
+    assert idle.closed
+    assert not pilot.closed
+    assert not any(c.closed for c in busy)
+
+
+def test_in_a_full_house_only_a_client_in_control_is_served(house):
+    for n in range(10):
+        house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
+    stranger, pilot = house.come("1.1.1.1"), house.come("2.2.2.2")
+    assert house.connections.let_in(stranger, "stranger") == 503
+    assert house.connections.let_in(pilot, "pilot") == 0
+
+
+def test_an_address_that_has_its_share_gets_429_unless_it_is_the_one_in_control(house):
+    for n in range(8):
+        house.come("7.7.7.7", f"busy {n}", busy=True)
+    assert house.connections.let_in(house.come("7.7.7.7"), "stranger") == 429
+    assert house.connections.let_in(house.come("7.7.7.7"), "pilot") == 0
+    assert house.connections.let_in(house.come("2.2.2.2"), "other") == 0
+
+
+def test_the_reserve_goes_round_among_newcomers_and_has_an_end(house):
+    for n in range(10):
+        house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
+    newcomers = [house.come(f"2.2.2.{n}") for n in range(5)]
+    assert [c.closed for c in newcomers] == [True, True, False, False, False]
+    for connection in newcomers[2:]:
+        house.connections.let_in(connection, "pilot")
+        house.connections.set_busy(connection, True)
+    assert house.come("1.1.1.1") is None
+    assert len(house.connections) == 13
+
+
+def test_bodies_of_all_together_are_bounded_and_counted_off_again(house):
+    one, other = house.come(), house.come()
+    assert house.connections.take_body(one, 900)
+    assert not house.connections.take_body(other, 200)
+    house.connections.closed(other)
+    house.connections.release_body(one)
+    assert house.connections.take_body(one, 1000)
+
+
+def test_who_leaves_most_unread_is_ended_when_all_together_leave_too_much(house):
+    pilot = house.come("9.9.9.9", "pilot", busy=True, unread=2000)
+    most = house.come("1.1.1.1", "a", busy=True, unread=700)
+    little = house.come("1.1.1.1", "b", busy=True, unread=100)
+    house.connections.check()
+    assert most.closed
+    assert little.closed, "all others go before one in control"
+    assert pilot.closed, "but not even that one may hold more than the limit"
+    assert len(house.connections) == 0
+
+
+def test_a_minute_long_people_are_warned(house):
+    assert house.connections.warning() is None
+    for _ in range(5):
+        house.come()
+    assert "turning clients away" in house.connections.warning()
+    house.clock.now_s += WARNED_FOR_S + 1
+    assert house.connections.warning() is None
+
+
+def test_a_small_number_of_files_makes_all_numbers_smaller_and_keeps_the_reserve():
+    small = ConnectionLimits().within(192)
+    assert small.in_all + small.reserve == 192
+    assert small.waiting_by_address < small.waiting_in_all < small.by_address < small.in_all
+    assert ConnectionLimits().within(100_000) == ConnectionLimits()

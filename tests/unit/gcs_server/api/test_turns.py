@@ -1,0 +1,76 @@
+"""Requests that come in together are answered each in a turn of the loop of its own, fairly."""
+
+import asyncio
+import itertools
+
+from gcs_server.api.turns import Turns
+from gcs_server.control.client import Client
+
+
+def client(name, address="1.1.1.1"):
+    return Client.of(name, name, address)
+
+
+def served(callers, in_control=()):
+    """(order of the names, how many turns of the loop passed between each two)."""
+    order = []
+
+    async def run():
+        turns = Turns(lambda key: key in {client(name).key for name in in_control})
+        rounds = 0
+
+        async def count():
+            nonlocal rounds
+            while True:
+                rounds += 1
+                await asyncio.sleep(0)
+
+        async def ask(caller):
+            await turns.wait(caller)
+            order.append((str(caller), rounds))
+
+        counting = asyncio.ensure_future(count())
+        await asyncio.gather(*(ask(caller) for caller in callers))
+        counting.cancel()
+
+    asyncio.run(run())
+    between = [after - before for (_, before), (_, after) in itertools.pairwise(order)]
+    return [name for name, _ in order], between
+
+
+def test_no_two_begin_in_one_turn_of_the_loop():
+    _, between = served([client("hostile")] * 50)
+    assert min(between) >= 1
+
+
+def test_a_client_with_a_hundred_requests_does_not_hold_up_the_one_with_one():
+    names, _ = served([client("hostile")] * 100 + [client("innocent")])
+    assert names.index("innocent") <= 2
+
+
+def test_an_address_with_a_hundred_clients_does_not_hold_up_another_address():
+    crowd = [client(f"hostile {n}", "6.6.6.6") for n in range(100)]
+    names, _ = served([*crowd, client("innocent", "1.1.1.1")])
+    assert names.index("innocent") <= 2
+
+
+def test_a_client_in_control_goes_first():
+    names, _ = served(
+        [client(f"hostile {n}", f"6.6.6.{n}") for n in range(50)] + [client("pilot")], ["pilot"]
+    )
+    assert names.index("pilot") <= 1
+
+
+def test_a_request_that_was_given_up_takes_no_turn():
+    async def run():
+        turns = Turns(lambda _: False)
+        await turns.wait(client("first"))
+        waiting = [asyncio.ensure_future(turns.wait(client("gone"))) for _ in range(10)]
+        await asyncio.sleep(0)
+        for each in waiting[:9]:
+            each.cancel()
+        async with asyncio.timeout(1):
+            await waiting[9]
+        assert sum(each.cancelled() for each in waiting) >= 8  # the first had its turn
+
+    asyncio.run(run())

@@ -1,0 +1,218 @@
+"""HTTP within limits, without sockets: what exceeds them is refused in words, once, and closed."""
+
+import asyncio
+import json
+import logging
+import os
+import random
+
+import pytest
+
+from gcs_server.api import refusals as r
+from gcs_server.http_server.http_protocol import LINGER_BYTES, LINGER_S, MOST_CHUNKS
+from tests.unit.gcs_server.http_server.wire import echo, on_a_wire
+
+GET = b"GET /x HTTP/1.1\r\nHost: a\r\n"
+POST = b"POST /x HTTP/1.1\r\nHost: a\r\n"
+
+
+def refusal(transport):
+    """(status, code) of the one answer, which closes the connection."""
+    head, _, body = transport.written.partition(b"\r\n\r\n")
+    assert transport.written.count(b"HTTP/1.1 ") == 1
+    assert b"content-type: application/problem+json" in head
+    assert b"connection: close" in head
+    assert transport.eof
+    problem = json.loads(body)
+    assert problem["detail"]
+    assert problem["remedy"]
+    return int(head.split()[1]), problem["code"]
+
+
+TOO_MUCH = {
+    "a header without end": (GET + b"x: ", b"a", 431),
+    "headers without end": (GET, b"x: y\r\n", 431),
+    "the name of a header without end": (GET, b"a", 431),
+    "an address without end": (b"GET /", b"a", 414),
+    "a body that says its size": (POST + b"Content-Length: 10000000\r\n\r\n", b"a", 413),
+    "a body in chunks": (
+        POST + b"Transfer-Encoding: chunked\r\n\r\n",
+        b"10000\r\n" + b"a" * 65536 + b"\r\n",
+        413,
+    ),
+    "a body in tiny chunks": (POST + b"Transfer-Encoding: chunked\r\n\r\n", b"1\r\na\r\n", 413),
+    "an extension of a chunk": (POST + b"Transfer-Encoding: chunked\r\n\r\n1;", b"a", 413),
+    "trailers": (POST + b"Transfer-Encoding: chunked\r\n\r\n0\r\n", b"x: y\r\n", 431),
+    "a trailer without end": (POST + b"Transfer-Encoding: chunked\r\n\r\n0\r\nx: ", b"a", 413),
+    "no HTTP at all": (b"\x16\x03\x01\x02\x00\x01", b"\xfc\x03", 400),
+}
+
+
+@pytest.mark.parametrize("name", TOO_MUCH)
+@pytest.mark.parametrize("piece", [1460, 262_144])
+def test_what_is_too_large_is_refused_in_words_and_not_kept(name, piece):
+    begin, more, status = TOO_MUCH[name]
+
+    async def story(wire):
+        transport = wire.connect()
+        flood = begin + more * (8_000_000 // len(more))
+        taken = await wire.sends(transport, flood, piece)
+        assert refusal(transport)[0] == status
+        assert taken <= r.LARGEST_BODY_BYTES + LINGER_BYTES + 1_000_000
+        assert transport.aborted
+        await asyncio.sleep(0.1)
+        assert len(wire.connections) == 0
+
+    on_a_wire(story)
+
+
+def test_what_is_within_the_limits_is_served_whatever_pieces_it_comes_in():
+    body = b"a" * r.LARGEST_BODY_BYTES
+    request = POST + b"x: " + b"y" * 30_000 + b"\r\nContent-Length: %d\r\n\r\n" % len(body) + body
+    chunked = (
+        POST
+        + b"Transfer-Encoding: chunked\r\n\r\n"
+        + b"".join(b"400\r\n" + b"a" * 1024 + b"\r\n" for _ in range(1000))
+    )
+    chunked += b"0\r\n\r\n"
+
+    async def story(wire):
+        chance = random.Random(3)
+        for piece in (100_000, 262_144, 1460, chance.randrange(5000, 9000)):
+            transport = wire.connect()
+            await wire.sends(transport, (request + chunked) * 2 + GET + b"\r\n", piece)
+            assert transport.written.count(b"1048576 bytes") == 2
+            assert transport.written.count(b"1024000 bytes") == 2
+            assert transport.written.endswith(b"0 bytes")
+            assert not transport.closed
+
+    on_a_wire(story)
+
+
+def test_headers_that_do_not_end_are_408_and_who_says_nothing_is_closed():
+    async def story(wire):
+        silent, slow, drip, blank = (wire.connect() for _ in range(4))
+        await wire.sends(slow, GET)
+        for _ in range(int(r.HEAD_DEADLINE_S) + 1):
+            await wire.sends(drip, b"x")
+            await wire.sends(blank, b"\r\n")
+            await wire.passes(1.0)
+        assert silent.closed
+        assert silent.written == b""
+        assert refusal(slow) == (408, "too_slow")
+        assert drip.closed or drip.eof
+        assert blank.closed
+        await wire.passes(LINGER_S + 1)
+        assert len(wire.connections) == 0
+
+    on_a_wire(story)
+
+
+def test_a_body_that_does_not_end_is_408_and_the_application_hears_that_its_client_has_gone():
+    heard = []
+
+    async def listening(scope, receive, send):
+        while True:
+            message = await receive()
+            heard.append(message["type"])
+            if message["type"] == "http.disconnect":
+                return
+
+    async def story(wire):
+        transport = wire.connect()
+        await wire.sends(transport, POST + b"Content-Length: 100\r\n\r\nabc")
+        await wire.passes(r.BODY_DEADLINE_S - 1)
+        assert transport.written == b""
+        await wire.passes(2)
+        assert refusal(transport) == (408, "too_slow")
+        assert heard == ["http.request", "http.disconnect"]
+
+    on_a_wire(story, listening)
+
+
+def test_a_slow_answer_is_waited_for():
+    async def slow(scope, receive, send):
+        await asyncio.sleep(60)
+        await echo(scope, receive, send)
+
+    async def story(wire):
+        transport = wire.connect()
+        await wire.sends(transport, GET + b"\r\n")
+        await wire.passes(61)
+        assert transport.written.endswith(b"0 bytes")
+
+    on_a_wire(story, slow)
+
+
+def test_requests_that_pile_up_behind_an_answer_end_the_connection_without_words():
+    async def never(scope, receive, send):
+        await asyncio.Event().wait()
+
+    async def story(wire):
+        transport = wire.connect()
+        await wire.sends(transport, (GET + b"\r\n") * 10_000)
+        assert transport.written == b"", "words would be taken for the answer to the first request"
+        assert transport.eof
+        await wire.passes(LINGER_S + 1)
+        assert len(wire.connections) == 0
+
+    on_a_wire(story, never)
+
+
+def test_an_answer_that_is_not_read_ends_the_connection_in_time():
+    async def story(wire):
+        stuck, slow = wire.connect(), wire.connect()
+        for transport in (stuck, slow):
+            transport.stuck = True
+            await wire.sends(transport, GET + b"\r\n")
+        for _ in range(int(r.UNREAD_DEADLINE_S) + 2):
+            slow.unread = slow.unread[1:]
+            await wire.passes(1)
+        assert stuck.aborted
+        assert not slow.closed, "it takes little, but it takes something"
+
+    on_a_wire(story)
+
+
+def test_bodies_of_all_together_have_an_end():
+    async def story(wire):
+        made = [wire.connect() for _ in range(60)]
+        for transport in made:
+            await wire.sends(transport, POST + b"Content-Length: 1000000\r\n\r\n" + b"a" * 900_000)
+        refused = [t for t in made if t.written]
+        assert {refusal(t) for t in refused} == {(503, "server_full")}
+        assert 60 - len(refused) == wire.connections.limits.body_bytes // 900_000
+
+    on_a_wire(story)
+
+
+def test_malformed_requests_make_no_line_each_and_no_traceback(caplog):
+    chance = random.Random(7)
+
+    async def story(wire):
+        for _ in range(300):
+            transport = wire.connect()
+            line = chance.choice(
+                [b"GET / HTTP/1.1\r\n", b"GET http://[ HTTP/1.1\r\n", b"GET ? HTTP/1.1\r\n", b""]
+            )
+            await wire.sends(transport, line + os.urandom(chance.randrange(1, 200)) + b"\r\n\r\n")
+            await wire.passes(0.5)
+        await wire.passes(60)
+        assert len(wire.connections) == 0
+
+    with caplog.at_level(logging.WARNING):
+        on_a_wire(story)
+    assert caplog.records == []
+
+
+def test_another_protocol_that_is_asked_for_is_left_out_and_the_request_answered():
+    async def story(wire):
+        transport = wire.connect()
+        await wire.sends(transport, GET + b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\n\r\n")
+        assert transport.written.endswith(b"0 bytes")
+
+    on_a_wire(story)
+
+
+def test_the_largest_number_of_chunks_is_more_than_anybody_needs():
+    assert r.LARGEST_BODY_BYTES / MOST_CHUNKS <= 256, "bytes that a chunk must have on average"

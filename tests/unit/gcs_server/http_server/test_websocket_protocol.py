@@ -1,0 +1,164 @@
+"""A WebSocket within limits, without sockets: floods wait, who does not read is closed with a reason."""
+
+import asyncio
+import base64
+import time
+
+import pytest
+
+from gcs_server.api.refusals import UNREAD_DEADLINE_S
+from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MOST_FRAMES, MOST_FRAMES_PER_S
+from tests.e2e.hostile import frame
+from tests.unit.gcs_server.http_server.wire import echo, on_a_wire
+
+UPGRADE = (
+    b"GET /x HTTP/1.1\r\nHost: a\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: " + base64.b64encode(b"0123456789abcdef") + b"\r\n\r\n"
+)
+
+
+async def opened(wire):
+    transport = wire.connect()
+    await wire.sends(transport, UPGRADE)
+    head, _, transport.written = transport.written.partition(b"\r\n\r\n")
+    assert b" 101 " in head
+    return transport
+
+
+def closing(transport):
+    """(code, reason) of the close frame at the end of what was written."""
+    at = transport.written.rindex(b"\x88")
+    size = transport.written[at + 1]
+    payload = transport.written[at + 2 :]
+    assert len(payload) == size
+    return int.from_bytes(payload[:2], "big"), payload[2:].decode()
+
+
+@pytest.mark.parametrize("opcode", [1, 2, 9, 10])
+def test_a_flood_of_empty_frames_is_parsed_bit_by_bit_and_then_closed(opcode):
+    async def story(wire):
+        transport = await opened(wire)
+        longest_s, over = 0.0, False
+
+        async def watch():
+            nonlocal longest_s
+            while not over:
+                began_s = time.perf_counter()
+                await asyncio.sleep(0)
+                longest_s = max(longest_s, time.perf_counter() - began_s)
+
+        watching = asyncio.ensure_future(watch())
+        await wire.sends(transport, frame(b"", opcode) * 42_000)
+        over = True
+        await watching
+        assert closing(transport) == (1008, f"more than {MOST_FRAMES_PER_S} frames in a second")
+        assert longest_s < 0.3, "a quarter of a megabyte at once would take longer"
+        await asyncio.sleep(0.1)
+        assert len(wire.connections) == 0
+
+    on_a_wire(story)
+
+
+def test_the_application_is_handed_every_message_in_its_order():
+    got = []
+
+    async def listening(scope, receive, send):
+        await receive()
+        await send({"type": "websocket.accept"})
+        while (message := await receive())["type"] == "websocket.receive":
+            got.append(message["text"])
+            await asyncio.sleep(0)
+
+    async def story(wire):
+        transport = await opened(wire)
+        texts = [f"{n} " + "x" * (n * 37 % 9000) for n in range(300)]
+        await wire.sends(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
+        await asyncio.sleep(1)
+        assert got == texts
+
+    on_a_wire(story, listening)
+
+
+def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
+    async def busy(scope, receive, send):
+        await receive()
+        await send({"type": "websocket.accept"})
+        await asyncio.Event().wait()
+
+    async def story(wire):
+        transport = await opened(wire)
+        taken = await wire.sends(transport, frame(b"x" * 1000) * 3000)
+        assert taken <= 262_144
+        assert transport.paused
+        assert transport.protocol.queue.qsize() <= 3
+
+    on_a_wire(story, busy)
+
+
+def test_a_message_in_more_parts_than_anybody_sends_is_closed():
+    async def story(wire):
+        transport = await opened(wire)
+        parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
+        await wire.sends(transport, parts)
+        assert closing(transport) == (1009, f"a message of more than {MOST_FRAMES} frames")
+
+    on_a_wire(story)
+
+
+def test_a_message_that_is_too_large_is_closed_before_it_has_come():
+    async def story(wire):
+        transport = await opened(wire)
+        taken = await wire.sends(transport, frame(b"x" * 3_000_000))
+        assert taken < 300_000
+        assert closing(transport)[0] == 1009
+
+    on_a_wire(story)
+
+
+def test_answers_to_pings_that_are_not_read_are_not_kept():
+    async def story(wire):
+        transport = await opened(wire)
+        transport.stuck = True
+        for _ in range(20):
+            await wire.sends(transport, frame(b"x" * 125, 9) * 900)
+            await wire.passes(1)
+        assert len(transport.unread) < 70_000
+
+    on_a_wire(story)
+
+
+def test_who_reads_nothing_is_closed_with_a_reason_and_who_does_not_take_that_is_ended():
+    async def talking(scope, receive, send):
+        await receive()
+        await send({"type": "websocket.accept"})
+        while True:
+            await send({"type": "websocket.send", "text": "news " * 1000})
+
+    async def story(wire):
+        transport = await opened(wire)
+        transport.stuck = True
+        await asyncio.sleep(0.1)
+        kept = len(transport.unread)
+        await wire.passes(UNREAD_DEADLINE_S + 1)
+        assert len(transport.unread) < kept + 100
+        transport.written = transport.unread
+        assert closing(transport) == (1013, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
+        assert not transport.aborted
+        await wire.passes(CLOSE_DEADLINE_S + 1)
+        assert transport.aborted
+        assert len(wire.connections) == 0
+
+    on_a_wire(story, talking)
+
+
+def test_an_open_websocket_that_says_nothing_is_left_alone():
+    async def story(wire):
+        transport = await opened(wire)
+        for _ in range(10):
+            await wire.passes(15)
+            pings = transport.written.count(b"\x89\x04")
+            payload = transport.written[transport.written.rindex(b"\x89\x04") + 2 :][:4] if pings else b""
+            await wire.sends(transport, frame(payload, 10))
+        assert not transport.closed
+
+    on_a_wire(story, echo)

@@ -1,0 +1,148 @@
+"""A connection without a socket, on simulated time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from uvicorn import Config
+from uvicorn.server import ServerState
+
+from gcs_server.api.connections import Connections
+from gcs_server.clock import LoopClock
+from gcs_server.http_server.http_protocol import BoundedHttp
+from tests.jump_time import in_jumps
+
+
+class Transport(asyncio.Transport):
+    """Takes everything that is written, or nothing while `stuck`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.written, self.unread = b"", b""
+        self.stuck = self.closed = self.eof = self.paused = self.aborted = False
+        self.protocol: Any = None
+
+    def write(self, data: Any) -> None:
+        if self.stuck:
+            self.unread += data
+            self.protocol.pause_writing()
+        else:
+            self.written += data
+
+    def get_write_buffer_size(self) -> int:
+        return len(self.unread)
+
+    def close(self) -> None:
+        if not self.closed:
+            self.closed = True
+            if not self.unread:
+                self.lose()
+
+    def abort(self) -> None:
+        self.closed = self.aborted = True
+        self.lose()
+
+    def lose(self) -> None:
+        asyncio.get_running_loop().call_soon(self.protocol.connection_lost, None)
+
+    def is_closing(self) -> bool:
+        return self.closed
+
+    def can_write_eof(self) -> bool:
+        return True
+
+    def write_eof(self) -> None:
+        self.eof = True
+
+    def pause_reading(self) -> None:
+        self.paused = True
+
+    def resume_reading(self) -> None:
+        self.paused = False
+
+    def set_protocol(self, protocol: Any) -> None:
+        self.protocol = protocol
+
+    def get_extra_info(self, name: str, default: Any = None) -> Any:
+        return {"peername": ("10.0.0.1", 5), "sockname": ("127.0.0.1", 80)}.get(name, default)
+
+
+class Wire:
+    """A server of one application, and the connections made to it."""
+
+    def __init__(self, app: Any) -> None:
+        self.clock = LoopClock(asyncio.get_running_loop())
+        self.connections = Connections(self.clock)
+        self._config = Config(app, ws="websockets-sansio", log_config=None, ws_max_size=1 << 20)
+        self._config.load()
+        self._state = ServerState()
+
+    def connect(self) -> Transport:
+        """A new connection."""
+        connection = self.connections.open("10.0.0.1")
+        assert connection is not None
+        protocol = BoundedHttp(
+            self._config,
+            self._state,
+            {},
+            connection=connection,
+            connections=self.connections,
+            clock=self.clock,
+        )
+        transport = Transport()
+        transport.protocol = protocol
+        protocol.connection_made(transport)
+        return transport
+
+    async def passes(self, seconds: float) -> None:
+        """Time, with a look at the deadlines each half second."""
+        end_s = self.clock.monotonic_s() + seconds
+        while self.clock.monotonic_s() < end_s:
+            await asyncio.sleep(0.5)
+            self.connections.check()
+
+    async def sends(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
+        """As a client that stops sending once it is not read any more; how much was taken."""
+        for at in range(0, len(data), piece):
+            for _ in range(2000):
+                if not transport.paused:
+                    break
+                await asyncio.sleep(0)
+            if transport.closed or transport.paused:
+                return at
+            transport.protocol.data_received(data[at : at + piece])
+        for _ in range(50):
+            await asyncio.sleep(0)
+        return len(data)
+
+
+async def echo(scope: Any, receive: Any, send: Any) -> None:
+    """Answers with the size of the body; a WebSocket says how many messages came."""
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.accept"})
+        while (await receive())["type"] == "websocket.receive":
+            pass
+        return
+    size, more = 0, True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return
+        size += len(message["body"])
+        more = message["more_body"]
+    body = b"%d bytes" % size
+    headers = [(b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": 200, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
+
+
+def on_a_wire(story: Callable[[Wire], Coroutine[Any, Any, None]], app: Any = echo) -> None:
+    """Runs a story about connections."""
+
+    async def run() -> None:
+        await story(Wire(app))
+
+    in_jumps(run)

@@ -1,0 +1,50 @@
+"""An error that somebody causes a million times makes a few lines."""
+
+import logging
+
+import pytest
+
+from gcs_server.log_limit import LINES, LONGEST_LINE, PERIOD_S, LogLimit
+
+
+class Lines(logging.Handler):
+    def __init__(self):
+        super().__init__()
+        self.now_s, self.texts = 0.0, []
+        self.addFilter(LogLimit(lambda: self.now_s))
+        self.setFormatter(logging.Formatter("%(message)s"))
+
+    def emit(self, record):
+        self.texts.append(self.format(record))
+
+
+@pytest.fixture
+def lines():
+    handler, logger = Lines(), logging.getLogger("hostile")
+    logger.addHandler(handler)
+    yield handler
+    logger.removeHandler(handler)
+
+
+def test_equal_lines_and_tracebacks_are_counted_not_written(lines):
+    def fail(number):
+        try:
+            raise ValueError(number)
+        except ValueError:
+            logging.getLogger("hostile").exception("connection %d", number)
+
+    for number in range(1000):
+        fail(number)
+    assert len(lines.texts) == LINES
+    lines.now_s += PERIOD_S
+    fail(1000)
+    assert len(lines.texts) == LINES + 1
+    assert lines.texts[-1].startswith(f"connection 1000 ({1000 - LINES} more such lines")
+    logging.getLogger("hostile").warning("another")
+    assert lines.texts[-1] == "another"
+
+
+def test_a_line_of_a_megabyte_is_cut(lines):
+    logging.getLogger("hostile").error("%s", "x" * 1_000_000)
+    assert len(lines.texts[0]) < LONGEST_LINE + 100
+    assert "1000000 characters" in lines.texts[0]
