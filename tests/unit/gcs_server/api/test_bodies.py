@@ -42,6 +42,7 @@ def client(tmp_path_factory):
     [
         json.dumps(LONGEST_PATH),
         json.dumps({"a": "[" * 500 + "{:,}" * 100}),
+        json.dumps({"digits": "9" * 5000}),
         json.dumps({"quotes": '"\\"[[' * 100}),
         "[" * DEEPEST + "]" * DEEPEST,
         '"' + "[" * 5000,

@@ -133,6 +133,7 @@ def test_who_reads_nothing_is_closed_with_a_reason_and_who_does_not_take_that_is
         await send({"type": "websocket.accept"})
         while True:
             await send({"type": "websocket.send", "text": "news " * 1000})
+            await asyncio.sleep(0.01)
 
     async def story(wire):
         transport = await opened(wire)
@@ -145,6 +146,7 @@ def test_who_reads_nothing_is_closed_with_a_reason_and_who_does_not_take_that_is
         assert closing(transport) == (1013, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
         assert not transport.aborted
         await wire.passes(CLOSE_DEADLINE_S + 1)
+        await asyncio.sleep(0.1)
         assert transport.aborted
         assert len(wire.connections) == 0
 
