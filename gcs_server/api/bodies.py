@@ -86,11 +86,11 @@ class Bodies:
         self._turns = turns
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
+        if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
         client = client_of(HTTPConnection(scope))
-        if scope["method"] in ("GET", "HEAD", "OPTIONS"):
+        if scope["type"] == "websocket" or scope["method"] in ("GET", "HEAD", "OPTIONS"):
             await self._turns.wait(client)
             await self._app(scope, receive, send)
             return

@@ -1,8 +1,9 @@
 """Requests begin one after the other, each in a turn of the event loop of its own.
 
 Two hundred requests that come in at once would otherwise be answered in one turn, and whatever else the loop
-does would wait for all of them. Who waits is taken address by address, then client by client; clients in
-control of a vehicle go first.
+does would wait for all of them. Clients in control of a vehicle go first, then those that were there before,
+then the new ones: who names itself anew each time holds nobody up. Among equals it goes address by address,
+then client by client.
 """
 
 from __future__ import annotations
@@ -13,7 +14,35 @@ from collections.abc import Callable
 
 from gcs_server.control.client import Client
 
+KNOWN_AFTER_S = 2.0
+"""A client counts as one that was there before so long after its first request."""
+FORGOTTEN_AFTER_S = 60.0
+MOST_KNOWN = 500
+
 Waiting = deque[asyncio.Future[None]]
+
+
+class _Lane:
+    """Equals that wait, in fair order."""
+
+    def __init__(self) -> None:
+        self._addresses: OrderedDict[str, OrderedDict[str, Waiting]] = OrderedDict()
+
+    def push(self, client: Client, future: asyncio.Future[None]) -> None:
+        clients = self._addresses.setdefault(client.address, OrderedDict())
+        clients.setdefault(client.key, deque()).append(future)
+
+    def pop(self) -> asyncio.Future[None] | None:
+        if not self._addresses:
+            return None
+        address, clients = self._addresses.popitem(last=False)
+        key, waiting = clients.popitem(last=False)
+        future = waiting.popleft()
+        if waiting:
+            clients[key] = waiting
+        if clients:
+            self._addresses[address] = clients
+        return future
 
 
 class Turns:
@@ -26,26 +55,36 @@ class Turns:
     def __init__(self, in_control: Callable[[str], bool]) -> None:
         self._in_control = in_control
         self._taken = False
-        self._first: Waiting = deque()
-        self._addresses: OrderedDict[str, OrderedDict[str, Waiting]] = OrderedDict()
+        self._lanes = (_Lane(), _Lane(), _Lane())
+        """In control, there before, new."""
+        self._seen: dict[str, tuple[float, float]] = {}
+        """By client's key: when it was first and last here."""
 
     async def wait(self, client: Client) -> None:
         """Returns when it is this client's turn: at once where nobody else had the present one."""
+        loop = asyncio.get_running_loop()
+        known = self._note(client.key, loop.time())
         if not self._taken:
             self._taken = True
-            asyncio.get_running_loop().call_soon(self._next)
+            loop.call_soon(self._next)
             return
-        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        if self._in_control(client.key):
-            self._first.append(future)
-        else:
-            clients = self._addresses.setdefault(client.address, OrderedDict())
-            clients.setdefault(client.key, deque()).append(future)
+        future: asyncio.Future[None] = loop.create_future()
+        self._lanes[0 if self._in_control(client.key) else 1 if known else 2].push(client, future)
         await future
+
+    def _note(self, key: str, now_s: float) -> bool:
+        """Whether the client was there before. Those that are known stay so, however many others come."""
+        if key not in self._seen and len(self._seen) >= MOST_KNOWN:
+            self._seen = {k: s for k, s in self._seen.items() if now_s - s[1] < FORGOTTEN_AFTER_S}
+            if len(self._seen) >= MOST_KNOWN:
+                return False
+        first_s = self._seen.get(key, (now_s, now_s))[0]
+        self._seen[key] = (first_s, now_s)
+        return now_s - first_s > KNOWN_AFTER_S
 
     def _next(self) -> None:
         while True:
-            future = self._pop()
+            future = next((f for lane in self._lanes if (f := lane.pop()) is not None), None)
             if future is None:
                 self._taken = False
                 return
@@ -54,17 +93,3 @@ class Turns:
         future.set_result(None)
         # It runs in the next round of the loop, and whoever comes after it in the round after that.
         asyncio.get_running_loop().call_soon(self._next)
-
-    def _pop(self) -> asyncio.Future[None] | None:
-        if self._first:
-            return self._first.popleft()
-        if not self._addresses:
-            return None
-        address, clients = self._addresses.popitem(last=False)
-        key, waiting = clients.popitem(last=False)
-        future = waiting.popleft()
-        if waiting:
-            clients[key] = waiting
-        if clients:
-            self._addresses[address] = clients
-        return future

@@ -22,7 +22,7 @@ from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
 
-ACCEPTED_A_TURN = 8
+ACCEPTED_A_TURN = 4
 CHECK_PERIOD_S = 0.5
 NO_FILES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 NO_FILES_PAUSE_S = 0.2

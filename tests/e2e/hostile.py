@@ -7,13 +7,13 @@ import contextlib
 import os
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import httpx
 
 HOST = "127.0.0.1"
 GET = b"GET /api/v1/health HTTP/1.1\r\nHost: localhost\r\n"
@@ -261,9 +261,12 @@ ATTACKS: list[Callable[[Target], None]] = [
 
 @dataclass
 class Noticed:
-    """By a client that only wants to know how things are, on a new connection each time."""
+    """By an innocent client."""
 
     longest_s: float = 0.0
+    """Of its requests, each on a new connection."""
+    longest_pause_s: float = 0.0
+    """Of the server's event loop, as a program in control on an open connection sees it."""
     served: int = 0
     failures: list[str] = field(default_factory=list[str])
     memory_mb: float = 0.0
@@ -271,30 +274,66 @@ class Noticed:
 
 
 @contextlib.contextmanager
-def innocent(target: Target, headers: dict[str, str]) -> Iterator[Noticed]:
-    """Asks all the time, while the block runs."""
+def attacked(target: Target, attack: str, headers: bytes = b"") -> Iterator[Noticed]:
+    """Another process attacks while the block runs, and an innocent client asks all the time."""
     noticed, over = Noticed(), threading.Event()
     before_mb = target.memory_mb()
+    request = b"GET /api/v1/me HTTP/1.1\r\nHost: localhost\r\n" + headers
 
-    def ask() -> None:
+    def new() -> None:
+        while not over.is_set():
+            began_s = time.monotonic()
+            with (
+                contextlib.suppress(OSError),
+                socket.create_connection((HOST, target.port), timeout=20) as made,
+            ):
+                made.sendall(request + b"Connection: close\r\n\r\n")
+                said = answer(made, 20)
+                if said.startswith(b"HTTP/1.1 200"):
+                    noticed.served += 1
+                else:
+                    noticed.failures.append(said[:60].decode(errors="replace"))
+                made.close()
+            noticed.longest_s = max(noticed.longest_s, time.monotonic() - began_s)
+            over.wait(0.02)
+
+    def again() -> None:
+        made = socket.create_connection((HOST, target.port), timeout=20)
         while not over.is_set():
             began_s = time.monotonic()
             try:
-                with httpx.Client(
-                    base_url=f"http://{HOST}:{target.port}", headers=headers, timeout=20
-                ) as client:
-                    client.get("/api/v1/me").raise_for_status()
-                    noticed.served += 1
-            except httpx.HTTPError as error:
-                noticed.failures.append(f"{type(error).__name__}: {error}")
-            noticed.longest_s = max(noticed.longest_s, time.monotonic() - began_s)
+                made.sendall(request + b"\r\n")
+                if not made.recv(65536):
+                    raise ConnectionError
+            except OSError:
+                made.close()
+                made = socket.create_connection((HOST, target.port), timeout=20)
+                continue
+            noticed.longest_pause_s = max(noticed.longest_pause_s, time.monotonic() - began_s)
             noticed.memory_mb = max(noticed.memory_mb, target.memory_mb() - before_mb)
-            over.wait(0.02)
+            over.wait(0.01)
+        made.close()
 
-    asking = threading.Thread(target=ask)
-    asking.start()
+    asking = [threading.Thread(target=work) for work in (new, again)]
+    for thread in asking:
+        thread.start()
+    command = [sys.executable, "-m", "tests.e2e.hostile", str(target.port), str(target.process), attack]
     try:
+        subprocess.run(command, check=True, timeout=120)
         yield noticed
     finally:
         over.set()
-        asking.join()
+        for thread in asking:
+            thread.join()
+
+
+def main(port: str, process: str, name: str) -> None:
+    """One attack, which holds for a second what it has."""
+    target = Target(int(port), int(process))
+    next(attack for attack in ATTACKS if attack.__name__ == name)(target)
+    time.sleep(1.0)
+    target.release()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

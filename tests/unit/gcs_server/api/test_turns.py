@@ -3,8 +3,9 @@
 import asyncio
 import itertools
 
-from gcs_server.api.turns import Turns
+from gcs_server.api.turns import KNOWN_AFTER_S, MOST_KNOWN, Turns
 from gcs_server.control.client import Client
+from tests.jump_time import in_jumps
 
 
 def client(name, address="1.1.1.1"):
@@ -74,3 +75,24 @@ def test_a_request_that_was_given_up_takes_no_turn():
         assert sum(each.cancelled() for each in waiting) >= 8  # the first had its turn
 
     asyncio.run(run())
+
+
+def test_a_client_that_was_there_before_goes_before_a_thousand_new_ones():
+    order = []
+
+    async def ask(turns, caller):
+        await turns.wait(caller)
+        order.append(str(caller))
+
+    async def run():
+        turns = Turns(lambda _: False)
+        await turns.wait(client("innocent"))
+        for n in range(1000):  # they must not make it forgotten
+            await turns.wait(client(f"earlier {n}"))
+        await asyncio.sleep(KNOWN_AFTER_S + 1)
+        hostile = [ask(turns, client(f"hostile {n}")) for n in range(1000)]
+        await asyncio.gather(*hostile, ask(turns, client("innocent")))
+        assert order.index("innocent") <= 2
+        assert len(turns._seen) <= MOST_KNOWN
+
+    in_jumps(run)

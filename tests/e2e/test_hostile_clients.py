@@ -1,0 +1,78 @@
+"""Attacks on a running server: others are served meanwhile, its memory and its log stay small."""
+
+import resource
+from pathlib import Path
+
+import httpx
+import pytest
+
+from gcs_server.log_limit import LINES
+from tests.e2e.hostile import ATTACKS, HOST, Target, answer, attacked
+from tests.station import answers, server, wait_until
+
+MOST_MEMORY_MB = 100
+LONGEST_PAUSE_S = 15.0
+"""On a test machine that may be busy with other tests."""
+QUICK = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest_json", "unread_websocket"}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    log = tmp_path_factory.mktemp("log") / "server.log"
+    with server(["udpin://127.0.0.1:0"], log=log) as (url, process):
+        httpx.get(f"{url}/api/v1/openapi.json", timeout=60).raise_for_status()
+        yield Target(int(url.rpartition(":")[2]), process.pid), log
+
+
+def attacks():
+    for attack in ATTACKS:
+        marks = () if attack.__name__ in QUICK else (pytest.mark.realtime,)
+        yield pytest.param(attack.__name__, marks=marks)
+
+
+@pytest.mark.parametrize("attack", list(attacks()))
+def test_others_are_served_while_somebody_attacks_and_memory_and_log_stay_small(site, attack):
+    target, log = site
+    with attacked(target, attack, b"X-Client-Id: innocent\r\n") as noticed:
+        pass
+    assert noticed.served
+    assert noticed.failures == []
+    assert noticed.longest_pause_s < LONGEST_PAUSE_S
+    assert noticed.memory_mb < MOST_MEMORY_MB
+    text = log.read_text()
+    assert "Traceback" not in text
+    assert len(text) < 20_000
+
+
+def test_a_server_that_has_no_file_left_says_so_once_and_goes_on_when_it_has_some(site):
+    target, log = site
+    soft, hard = resource.prlimit(target.process, resource.RLIMIT_NOFILE)
+    used = len(list(Path(f"/proc/{target.process}/fd").iterdir()))
+    resource.prlimit(target.process, resource.RLIMIT_NOFILE, (used + 30, hard))
+    before = len(log.read_text())
+    try:
+        for _ in range(100):
+            target.connect()
+        wait_until(lambda: "no connection can be accepted" in log.read_text()[before:], "the server's word")
+    finally:
+        target.release()
+        resource.prlimit(target.process, resource.RLIMIT_NOFILE, (soft, hard))
+    url = f"http://{HOST}:{target.port}"
+    wait_until(lambda: answers(url), "an answer")
+    text = log.read_text()[before:]
+    assert text.count("no connection can be accepted") <= LINES
+    assert len(text) < 20_000
+    warnings = httpx.get(f"{url}/api/v1/warnings", timeout=5).json()["warnings"]
+    assert any("turning clients away" in warning["text"] for warning in warnings)
+
+
+def test_what_was_refused_arrives_in_words_though_the_client_goes_on_sending(site):
+    target, _ = site
+    made = target.connect()
+    head = b"POST /api/v1/vehicles/1/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000000\r\n\r\n"
+    target.send(made, head)
+    target.send(made, b"x" * 100_000, 30)
+    said = answer(made)
+    assert said.startswith(b"HTTP/1.1 413 ")
+    assert b'"code":"body_too_large"' in said
+    target.release()
