@@ -46,7 +46,8 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         refusal = page.get_by_role("alert").filter(has_text="Arm")
         refusal.get_by_role("button", name="Why, for every mode").click()
         expect(panel).to_contain_text("Cannot arm in Position")
-        drone.set_mode("hold")
+        expect(panel).to_contain_text("The vehicle is in Position and cannot be armed in it. Choose Hold.")
+        panel.get_by_role("button", name="Switch to Hold").press("Enter")
         expect(panel).to_contain_text("Ready to arm in Hold")  # as it changes, with nothing pressed
 
         start = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -2]}}

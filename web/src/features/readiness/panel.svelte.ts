@@ -18,6 +18,16 @@ class ReadinessPanel {
     this.problem = null;
   }
 
+  /** Does what the server offers: a mode in which the vehicle can be armed. */
+  async choose(api: ApiClient, vehicle: string, mode: string): Promise<void> {
+    if (this.asking) return;
+    this.asking = true;
+    this.problem = null;
+    const outcome = await api.post(`/vehicles/${encodeURIComponent(vehicle)}/mode`, { mode });
+    this.asking = false;
+    if (!outcome.ok) this.problem = outcome.problem;
+  }
+
   /** Has the vehicle run its checks; what they say comes with the telemetry. */
   async check(api: ApiClient, vehicle: string): Promise<void> {
     if (this.asking) return;
