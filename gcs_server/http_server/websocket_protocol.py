@@ -12,6 +12,7 @@ from collections import deque
 from typing import Any, cast
 
 from uvicorn.config import Config
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import ServerState
 from websockets.frames import Frame
@@ -88,6 +89,8 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         if self.transport.is_closing() or self.disconnected:
             self._unparsed.clear()
             return
+        if not self.handshake_complete:  # what came before the application has accepted waits for that
+            return
         if self._unparsed and (self.queue.empty() or self.close_sent):
             super().data_received(self._unparsed.popleft())
         if self._unparsed:
@@ -104,6 +107,19 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         if self.queue.empty() and not self._parsing:
             self._parse_some()
         return message
+
+    async def send(self, message: Any) -> None:
+        """Something for the client.
+
+        Raises:
+            ClientDisconnected: it went before it was accepted.
+        """
+        accepting = not self.handshake_complete
+        if accepting and self.transport.is_closing():
+            raise ClientDisconnected
+        await super().send(message)
+        if accepting and self.handshake_complete:
+            self._parse_some()
 
     def handle_connect(self, event: Request) -> None:
         """The head is whole; the application begins in the next turn of the loop."""

@@ -164,3 +164,30 @@ def test_an_open_websocket_that_says_nothing_is_left_alone():
         assert not transport.closed
 
     on_a_wire(story, echo)
+
+
+@pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
+@pytest.mark.parametrize("goes", [False, True])
+def test_what_comes_before_the_application_has_accepted_waits_and_makes_no_traceback(early, goes, caplog):
+    got = []
+
+    async def slow(scope, receive, send):
+        await receive()
+        await asyncio.sleep(1)
+        await send({"type": "websocket.accept"})
+        got.append(await receive())
+
+    async def story(wire):
+        transport = wire.connect()
+        await wire.sends(transport, UPGRADE)
+        await wire.sends(transport, early)
+        if goes:
+            transport.abort()
+        await asyncio.sleep(2)
+        assert goes or b" 101 " in transport.written
+        assert len(wire.connections) == 0
+
+    on_a_wire(story, slow)
+    assert caplog.records == []
+    if not goes:
+        assert got[0].get("text") == "early" or got[0]["type"] == "websocket.disconnect"
