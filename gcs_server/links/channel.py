@@ -9,6 +9,9 @@ from gcs_server.faults import FaultLog
 
 WAKE_INTERVAL_S = 0.005
 """A busy link is read no more often, then all there is; what comes after a pause is read at once."""
+READ_AT_MOST_S = 0.02
+"""A link is read no longer than this in one turn of the loop, whatever it takes to handle what comes. What is
+left waits in the system's buffer, and what that cannot hold is lost on this link, not on the others."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
 """(pieces a second, s between two reads): a fleet's link is read less often, for each wake costs as much as
 reading dozens of pieces, and no page draws sooner."""

@@ -6,13 +6,13 @@ import asyncio
 from collections.abc import Callable
 
 from gcs_server.faults import FaultLog
-from gcs_server.links.channel import ThrottledReader
+from gcs_server.links.channel import READ_AT_MOST_S, ThrottledReader
 from gcs_server.links.pacing import Pacer
 from gcs_server.links.send_queue import SendCounts
 from gcs_server.links.writer import LinkWriter
 
-READ_BYTES = 65536
-READS_A_WAKE = 16
+READ_BYTES = 8192
+READS_A_WAKE = 128
 
 
 class StreamSession:
@@ -52,6 +52,7 @@ class StreamSession:
             pacer=pacer,
             failed=lambda error: self._end(f"{error.strerror or error}."),
         )
+        self._now_s = loop.time
         self._reader = ThrottledReader(loop, fileno, self._drain, faults)
 
     def close(self) -> None:
@@ -61,9 +62,9 @@ class StreamSession:
         self.writer.close()
 
     def _drain(self) -> int:
-        came = 0
+        came, end_s = 0, self._now_s() + READ_AT_MOST_S
         for _ in range(READS_A_WAKE):
-            if self._over:
+            if self._over or self._now_s() > end_s:
                 break
             try:
                 data = self._read(READ_BYTES)

@@ -7,13 +7,16 @@ import errno
 import socket
 
 from gcs_server.links.base import Link, Peer
-from gcs_server.links.channel import ThrottledReader
+from gcs_server.links.channel import READ_AT_MOST_S, ThrottledReader
 from gcs_server.links.resolve import Address, resolve
 from gcs_server.links.writer import LinkWriter
 
 FORGET_AFTER_S = 30.0
 """A peer silent for longer is forgotten."""
 MAX_PEERS = 256
+EVICT_AFTER_S = 5.0
+"""Of MAX_PEERS, one that has been silent for so long makes room; else newcomers are not heard."""
+LOOK_AGAIN_S = 0.25
 DATAGRAMS_A_WAKE = 4000
 BUFFER_BYTES = 4_000_000
 LONGEST_DATAGRAM_BYTES = 65536
@@ -42,6 +45,7 @@ class UdpLink(Link):
         self._by_address: dict[Address, Peer] = {}
         self._heard_s: dict[str, float] = {}
         self._fixed: str | None = None
+        self._full_until_s = float("-inf")
         self._sweep: asyncio.TimerHandle | None = None
 
     @property
@@ -98,8 +102,11 @@ class UdpLink(Link):
     def _drain(self) -> int:
         sock, came, now_s = self._socket, 0, self._loop.time()
         by_address, heard_s, received = self._by_address, self._heard_s, self._received
+        end_s = now_s + READ_AT_MOST_S
         for _ in range(DATAGRAMS_A_WAKE):
             if sock is None or self._socket is not sock:  # closed by what came
+                break
+            if self._loop.time() > end_s:
                 break
             try:
                 data, address = sock.recvfrom(LONGEST_DATAGRAM_BYTES)
@@ -111,14 +118,28 @@ class UdpLink(Link):
                 self._lost(self._explain(error))
                 break
             came += 1
-            peer = by_address.get(address) or self._peer(address)
+            peer = by_address.get(address) or self._newcomer(address, now_s)
+            if peer is None:
+                continue
             heard_s[peer.name] = now_s
             received(data, peer, now_s)
         return came
 
+    def _newcomer(self, address: Address, now_s: float) -> Peer | None:
+        """Who speaks for the first time; None where there are too many already."""
+        if len(self._peers) < MAX_PEERS:
+            return self._peer(address)
+        if now_s < self._full_until_s:
+            return None
+        quietest = min((n for n in self._heard_s if n != self._fixed), key=self._heard_s.__getitem__)
+        if now_s - self._heard_s[quietest] > EVICT_AFTER_S:
+            self._forget_peer(quietest)
+            return self._peer(address)
+        self._full_until_s = now_s + LOOK_AGAIN_S
+        self._set_state("open", f"{MAX_PEERS} addresses speak on this link; further ones are not heard.")
+        return None
+
     def _peer(self, address: Address) -> Peer:
-        if len(self._peers) >= MAX_PEERS:
-            self._forget_peer(min(self._heard_s, key=lambda name: self._heard_s[name]))
         peer = Peer(f"{address[0]}:{address[1]}", address)
         self._by_address[address] = peer
         self._peers[peer.name] = peer
@@ -136,6 +157,8 @@ class UdpLink(Link):
     def _forget_silent(self) -> None:
         self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
         before_s = self._loop.time() - FORGET_AFTER_S
+        if self._loop.time() > self._full_until_s + FORGET_AFTER_S:
+            self._set_state("open", "")
         for name in [n for n, heard_s in self._heard_s.items() if heard_s < before_s and n != self._fixed]:
             self._forget_peer(name)
 

@@ -29,6 +29,8 @@ TICK_S = 0.25
 ASK_EVERY_S = 1.0
 ASK_TIMES = 5
 ASK_RARELY_S = 30.0
+LOOK_AGAIN_S = 0.25
+"""How seldom a full link is searched for somebody who makes room."""
 OTHER_MARK = "~"
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
@@ -60,6 +62,10 @@ class Fleet(FrameSink):
         self._router = router
         self._own_ids = (router.settings.system_id, router.settings.component_id)
         self._vehicles: dict[str, Vehicle] = {}
+        self._full_until_s: dict[str, float] = {}
+        """By link: newcomers are not looked at before, since there is no room for them."""
+        self._ordered: list[Vehicle] | None = None
+        """Of `all`, until one comes or goes: strangers ask for it with every frame."""
         self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
         self._subscribers: list[Callable[[Event], None]] = []
         self._on_added: list[Callable[[Vehicle], None]] = []
@@ -83,7 +89,9 @@ class Fleet(FrameSink):
 
     def all(self) -> list[Vehicle]:
         """By id."""
-        return [self._vehicles[i] for i in sorted(self._vehicles, key=_order)]
+        if self._ordered is None:
+            self._ordered = [self._vehicles[i] for i in sorted(self._vehicles, key=_order)]
+        return list(self._ordered)
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
         """Events of all vehicles and of the fleet; returns what ends that."""
@@ -196,9 +204,9 @@ class Fleet(FrameSink):
         payload = full_payload(frame)
         if payload[5] == d.MAV_AUTOPILOT_INVALID or not frame.system_id:
             return None
-        if len(self._endpoints) >= MAX_ENDPOINTS_ON_LINK and not self._may_have_endpoint(connection):
-            return None
         now_s = frame.received_monotonic_s
+        if len(self._endpoints) >= MAX_ENDPOINTS_ON_LINK and not self._may_have_endpoint(connection, now_s):
+            return None
         endpoint = Endpoint(
             connection, peer, frame.system_id, frame.component_id, payload, first_heard_s=now_s, heard_s=now_s
         )
@@ -206,13 +214,19 @@ class Fleet(FrameSink):
         self._ask_version(endpoint, now_s)
         return endpoint
 
-    def _may_have_endpoint(self, connection: Connection) -> bool:
-        """Whether there is room for one more on a link, or one without a vehicle makes room."""
+    def _may_have_endpoint(self, connection: Connection, now_s: float) -> bool:
+        """Whether a link has room for one more; who is no vehicle and fell silent makes room."""
+        if now_s < self._full_until_s.get(connection.name, float("-inf")):
+            return False
         here = [e for e in self._endpoints.values() if e.connection is connection]
-        strangers = [e for e in here if e.vehicle is None]
-        if len(here) >= MAX_ENDPOINTS_ON_LINK and strangers:
-            self._forget(min(strangers, key=lambda e: e.heard_s))
-        return len(here) < MAX_ENDPOINTS_ON_LINK or bool(strangers)
+        if len(here) < MAX_ENDPOINTS_ON_LINK:
+            return True
+        silent = [e for e in here if e.vehicle is None and now_s - e.heard_s > SILENT_AFTER_S]
+        for endpoint in silent:
+            self._forget(endpoint)
+        if not silent:
+            self._full_until_s[connection.name] = now_s + LOOK_AGAIN_S
+        return bool(silent)
 
     def _has_room(self, endpoint: Endpoint) -> bool:
         """Whether it may be one more vehicle; one that has long been silent may have to go for it."""
@@ -280,6 +294,7 @@ class Fleet(FrameSink):
         vehicle.events.subscribe(lambda event: None if link.quiet else self._publish(event))
         vehicle.attach(endpoint)
         self._vehicles[vehicle_id] = vehicle
+        self._ordered = None
         for callback in self._on_added:
             callback(vehicle)
         where = f"{endpoint.connection.name} ({endpoint.peer.name})"
@@ -340,6 +355,7 @@ class Fleet(FrameSink):
 
     def _remove(self, vehicle: Vehicle, why: str) -> None:
         self._vehicles.pop(vehicle.id, None)
+        self._ordered = None
         vehicle.disconnected(why)
         for callback in self._on_removed:
             callback(vehicle)

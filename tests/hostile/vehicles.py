@@ -189,6 +189,7 @@ def sources(sender: Sender, chance: random.Random, count: int) -> None:
         for _ in range(20):
             other.heartbeat(chance.randrange(1, 101), chance.randrange(1, 256))
         other.socket.close()
+        sender.sent += other.sent
 
 
 def texts(sender: Sender, chance: random.Random, count: int) -> None:

@@ -1,0 +1,96 @@
+"""A link that is flooded costs the event loop a bounded time, and those who are heard on it stay heard."""
+
+import asyncio
+import socket
+import time
+
+import pytest
+
+from gcs_server.links import udp
+from gcs_server.links.channel import READ_AT_MOST_S
+from gcs_server.links.tcp import TcpServerLink
+from gcs_server.links.udp import UdpLink
+
+HANDLING_S = 0.002
+"""What each piece takes in these tests."""
+
+
+def run(story):
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_a_flooded_link_gives_the_loop_its_turn_however_long_handling_takes(kind):
+    turns = [0.0]
+
+    def slowly(data, peer, received_s):
+        time.sleep(HANDLING_S)
+        turns[-1] += HANDLING_S
+
+    async def story():
+        loop = asyncio.get_running_loop()
+        if kind == "udp":
+            link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
+        else:
+            link = TcpServerLink("in", "tcpin://x", "127.0.0.1", 0)
+        link.start(slowly, lambda peer: None, lambda: None)
+        async with asyncio.timeout(5):
+            while link.local_port is None:  # noqa: ASYNC110 a test watches from outside
+                await asyncio.sleep(0.005)
+        sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
+        with sender:
+            sender.connect(("127.0.0.1", link.local_port))
+            for _ in range(60):
+                sender.send(b"x" * 16_000)
+
+            def turn():
+                nonlocal handle
+                turns.append(0.0)
+                handle = loop.call_soon(turn)
+
+            handle = loop.call_soon(turn)
+            async with asyncio.timeout(10):
+                while sum(turns) < 40 * HANDLING_S:  # noqa: ASYNC110
+                    await asyncio.sleep(0)
+            handle.cancel()
+        await link.close()
+
+    run(story)
+    assert max(turns) <= READ_AT_MOST_S + 2 * HANDLING_S
+
+
+def test_a_flood_of_addresses_pushes_out_nobody_who_speaks(monkeypatch):
+    monkeypatch.setattr(udp, "MAX_PEERS", 3)
+    gone, heard = [], []
+
+    async def story():
+        link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
+        link.start(
+            lambda data, peer, at: heard.append(peer.name), lambda p: gone.append(p.name), lambda: None
+        )
+        async with asyncio.timeout(5):
+            while link.local_port is None:  # noqa: ASYNC110
+                await asyncio.sleep(0.005)
+        senders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(20)]
+        try:
+            for sender in senders:
+                sender.sendto(b"x", ("127.0.0.1", link.local_port))
+            async with asyncio.timeout(5):
+                while not link.info().detail:  # noqa: ASYNC110
+                    await asyncio.sleep(0.005)
+            assert gone == []
+            assert len(set(heard)) == len(link.info().peers) == 3
+            assert "further ones are not heard" in link.info().detail
+            monkeypatch.setattr(udp, "EVICT_AFTER_S", 0.0)
+            await asyncio.sleep(udp.LOOK_AGAIN_S)
+            senders[-1].sendto(b"x", ("127.0.0.1", link.local_port))
+            async with asyncio.timeout(5):
+                while not gone:  # noqa: ASYNC110
+                    await asyncio.sleep(0.005)
+            assert len(link.info().peers) == 3, "one that was silent has made room"
+        finally:
+            for sender in senders:
+                sender.close()
+            await link.close()
+
+    run(story)
