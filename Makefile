@@ -92,6 +92,7 @@ test: $(VENV)/.tested $(VENV)/.browser web
 test-clients: $(VENV)/.clients web
 	@$(BIN)/python -m pytest -n 2 -m realtime tests/e2e
 	@$(BIN)/python -m pytest tests/clients
+	@$(BIN)/python -m pytest tests/hostile
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 tests/contract
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -46,7 +47,7 @@ class Innocent:
     @contextlib.contextmanager
     def under_attack(self) -> Iterator[None]:
         """Looks on while the block attacks, and judges at its end."""
-        before_mb = self._memory_mb()
+        before_mb, self.grown_mb = self._memory_mb(), 0.0
         log_bytes = self.log.stat().st_size
         self.relay.setpoints.clear()
         over = threading.Event()
@@ -75,6 +76,7 @@ class Innocent:
         arrivals = self.relay.arrivals_s().get(101, [])
         assert len(arrivals) > 100, self._story()
         gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
+        print(f"largest gap {max(gaps) * 1e3:.1f} ms, grown by {self.grown_mb:.1f} MB")
         assert max(gaps) <= PERIOD_S + LATE_S, f"a gap of {max(gaps) * 1e3:.0f} ms in the innocent's stream"
         assert self.statuses == {200}
         assert self.grown_mb < GROWTH_MB, f"the server grew by {self.grown_mb:.0f} MB"
@@ -147,3 +149,12 @@ def _answers(url: str) -> bool:
 def pause(seconds: float) -> None:
     """Real time in which the attack may still take effect."""
     time.sleep(seconds)
+
+
+def endless_recording(path: Path, records: int) -> None:
+    """A telemetry log in which every record is of another sender or message."""
+    first_us = 1_752_220_800_000_000
+    with path.open("wb") as file:
+        for n in range(records):
+            sender = bytes((1 + n % 250, n // 250 % 255)) + (500 + n // 63_750).to_bytes(3, "little")
+            file.write(struct.pack(">Q", first_us + 100 * n) + b"\xfd\x01\0\0\0" + sender + bytes(3))

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.hostile.innocent import Innocent, attack, innocent, pause
+from tests.hostile.innocent import Innocent, attack, endless_recording, innocent, pause
 
 FUZZ_FRAMES = int(os.environ.get("HOSTILE_FRAMES", "500000"))
 SHEDDING = {503}
@@ -56,8 +56,22 @@ def test_a_vehicle_whose_files_and_parameters_never_end_harms_nobody(flight: Inn
 def test_a_client_that_asks_for_anything_harms_nobody(flight: Innocent, name: str) -> None:
     with flight.under_attack():
         statuses = {int(each) for each in attack("clients", name, flight.url.removeprefix("http://")).split()}
-        pause(1)
+        pause(3)
     assert not {status for status in statuses if status >= 500} - SHEDDING
+
+
+def test_a_recording_of_a_million_senders_harms_nobody(flight: Innocent) -> None:
+    (flight.data / "recordings").mkdir(exist_ok=True)
+    endless_recording(flight.data / "recordings" / "endless.tlog", 1_000_000)
+    with flight.under_attack(), httpx.Client(base_url=f"{flight.url}/api/v1", timeout=60) as client:
+        index = client.get("/recordings/endless.tlog/index")
+        opened = client.post("/replays", json={"recording": "endless.tlog", "speed": 50})
+        moment = {"position_unix_s": opened.json()["end_unix_s"] - 10}
+        sought = client.post(f"/replays/{opened.json()['name']}", json=moment)
+        pause(3)
+        closed = client.delete(f"/replays/{opened.json()['name']}")
+    assert index.json()["left_out"] > 900_000
+    assert [answer.status_code for answer in (index, opened, sought, closed)] == [200, 201, 200, 204]
 
 
 def test_half_a_million_frames_of_nonsense_harm_nobody(flight: Innocent) -> None:
