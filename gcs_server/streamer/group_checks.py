@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+import asyncio
+from collections.abc import Container, Generator, Mapping
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
-from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
+from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Conflict, Planned, first_conflict, too_near_now
 from gcs_server.streamer.setpoints import OnExpiry, Order, Path, PositionBody, Setpoint
 from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
@@ -45,6 +46,8 @@ class GroupChecks:
     def __init__(self, clock: Clock, streams: Streams) -> None:
         self._clock = clock
         self._streams = streams
+        self._piece = asyncio.Lock()
+        """Held for a piece of a plan: of several made at once, one piece is worked a round of the loop."""
 
     def check_instant(self, order: GroupOrder, soonest_s: float) -> None:
         """Raises InvalidRequest where the common start is not so far ahead."""
@@ -91,7 +94,13 @@ class GroupChecks:
             message = f"Vehicle {vehicle.id}: {error.message}"
             raise NotTogether(message, vehicles=(vehicle.id,), remedy=error.remedy) from error
 
-    def check_apart(
+    def check_setpoints(self, vehicles: Mapping[str, Vehicle], orders: Mapping[str, Order]) -> None:
+        """Raises what `check_setpoint` does, or whatever refuses a vehicle any command."""
+        for index, (vehicle_id, order) in enumerate(orders.items()):
+            vehicles[vehicle_id].require_commandable()
+            self.check_setpoint(vehicles[vehicle_id], index, order, "setpoints")
+
+    async def check_apart(
         self,
         minimum_m: float,
         vehicles: Mapping[str, Vehicle],
@@ -100,6 +109,9 @@ class GroupChecks:
         lasts_s: float | None = None,
     ) -> None:
         """Whether all would stay apart, by where they are and what they are to fly.
+
+        Everybody else has turns meanwhile, and the vehicles fly on: what was checked before is to be checked
+        again afterwards, and `check_apart_now` asked.
 
         Args:
             minimum_m: to be kept.
@@ -112,6 +124,48 @@ class GroupChecks:
             NotTogether: naming the two, or the one whose place is not known.
         """
         now_s = self._clock.monotonic_s()
+        planned = self._planned(now_s, vehicles, orders, held, lasts_s)
+        _refuse(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
+
+    def check_apart_now(
+        self,
+        minimum_m: float,
+        vehicles: Mapping[str, Vehicle],
+        orders: Mapping[str, Order],
+        held: Container[str] = (),
+    ) -> None:
+        """Whether all are far enough apart where they are now, the way of braking included.
+
+        Args:
+            minimum_m: to be kept.
+            vehicles: all of the group.
+            orders: what is to be taken.
+            held: who follows the group no more, and may be anywhere.
+
+        Raises:
+            NotTogether: as `check_apart`.
+        """
+        now_s = self._clock.monotonic_s()
+        _refuse(too_near_now(self._planned(now_s, vehicles, orders, held), now_s, minimum_m), minimum_m)
+
+    async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
+        """What a plan finds; everybody has a turn after each piece of it."""
+        while True:
+            async with self._piece:
+                try:
+                    next(plan)
+                except StopIteration as done:
+                    return done.value
+                await asyncio.sleep(0)
+
+    def _planned(
+        self,
+        now_s: float,
+        vehicles: Mapping[str, Vehicle],
+        orders: Mapping[str, Order],
+        held: Container[str],
+        lasts_s: float | None = None,
+    ) -> list[Planned]:
         planned: list[Planned] = []
         for vehicle_id, vehicle in vehicles.items():
             order, elapsed_s = orders.get(vehicle_id), 0.0
@@ -135,14 +189,7 @@ class GroupChecks:
                     setpoint = state.sent if step else order.setpoint
             expires_s = lasts_s if lasts_s is not None or order is None else order.lasts_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
-        conflict = first_conflict(planned, now_s, minimum_m)
-        if conflict is not None:
-            raise NotTogether(
-                conflict.words(minimum_m),
-                vehicles=conflict.vehicles,
-                distance_m=conflict.distance_m,
-                remedy=SLOWER,
-            )
+        return planned
 
     def orders(self, order: GroupOrder, setpoints: Mapping[str, Setpoint]) -> dict[str, Order]:
         """Each with the validity that lets all expire at one instant."""
@@ -170,6 +217,16 @@ class GroupChecks:
                 age_s = self._streams.state(vehicle_id).age_s
                 left_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
         return max(left_s, default=0.0)
+
+
+def _refuse(conflict: Conflict | None, minimum_m: float) -> None:
+    if conflict is not None:
+        raise NotTogether(
+            conflict.words(minimum_m),
+            vehicles=conflict.vehicles,
+            distance_m=conflict.distance_m,
+            remedy=SLOWER,
+        )
 
 
 def _duration_s(setpoint: Setpoint) -> float:

@@ -4,13 +4,16 @@ A path is followed as it is; a place is approached as PX4's position controller 
 it is, within the limits of speed and acceleration); a velocity moves until it expires. Acceleration,
 attitude and rates say no place: such a member is taken to stay, and the guard of the flight alone looks
 after it. The wind, and what a pilot does, are not foreseen: this refuses what is wrong on paper.
+
+Ten long paths cost a second of work, so that the search is a generator: it stops after each small piece, for
+whoever runs it to let others have their turn.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +23,7 @@ from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.path import Curve
 from gcs_server.streamer.resolve import Aim, turned
-from gcs_server.streamer.separation import Vectors, closest_m, margin_m, stopping_m
+from gcs_server.streamer.separation import Vectors, closest_m, margin_m, samples, stopping_m
 from gcs_server.streamer.setpoints import (
     Follow,
     Partial3,
@@ -36,8 +39,10 @@ from gcs_server.streamer.setpoints import (
 )
 
 STEP_S = 0.25
-AT_ONCE = 200
-"""Steps whose way of braking is worked out together."""
+STEPS_A_TURN = 100
+"""Steps of courses between two turns of the others: about 4 ms."""
+SAMPLES_A_TURN = 12_000
+"""Samples of the way of braking between two turns: as many steps at once as have no more together."""
 LONGEST_PLAN_S = 600.0
 VELOCITY_AHEAD_S = 120.0
 """A velocity is looked ahead for no longer, however long it is valid."""
@@ -99,53 +104,110 @@ class Conflict:
         )
 
 
-def first_conflict(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
-    """The first two that would come nearer than the minimum; None where all stay apart.
+def first_conflict(
+    members: Sequence[Planned], now_s: float, minimum_m: float
+) -> Generator[None, None, Conflict | None]:
+    """Finds the first two that would come nearer than the minimum; returns None where all stay apart.
+
+    It yields after each piece of work of a few milliseconds, counted in steps.
 
     Args:
         members: each with a place and an origin in its snapshot.
         now_s: monotonic.
         minimum_m: to be kept, the way of braking included.
     """
-    courses = [_Course(member, now_s) for member in members]
+    courses: list[_Course] = []
+    for member in members:
+        courses.append(_Course(member, now_s))
+        yield
     by_id = {course.member.vehicle: course for course in courses}
-    t_s = 0.0
+    t_s, steps = 0.0, 0
     least_s = max(course.least_s for course in courses)
     while t_s < LONGEST_PLAN_S and (t_s <= least_s or any(course.moves for course in courses)):
         for course in courses:
             course.step(t_s, by_id)
+            steps += 1
+            if steps % STEPS_A_TURN == 0:
+                yield
         t_s += STEP_S
+    ways: list[tuple[Vectors, Vectors]] = []
+    for course in courses:
+        yield
+        ways.append(course.way())
     found: list[Conflict] = []
-    for a, b in itertools.combinations(courses, 2):
-        conflict = _between(a, b, minimum_m, now_s)
+    for (a, way_a), (b, way_b) in itertools.combinations(zip(courses, ways, strict=True), 2):
+        yield
+        conflict = yield from _between(a, way_a, b, way_b, minimum_m, now_s)
         if conflict is not None:
             found.append(conflict)
     return min(found, key=lambda conflict: conflict.after_s, default=None)
 
 
-def _between(a: _Course, b: _Course, minimum_m: float, now_s: float) -> Conflict | None:
+def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
+    """The first two that are too near already, or so fast that stopping both leaves too little. Cheap.
+
+    Args:
+        members: each with a place and an origin in its snapshot.
+        now_s: monotonic.
+        minimum_m: to be kept, the way of braking included.
+    """
+    places = [(member, *_where(member, now_s)) for member in members]
+    for (a, here, common), (b, there, origin) in itertools.combinations(places, 2):
+        one = moving(a.snapshot, now_s, here, a.setpoint)
+        other = moving(b.snapshot, now_s, origin.into(common, there), b.setpoint)
+        margin = margin_m(one, other)
+        least_m = minimum_m + margin
+        apart_m = kept_m = math.dist(one.place_ned_m, other.place_ned_m)
+        reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
+        if apart_m >= least_m and apart_m - reach_m < least_m:
+            place, velocity, place_b, velocity_b = (
+                np.array(v)
+                for v in (one.place_ned_m, one.velocity_ned_m_s, other.place_ned_m, other.velocity_ned_m_s)
+            )
+            kept_m = float(
+                closest_m(place, velocity, place_b, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
+            )
+        if kept_m < least_m:
+            return Conflict((a.vehicle, b.vehicle), 0.0, kept_m, here, apart_m >= least_m, margin)
+    return None
+
+
+def _where(member: Planned, now_s: float) -> tuple[Vector3, Origin]:
+    here, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
+    if here is None or origin is None:
+        raise ValueError(f"where vehicle {member.vehicle} is on the earth is not known")
+    return here, origin
+
+
+def _between(
+    a: _Course,
+    way_a: tuple[Vectors, Vectors],
+    b: _Course,
+    way_b: tuple[Vectors, Vectors],
+    minimum_m: float,
+    now_s: float,
+) -> Generator[None, None, Conflict | None]:
     one, other = (moving(course.member.snapshot, now_s, HERE, course.member.setpoint) for course in (a, b))
     margin = margin_m(one, other)
     minimum_m += margin
-    common = a.origin
-    place_a, velocity_a = np.array(a.places), np.array(a.velocities)
-    shift = np.array(b.origin.into(common, (0.0, 0.0, 0.0)))
-    place_b, velocity_b = np.array(b.places) + shift, np.array(b.velocities)
+    place_a, velocity_a = way_a
+    place_b, velocity_b = way_b[0] + np.array(b.origin.into(a.origin, HERE)), way_b[1]
     apart: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
     kept = apart.copy()
-    reach_m = sum(
-        stopping_m(np.sqrt(np.sum(velocity**2, axis=-1)), brakes)
-        for velocity, brakes in ((velocity_a, one.brakes_m_s2), (velocity_b, other.brakes_m_s2))
-    )
+    speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
+    reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
     asked = np.nonzero(apart - reach_m < minimum_m)[0]  # nowhere else can they come so near
-    for some in np.array_split(asked, len(asked) // AT_ONCE + 1):
-        if len(some):
-            kept[some] = closest_m(
-                place_a[some], velocity_a[some], place_b[some], velocity_b[some],
-                one.brakes_m_s2, other.brakes_m_s2,
-            )  # fmt: skip
-            if np.any(kept[some] < minimum_m):
-                break  # the first is what is told
+    longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
+    at_once = max(1, SAMPLES_A_TURN // samples(longest_s))
+    for begin in range(0, len(asked), at_once):
+        yield
+        some = asked[begin : begin + at_once]
+        kept[some] = closest_m(
+            place_a[some], velocity_a[some], place_b[some], velocity_b[some],
+            one.brakes_m_s2, other.brakes_m_s2,
+        )  # fmt: skip
+        if np.any(kept[some] < minimum_m):
+            break  # the first is what is told
     near = np.nonzero(kept < minimum_m)[0]
     if not len(near):
         return None
@@ -170,11 +232,8 @@ class _Course:
 
     def __init__(self, member: Planned, now_s: float) -> None:
         snapshot, setpoint = member.snapshot, member.setpoint
-        here, origin = snapshot.position_at(now_s), snapshot.bounds.origin
-        if here is None or origin is None:
-            raise ValueError(f"where vehicle {member.vehicle} is on the earth is not known")
+        here, self.origin = _where(member, now_s)
         self.member = member
-        self.origin = origin
         self.places: list[Vector3] = []
         self.velocities: list[Vector3] = []
         self.moves = True
@@ -227,6 +286,12 @@ class _Course:
         )
         self._place = (n, e, d)
         self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < LONGEST_PLAN_S
+
+    def way(self) -> tuple[Vectors, Vectors]:
+        """All its places and velocities; kept no more, since letting go of all courses at once takes long."""
+        way = np.array(self.places), np.array(self.velocities)
+        self.places, self.velocities = [], []
+        return way
 
     @property
     def velocity(self) -> Vector3:

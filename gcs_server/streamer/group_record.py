@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.group_checks import GroupOrder
-from gcs_server.streamer.group_guard import GuardState
+from gcs_server.streamer.group_guard import FOLLOWS_ORDER, GuardState
 from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
 from gcs_server.streamer.setpoints import Setpoint
 from gcs_server.streamer.streams import StreamState
@@ -39,6 +40,44 @@ class Group:
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
         """Of the group's own stream to a member; idle where the vehicle is flown by another."""
         return stream.phase if stream.number == self.numbers.get(vehicle_id) else "idle"
+
+    def require_gathered(self, streams: Mapping[str, StreamState]) -> None:
+        """Raises NotTogether where one that was confirmed has left before the start.
+
+        Args:
+            streams: each member's, newest.
+        """
+        gone = [v for v in self.vehicles if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
+        if gone:
+            ends = [(v, streams[v].last_end) for v in gone]
+            said = " ".join(f"Vehicle {v}: {end.text}" for v, end in ends if end is not None)
+            raise NotTogether(
+                f"{listed(gone)} left before the common start, so none moves. {said}".rstrip(),
+                vehicles=tuple(gone),
+                remedy="Look at what it does, then start the group anew.",
+            )
+
+    def require_changeable(self, changed: Iterable[str], guard: GuardState | None) -> GuardState:
+        """The guard of a group that takes new setpoints of these members now.
+
+        Raises:
+            Refused: it takes none, or a member is held.
+            InvalidRequest: one is not in it.
+        """
+        if guard is None or self.state not in ("flying", "holding") or guard.phase != "flying":
+            raise Refused(
+                f"Group {self.id} is {self.state}: it takes no setpoints.",
+                remedy="Start a group anew." if self.state == "ended" else "Wait for its start.",
+            )
+        for vehicle_id in changed:
+            if vehicle_id not in self.vehicles:
+                raise InvalidRequest("setpoints", f"Vehicle {vehicle_id} is not in group {self.id}.")
+            if vehicle_id in guard.held:
+                raise Refused(
+                    f"Vehicle {vehicle_id} is held and follows group {self.id} no more.",
+                    remedy="Command it by itself, or hold the group and start it anew.",
+                )
+        return guard
 
     def status(self, streams: Mapping[str, StreamState]) -> GroupStatus:
         """As people are told.

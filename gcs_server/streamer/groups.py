@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, InvalidRequest, NoReply, NotTogether, Refused, Rejected, UnknownGroup
+from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
 from gcs_server.streamer.group_checks import SOONEST_S, GroupChecks, GroupOrder
 from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.group_record import Group, listed
@@ -64,19 +64,12 @@ class Groups:
             NotTogether: one cannot, or they would come too near. None has moved; all are in Hold.
             InvalidRequest: a setpoint or the instant is not possible.
         """
-        vehicles = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
         self._checks.check_instant(order, SOONEST_S)
-        for index, vehicle in enumerate(vehicles.values()):
-            other = self._group_of(vehicle.id)
-            if other is not None:
-                raise NotTogether(
-                    f"Vehicle {vehicle.id} flies in group {other.id} already.",
-                    vehicles=(vehicle.id,),
-                    remedy=f"Hold group {other.id} first.",
-                )
-            self._checks.check_member(vehicle, index, order)
+        vehicles = self._joinable(order)
         orders = self._checks.orders(order, order.setpoints)
-        self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+        await self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+        vehicles = self._joinable(order)  # others had their turns meanwhile
+        self._checks.check_apart_now(order.minimum_separation_m, vehicles, orders)
         self._count += 1
         group = Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
         self._groups[group.id] = group
@@ -85,9 +78,11 @@ class Groups:
         waits: dict[str, Order] = {}
         try:
             waits = await self._gather(group)
+            await self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+            group.require_gathered({v: self._streams.state(v) for v in vehicles})
             for index, vehicle in enumerate(vehicles.values()):  # seconds have passed
                 self._checks.check_setpoint(vehicle, index, orders[vehicle.id])
-            self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+            self._checks.check_apart_now(order.minimum_separation_m, vehicles, orders)
             self._checks.check_instant(order, 0.1)
         except GcsError as error:
             await self._give_up(group, str(error))
@@ -132,31 +127,20 @@ class Groups:
         changed: Mapping[str, Setpoint],
         lasting: GroupOrder,
     ) -> GroupStatus:
-        group_id, guard = group.id, self._guard(group)
-        if guard is None or group.state not in ("flying", "holding") or guard.phase != "flying":
-            raise Refused(
-                f"Group {group_id} is {group.state}: it takes no setpoints.",
-                remedy="Start a group anew." if group.state == "ended" else "Wait for its start.",
-            )
-        for vehicle_id in changed:
-            if vehicle_id not in group.vehicles:
-                raise InvalidRequest("setpoints", f"Vehicle {vehicle_id} is not in group {group_id}.")
-            if vehicle_id in guard.held:
-                raise Refused(
-                    f"Vehicle {vehicle_id} is held and follows group {group_id} no more.",
-                    remedy="Command it by itself, or hold the group and start it anew.",
-                )
+        group_id, minimum_m, valid_for_s = group.id, lasting.minimum_separation_m, lasting.valid_for_s
+        held = group.require_changeable(changed, self._guard(group)).held
         setpoints = group.setpoints | dict(changed)
-        order, valid_for_s = replace(lasting, setpoints=setpoints), lasting.valid_for_s
+        order = replace(lasting, setpoints=setpoints)
         orders = self._checks.orders(order, changed)
-        for index, vehicle_id in enumerate(changed):
-            vehicle = group.vehicles[vehicle_id]
-            vehicle.require_commandable()
-            self._checks.check_setpoint(vehicle, index, orders[vehicle_id], "setpoints")
+        self._checks.check_setpoints(group.vehicles, orders)
         left_s = self._checks.left_s(group.setpoints, changed)
-        self._checks.check_apart(
-            order.minimum_separation_m, group.vehicles, orders, guard.held, left_s + valid_for_s
-        )
+        await self._checks.check_apart(minimum_m, group.vehicles, orders, held, left_s + valid_for_s)
+        held = group.require_changeable(
+            changed, self._guard(group)
+        ).held  # all had their turns meanwhile, and flew on
+        self._checks.check_setpoints(group.vehicles, orders)
+        self._checks.check_apart_now(minimum_m, group.vehicles, orders, held)
+        left_s = self._checks.left_s(group.setpoints, changed)
         until_s = self._clock.monotonic_s() + left_s + valid_for_s
         snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
         if not await self._streams.change_together(group_id, orders, snapshots, until_s):
@@ -229,6 +213,20 @@ class Groups:
                 self._streams.stand_down(group.id)
 
     # --- starting ---------------------------------------------------------------------------------
+
+    def _joinable(self, order: GroupOrder) -> dict[str, Vehicle]:
+        """All members; raises what keeps one from joining now."""
+        vehicles = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
+        for index, vehicle in enumerate(vehicles.values()):
+            other = self._group_of(vehicle.id)
+            if other is not None:
+                raise NotTogether(
+                    f"Vehicle {vehicle.id} flies in group {other.id} already.",
+                    vehicles=(vehicle.id,),
+                    remedy=f"Hold group {other.id} first.",
+                )
+            self._checks.check_member(vehicle, index, order)
+        return vehicles
 
     async def _gather(self, group: Group) -> dict[str, Order]:
         """All members stream their places and fly Offboard; at the first that does not, all hold."""

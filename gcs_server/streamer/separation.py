@@ -78,6 +78,11 @@ def stopping_m(speed_m_s: Any, decel_m_s2: float = STOP_M_S2) -> Any:
     return speed_m_s * STOP_DELAY_S + speed_m_s**2 / (2.0 * decel_m_s2)
 
 
+def samples(longest_s: float) -> int:
+    """At how many moments the way of braking is looked at, where the longer one takes so long."""
+    return math.ceil((STOP_DELAY_S + longest_s) / STEP_S) + 1
+
+
 def closest_m(
     place_a: Vectors,
     velocity_a: Vectors,
@@ -99,7 +104,7 @@ def closest_m(
     speed_a, speed_b = _norm(velocity_a), _norm(velocity_b)
     longest_s = max(float(np.max(speed_a / decel_a_m_s2)), float(np.max(speed_b / decel_b_m_s2)))
     long_s = STOP_DELAY_S + longest_s
-    after_s = np.linspace(0.0, long_s, math.ceil(long_s / STEP_S) + 1)
+    after_s = np.linspace(0.0, long_s, samples(longest_s))
     apart = (
         (place_a - place_b)[..., None, :]
         + _way(velocity_a, speed_a, after_s, decel_a_m_s2)

@@ -1,14 +1,19 @@
 """What keeps a group apart, without any vehicle: braking, looking ahead, and the guard's decisions."""
 
+import asyncio
 import math
+import re
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from gcs_server.streamer import group_plan
 from gcs_server.streamer.bounds import Bounds
+from gcs_server.streamer.group_checks import GroupChecks
 from gcs_server.streamer.group_guard import GroupGuard, Seen, moving
-from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict
+from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict, too_near_now
 from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.separation import UNSTEADY_M, Moving, closest_m, margin_m, stopping_m
@@ -43,7 +48,12 @@ def planned(vehicle, setpoint, east_m=0.0, lasts_s=30.0, **more):
 
 
 def conflict(*members, minimum_m=3.0):
-    return first_conflict(members, 100.0, minimum_m)
+    search = first_conflict(members, 100.0, minimum_m)
+    while True:
+        try:
+            next(search)
+        except StopIteration as done:
+            return done.value
 
 
 def vectors(*rows):
@@ -140,9 +150,9 @@ def test_a_path_under_way_is_looked_at_from_where_it_is():
     path = Path((PathPoint(0.0, (0.0, 0.0, -10.0)), PathPoint(20.0, (40.0, 0.0, -10.0))))
     late = Planned("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
     passed = planned("2", None, position=(4.0, 0.0, -10.0))
-    assert first_conflict([late, passed], 100.0, 3.0) is None
+    assert conflict(late, passed) is None
     ahead = planned("2", None, position=(38.0, 0.0, -10.0))
-    assert first_conflict([late, ahead], 100.0, 3.0) is not None
+    assert conflict(late, ahead) is not None
 
 
 def test_velocities_count_until_they_expire():
@@ -190,6 +200,93 @@ def test_looking_ahead_has_an_end():
     endless = planned("1", Follow("9", offset_ned_m=(0.0, 3.0, 0.0)))
     assert conflict(endless, planned("2", None, east_m=50.0)) is None
     assert LONGEST_PLAN_S == 600.0
+
+
+def far(index, north_m_s):
+    """600 s to the north and back, `index` times 12 m to the east."""
+    north_m = 300.0 * north_m_s
+    points = (PathPoint(0.0, HERE), PathPoint(300.0, (north_m, 0.0, -10.0)), PathPoint(600.0, HERE))
+    return planned(str(index), Path(points), east_m=12.0 * index)
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        [far(index, 2.0 + index) for index in range(10)],
+        [
+            far(0, 8.0),
+            *(planned(str(i), Position((40.0, 0.0, -10.0)), east_m=12.0 * i) for i in range(1, 10)),
+        ],
+    ],
+    ids=["ten_paths", "a_path_and_nine_places"],
+)
+def test_the_others_have_a_turn_after_each_small_piece_of_a_long_search(monkeypatch, members):
+    piece, most, total = Counter(), Counter(), Counter()
+
+    def counted(name, work, size=lambda *_: 1):
+        def run(*arguments):
+            piece[name] += size(*arguments)
+            return work(*arguments)
+
+        return run
+
+    def braking_samples(place_a, velocity_a, place_b, velocity_b, brakes_a, brakes_b):
+        fastest_m_s = max(np.max(np.linalg.norm(v, axis=-1)) for v in (velocity_a, velocity_b))
+        return len(place_a) * (0.8 + fastest_m_s / min(brakes_a, brakes_b)) / 0.1
+
+    course = group_plan._Course
+    monkeypatch.setattr(course, "__init__", counted("courses", course.__init__))
+    monkeypatch.setattr(course, "step", counted("steps", course.step))
+    monkeypatch.setattr(group_plan, "margin_m", counted("pairs", group_plan.margin_m))
+    monkeypatch.setattr(group_plan, "closest_m", counted("samples", group_plan.closest_m, braking_samples))
+    search = first_conflict(members, 100.0, 3.0)
+    ended = False
+    while not ended:
+        ended = next(search, "ended") == "ended"
+        most |= piece
+        total += piece
+        piece.clear()
+    assert total["courses"] == 10
+    assert total["steps"] >= 24_000
+    assert total["pairs"] == 45
+    assert total["samples"] > 12_000
+    assert most["courses"] == most["pairs"] == 1
+    assert most["steps"] <= 100
+    assert most["samples"] <= 12_000
+
+
+def test_searches_made_at_once_take_turns_and_the_loop_has_its_own_after_each_piece():
+    log = []
+
+    def search(name):
+        for _ in range(3):
+            log.append(name)
+            yield
+
+    async def others():
+        while len(log) - log.count("-") < 6:
+            log.append("-")
+            await asyncio.sleep(0)
+
+    async def run():
+        checks = GroupChecks(None, None)
+        async with asyncio.timeout(5.0):
+            await asyncio.gather(*(checks._in_pieces(search(name)) for name in "ab"), others())
+
+    asyncio.run(run())
+    assert re.fullmatch(r"a-+b-+a-+b-+a-+b", "".join(log))
+
+
+def test_too_near_now_is_what_the_search_finds_at_its_first_step():
+    near = planned("1", None), planned("2", None, east_m=2.0)
+    assert too_near_now(near, 100.0, 3.0) == conflict(*near)
+    apart = planned("1", None), planned("2", None, east_m=8.0)
+    assert too_near_now(apart, 100.0, 3.0) is None
+    fast = planned("1", None, velocity=(0.0, 4.0, 0.0)), planned("2", None, east_m=9.0)
+    found, searched = too_near_now(fast, 100.0, 3.0), conflict(*fast)
+    assert (found.while_stopping, found.after_s) == (True, 0.0)
+    assert found.distance_m == pytest.approx(9.0 - stopping_m(4.0), abs=0.05)
+    assert searched.vehicles == found.vehicles
 
 
 # --- the guard ------------------------------------------------------------------------------------

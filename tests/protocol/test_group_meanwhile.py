@@ -1,0 +1,177 @@
+"""What happens while a group is looked ahead: everybody else has turns, and nothing is taken unchecked."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.api import group_routes, offboard_routes
+from gcs_server.api import offboard_models as models
+from gcs_server.errors import NotTogether, Refused
+from gcs_server.streamer.group_checks import GroupChecks
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.group_world import (
+    ALL_NORTH,
+    ANNA,
+    BOB,
+    begin,
+    changes,
+    desk,
+    modes,
+    nobody_moved,
+    place,
+)
+from tests.protocol.offboard_world import POSITION, asks, seconds
+from tests.protocol.test_authority import view
+
+
+def during_plan(monkeypatch, number, work):
+    """Lets `work` happen before the plan of that number (from 1) is finished."""
+    in_pieces, count = GroupChecks._in_pieces, 0
+
+    async def slowly(self, plan):
+        nonlocal count
+        count += 1
+        if count == number:
+            await work()
+        return await in_pieces(self, plan)
+
+    monkeypatch.setattr(GroupChecks, "_in_pieces", slowly)
+
+
+def leave(at, vehicle_id):
+    """Its pilot takes it over."""
+    pilot = at.pilots[vehicle_id]
+    pilot.mode = pilot.asked_mode = POSITION
+    pilot.current_mode()
+
+
+def test_a_member_that_leaves_while_the_start_is_looked_ahead_moves_nobody(jump, monkeypatch):
+    async def story(at):
+        async def meanwhile():
+            assert set(modes(at).values()) == {OFFBOARD}
+            await seconds(6)  # a mode asked for lately is waited for
+            leave(at, "2")
+            await seconds(6)
+
+        during_plan(monkeypatch, 2, meanwhile)
+        with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
+            await begin(at, ALL_NORTH, others_go_on=True)
+        assert refused.value.vehicles == ("2",)
+        await seconds(3)
+        assert modes(at) == {"1": HOLD, "2": POSITION, "3": HOLD}
+        nobody_moved(at)
+        assert view(await group_routes.show("1", at.station))["state"] == "ended"
+
+    desk(jump, story)
+
+
+def test_held_while_the_start_is_looked_ahead_nobody_begins(jump, monkeypatch):
+    async def story(at):
+        async def meanwhile():
+            await group_routes.hold("1", at.station, BOB)
+
+        during_plan(monkeypatch, 2, meanwhile)
+        with pytest.raises(NotTogether, match="left before the common start, so none moves"):
+            await begin(at, ALL_NORTH)
+        await seconds(3)
+        assert set(modes(at).values()) == {HOLD}
+        nobody_moved(at)
+        assert view(await group_routes.show("1", at.station))["state"] == "ended"
+
+    desk(jump, story)
+
+
+def test_one_that_is_streamed_to_while_it_is_looked_ahead_is_refused_and_left_alone(jump, monkeypatch):
+    async def story(at):
+        async def meanwhile():
+            alone = models.StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
+            await offboard_routes.start("3", alone, at.station, ANNA)
+
+        during_plan(monkeypatch, 1, meanwhile)
+        with pytest.raises(NotTogether, match="Vehicle 3 is streamed to already"):
+            await begin(at, ALL_NORTH)
+        assert at.vehicles["3"].offboard.status().state == "streaming"
+        assert not any(asks(at.pilots[v], OFFBOARD) for v in "12")
+
+    desk(jump, story)
+
+
+def test_of_two_starts_with_one_vehicle_in_both_one_is_refused(jump):
+    async def story(at):
+        both = begin(at, {"1": place(4), "2": place(4)}), begin(at, {"2": place(4), "3": place(4)})
+        answers = await asyncio.gather(*both, return_exceptions=True)
+        refused = [answer for answer in answers if isinstance(answer, NotTogether)]
+        assert len(refused) == 1
+        assert "Vehicle 2 flies in group 1 already" in str(refused[0])
+        assert len(view(await group_routes.show_all(at.station))["groups"]) == 1
+
+    desk(jump, story)
+
+
+def test_those_that_come_near_while_they_are_looked_ahead_are_refused_as_they_are_then(jump, monkeypatch):
+    async def story(at):
+        async def meanwhile():
+            north_m, _, down_m = at.pilots["2"].ned
+            at.pilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
+            await seconds(1)
+
+        during_plan(monkeypatch, 1, meanwhile)
+        with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
+            await begin(at, ALL_NORTH)
+        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+
+    desk(jump, story)
+
+
+@pytest.mark.parametrize("others_go_on", [False, True])
+def test_a_member_that_leaves_while_new_setpoints_are_looked_ahead(jump, monkeypatch, others_go_on):
+    async def story(at):
+        async def meanwhile():
+            leave(at, "2")
+            await seconds(6)
+
+        await begin(at, ALL_NORTH, others_go_on=others_go_on)
+        await seconds(7)
+        during_plan(monkeypatch, 1, meanwhile)
+        with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it takes no setpoints"):
+            await group_routes.setpoints("1", changes({"1": place(7), "2": place(7)}), at.station, ANNA)
+        await seconds(3)
+        others = OFFBOARD if others_go_on else HOLD
+        assert modes(at) == {"1": others, "2": POSITION, "3": others}
+        assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+
+    desk(jump, story)
+
+
+def test_who_goes_away_while_it_is_looked_ahead_leaves_nothing_half_done(jump, monkeypatch):
+    async def story(at):
+        async def gone(call):
+            reached = asyncio.Event()
+
+            async def meanwhile():
+                reached.set()
+                await seconds(60)
+
+            with monkeypatch.context() as patch:
+                during_plan(patch, 1, meanwhile)
+                waiting = asyncio.ensure_future(call)
+                await reached.wait()
+                waiting.cancel()
+                with pytest.raises(asyncio.CancelledError):
+                    await waiting
+
+        await gone(begin(at, ALL_NORTH))
+        assert view(await group_routes.show_all(at.station))["groups"] == []
+        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        await begin(at, ALL_NORTH)
+        await seconds(1)
+        await gone(group_routes.setpoints("1", changes({"1": place(7)}, valid_for_s=5), at.station, ANNA))
+        shown = view(await group_routes.show("1", at.station))
+        assert (shown["state"], shown["findings"]) == ("flying", [])
+        assert shown["valid_left_s"] > 50
+        assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
+        await seconds(0.1)
+        assert at.pilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
+
+    desk(jump, story)
