@@ -20,7 +20,7 @@ router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses
 async def show(vehicle: VehicleDep) -> Response:
     """The stream and its health, what can be flown (and why not), limits, and the vehicle's failsafe."""
     offboard = vehicle.offboard
-    await offboard.know()
+    await offboard.ensure_parameters()
     view: dict[str, Any] = fields_of(offboard.status())
     view |= {
         "available": offboard.available(),
@@ -59,7 +59,7 @@ async def stop(v: str, station: StationDep, client: ClientDep) -> Response:
 @router.get("/limits", response_model=views.LimitsModel)
 async def show_limits(vehicle: VehicleDep) -> Response:
     """What setpoints are held to: the vehicle's own limits, and the operator's."""
-    await vehicle.offboard.know()
+    await vehicle.offboard.ensure_parameters()
     return answer(vehicle.offboard.limits())
 
 
@@ -72,7 +72,7 @@ async def set_limits(v: str, body: models.LimitsRequest, station: StationDep, cl
     with journaled(station, client, "offboard/limits", v, body.model_dump(exclude_none=True)):
         offboard = station.fleet.get(v).offboard
         await offboard.operator.set(body.to_limits(), by=str(client))  # in force before it is kept
-        await offboard.know()
+        await offboard.ensure_parameters()
         return answer(offboard.limits())
 
 

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import asdict
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, InvalidRequest, NoReply, Refused, Rejected
+from gcs_server.errors import GcsError, InvalidRequest, Refused, Rejected
 from gcs_server.streamer.available import Availability
 from gcs_server.streamer.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.door import check_place
 from gcs_server.streamer.failsafe import ACTION_MODES, Failsafe
 from gcs_server.streamer.health import health_of
-from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS, vehicle_limits
+from gcs_server.streamer.limit_values import vehicle_limits
 from gcs_server.streamer.news import Leader, Snapshot
 from gcs_server.streamer.observe import Observer
+from gcs_server.streamer.offboard_configuration import OffboardConfiguration
 from gcs_server.streamer.operator_limits import VehicleOperatorLimits
 from gcs_server.streamer.rules import problem_of
 from gcs_server.streamer.setpoints import Follow, Order, Sendable
 from gcs_server.streamer.status import Available, FailsafeView, Limits, OffboardStatus, expiry_view
 from gcs_server.streamer.streams import Streams
-from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
 PRE_STREAM_S = 1.2
@@ -31,10 +30,6 @@ PRE_STREAM_WITHIN_S = 6.0
 """A machine too busy to send setpoints without a pause for so long cannot fly a vehicle."""
 LOOK_EVERY_S = 0.02
 """Whether they have gone out so long is looked at so often, once they could have."""
-PARAMETERS_WITHIN_S = 3.0
-"""What the vehicle has not told by then stays unknown."""
-ASK_AGAIN_S = 10.0
-FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
 """The mode that a stream asks for in each phase of its end."""
 MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so a setpoint has nowhere to go."
@@ -66,9 +61,7 @@ class OffboardControl:
         self._find = find
         self._observer = Observer(vehicle)
         self._availability = Availability(self._observer, self._protocol)
-        self._read: dict[str, float] = {}
-        """Parameters that were asked for by name."""
-        self._read_s: float | None = None
+        self._configuration = OffboardConfiguration(clock, vehicle, self._observer)
         self.operator = limits
         self._bounds = UNBOUNDED
         self._bounds_of: tuple[object, ...] = ()
@@ -112,7 +105,7 @@ class OffboardControl:
                 remedy="Send a setpoint to change the target, or stop the stream first.",
             )
         try:
-            self._check_rate(await self.read_failsafe(), rate_hz)
+            self._check_rate(await self._configuration.read(), rate_hz)
             await self._streamed_steadily(number)
             self.check(order)  # seconds may have passed, and the vehicle's limits are known now
             vehicle.command.require_no_kill("start Offboard")
@@ -215,57 +208,6 @@ class OffboardControl:
         """The mode that the ending stream asks the vehicle for just now; None while it asks for none."""
         return ENDS_IN.get(self._streams.state(self._vehicle.id).phase)
 
-    async def read_failsafe(self) -> Failsafe:
-        """Asks the vehicle for its limits and what it does when the stream stops; the rest stays unknown."""
-        values: dict[str, float] = {}
-
-        async def read(name: str) -> None:
-            try:
-                values[name] = (await self._vehicle.params.get(name)).value
-            except NoReply:
-                return
-
-        try:
-            async with asyncio.timeout(PARAMETERS_WITHIN_S), asyncio.TaskGroup() as group:
-                for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
-                    group.create_task(read(name))
-        except TimeoutError:
-            pass  # what came in time counts
-        except ExceptionGroup as several:
-            raise several.exceptions[0] from several
-        self._read = values
-        self._read_s = self._clock.monotonic_s()
-        return self._failsafe_of(self._parameters())
-
-    def _parameters(self) -> dict[str, float]:
-        """As the vehicle last told them: whoever changes one changes what holds here.
-
-        What is not finite, and a limit below zero, counts as not told.
-        """
-        values = dict(self._read)
-        for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
-            known = self._vehicle.params.known(name)
-            if known is not None:
-                values[name] = known.value
-        return {
-            name: value
-            for name, value in values.items()
-            if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
-        }
-
-    def _failsafe_of(self, parameters: dict[str, float]) -> Failsafe:
-        action = parameters.get("COM_OBL_RC_ACT")
-        return Failsafe(
-            parameters.get("COM_OF_LOSS_T"),
-            None if action is None else int(action),
-            self._observer.hears_transmitter(),
-        )
-
-    def _failsafe(self) -> Failsafe | None:
-        """None before the vehicle was asked."""
-        parameters = self._parameters()
-        return self._failsafe_of(parameters) if parameters or self._read_s is not None else None
-
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
         """Sets what the vehicle does by itself when the stream stops, each value verified.
 
@@ -283,20 +225,13 @@ class OffboardControl:
             await self._vehicle.params.set("COM_OF_LOSS_T", after_s)
         if action is not None:
             await self._vehicle.params.set("COM_OBL_RC_ACT", ACTION_MODES.index(action))
-        view = self._failsafe_view(await self.read_failsafe())
+        view = self._failsafe_view(await self._configuration.read())
         assert view is not None
         return view
 
-    async def know(self) -> None:
-        """Asks the vehicle for what is not known of it and can be."""
-        now_s = self._clock.monotonic_s()
-        asked_lately = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
-        if "COM_OBL_RC_ACT" not in self._parameters() and not asked_lately:
-            try:
-                self._vehicle.require_commandable()
-                await self.read_failsafe()
-            except GcsError:
-                pass  # replayed, lost or of another kind: it stays unknown, and the status says the rest
+    async def ensure_parameters(self) -> None:
+        """Asks the vehicle for what is not known of its configuration and can be."""
+        await self._configuration.ensure()
 
     # --- what can be read ---------------------------------------------------------------------------
 
@@ -306,11 +241,13 @@ class OffboardControl:
 
     def limits(self) -> Limits:
         """What setpoints are held to."""
-        return Limits(vehicle_limits(self._parameters()), self.operator.limits, self.operator.origin())
+        return Limits(
+            vehicle_limits(self._configuration.parameters()), self.operator.limits, self.operator.origin()
+        )
 
     def failsafe(self) -> FailsafeView | None:
         """What the vehicle does by itself when the stream stops; None before it told."""
-        return self._failsafe_view(self._failsafe())
+        return self._failsafe_view(self._configuration.failsafe())
 
     @staticmethod
     def _failsafe_view(failsafe: Failsafe | None) -> FailsafeView | None:
@@ -323,7 +260,7 @@ class OffboardControl:
     def status(self) -> OffboardStatus:
         """How the stream stands, now."""
         state = self._streams.state(self._vehicle.id)
-        order, failsafe = state.order, self._failsafe()
+        order, failsafe = state.order, self._configuration.failsafe()
         return OffboardStatus(
             streaming=state.phase != "idle",
             state=state.phase,
@@ -352,7 +289,7 @@ class OffboardControl:
         return self._observer.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
             bounds=self._current_bounds(),
-            hover_thrust=self._parameters().get("MPC_THR_HOVER"),
+            hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
             leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
         )
 
@@ -378,7 +315,12 @@ class OffboardControl:
 
     def _current_bounds(self) -> Bounds:
         """Made anew only where their sources have changed: its stream is told of it then."""
-        made_of = (self._parameters(), self.operator.limits, self._observer.home(), self._observer.origin())
+        made_of = (
+            self._configuration.parameters(),
+            self.operator.limits,
+            self._observer.home(),
+            self._observer.origin(),
+        )
         if made_of != self._bounds_of:
             parameters, operator, home, origin = made_of
             gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))

@@ -22,7 +22,7 @@ from gcs_server.scene.labels import height_words
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
 from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS
-from gcs_server.streamer.offboard_control import FAILSAFE_PARAMETERS
+from gcs_server.streamer.offboard_configuration import FAILSAFE_PARAMETERS
 from gcs_server.streamer.rounds import Rounds
 from gcs_server.telemetry.hub import ALL_TOPICS, Encoded
 from gcs_server.vehicle import decoders
@@ -246,7 +246,7 @@ def test_parameters_that_limits_and_failsafes_are_read_from_may_be_anything():
             for kind in (9, 6, 0, 255):
                 payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
                 look.hear(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
-            look.bad.offboard._read[name] = value
+            look.bad.offboard._configuration._read[name] = value
             look.bad.offboard.limits()
             look.everywhere()
 

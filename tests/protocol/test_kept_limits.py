@@ -15,7 +15,7 @@ from gcs_server.storage.records import MOST_BYTES, Records
 from gcs_server.streamer.limit_store import LimitRecord, LimitStore, VehicleKey
 from gcs_server.streamer.limit_values import CircleFence, OperatorLimits, PolygonFence
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.rounds import Rounds
+from tests.loop_streams import LoopStreams
 from tests.protocol.offboard_world import OffboardWorld, codes, order, seconds
 from tests.protocol.test_dangerous_calls import station_of
 
@@ -36,7 +36,7 @@ def run_of_the_server(jump, folder, story, *, uid=7, version=True, twin_uid=None
         store = LimitStore(Records(folder), parse)
         await store.load()
         await world.supervisor.close()  # the rooms of another store
-        world.streamer = Streamer(world.clock, Rounds(world.clock), store)
+        world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
         for name, work in (("beat", world.streamer._beat), ("rounds", world._rounds)):

@@ -184,7 +184,7 @@ def test_a_height_above_home_is_turned_into_one_above_the_sea(jump):
 
 def test_the_failsafe_is_told_before_the_start_and_set_verified(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.know()
+        await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
         assert (before.action, before.after_s, before.transmitter) == ("position", 1.0, False)
         assert "lands where it is" in before.words
