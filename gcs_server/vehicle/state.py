@@ -19,7 +19,10 @@ from gcs_server.vehicle.samples import Sample, Status
 log = logging.getLogger(__name__)
 
 LINK_LOST_AFTER_S = 3.5
-"""As QGroundControl."""
+"""Nothing heard of the autopilot for so long. QGroundControl counts heartbeats alone; on a link that loses a
+fifth of its packets three in a row go missing every two minutes, and a lost vehicle's stream is ended."""
+HEARTBEAT_OVERDUE_AFTER_S = 10.0
+"""However much else is heard: only heartbeats say whether it is armed."""
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 MADE_OF: dict[str, tuple[int, ...]] = {
@@ -54,6 +57,8 @@ class VehicleState:
         self._clock = clock
         self._cache: dict[str, tuple[Frames, Sample | None]] = {}
         self._history = History({msg_id for ids in READS.values() for msg_id in ids})
+        self._heard_s = float("-inf")
+        """Its last heartbeat, or what has been heard since without a gap."""
         self._statuses: deque[tuple[float, Facts, bool, Sample]] = deque()
         """(when kept, what it was made of, sample), of the last minutes."""
 
@@ -66,6 +71,8 @@ class VehicleState:
             return False
         if not frame.known:  # there are 16 million ids: kept, they would fill the memory
             return True
+        if frame.component_id == self._component_id:
+            self._note_heard(frame)
         if frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
             self.topic("home")  # noted as good before the newer one takes its place
         key = self._instances.key_of(frame)
@@ -76,10 +83,28 @@ class VehicleState:
             self.facts = reducer(self.facts, full_payload(frame), frame.received_monotonic_s)
         return True
 
+    def _note_heard(self, frame: Frame) -> None:
+        now_s = frame.received_monotonic_s
+        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # by which a lost vehicle is found again
+        if is_heartbeat or now_s - self._heard_s <= LINK_LOST_AFTER_S:
+            self._heard_s = now_s
+
     @property
     def link_lost(self) -> bool:
-        """No heartbeat for too long."""
-        return self._clock.monotonic_s() - self.facts.heartbeat_s > LINK_LOST_AFTER_S
+        """Nothing of the autopilot for too long, or no heartbeat for longer still."""
+        return self._clock.monotonic_s() > self._lost_from_s()
+
+    def _lost_from_s(self) -> float:
+        return min(self._heard_s + LINK_LOST_AFTER_S, self.facts.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S)
+
+    def silence(self) -> str:
+        """How long what makes it lost has lasted, for a sentence."""
+        now_s = self._clock.monotonic_s()
+        if self._heard_s == float("-inf"):
+            return "it has not been heard"
+        if now_s - self._heard_s > LINK_LOST_AFTER_S:
+            return f"it has not been heard for {now_s - self._heard_s:.1f} s"
+        return f"it has sent no heartbeat for {now_s - self.facts.heartbeat_s:.0f} s"
 
     def status(self) -> Status:
         """What the vehicle does, as of now."""
@@ -158,7 +183,7 @@ class VehicleState:
     def _status_since_s(self) -> float:
         """When it last became what it is: the vehicle said so, or it was missed for too long."""
         facts = self.facts
-        lost_s = facts.heartbeat_s + LINK_LOST_AFTER_S if self.link_lost else float("-inf")
+        lost_s = self._lost_from_s() if self.link_lost else float("-inf")
         return max(facts.heartbeat_s, facts.mode_s, facts.landed_s, lost_s)
 
     def _past(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:

@@ -177,9 +177,8 @@ class Vehicle:
                 remedy="Use the ground station made for it.",
             )
         if self._state.link_lost:
-            age_s = self.status.last_heartbeat_age_s
             raise Disconnected(
-                f"Vehicle {self.id} has not been heard{'' if age_s is None else f' for {age_s:.0f} s'}.",
+                f"Vehicle {self.id} is lost: {self._state.silence()}.",
                 remedy="Check its link; nothing was sent.",
             )
 
@@ -279,7 +278,7 @@ class Vehicle:
         if self._state.link_lost and not self._lost:
             self._lost = True
             self.events.add("link", self.clock.unix_s(), "Link lost", severity=d.MAV_SEVERITY_WARNING)
-            self.disconnected("it has not been heard for 3.5 s")
+            self.disconnected(self._state.silence())
 
     def _ask_gimbal_limits(self) -> None:
         """GIMBAL_MANAGER_INFORMATION is not streamed: asked for a few times, and again after a lost link.

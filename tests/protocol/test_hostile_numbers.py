@@ -185,8 +185,8 @@ def test_a_link_that_is_lost_and_found_again_is_told_to_who_listens(jump):
             silent_s, bad.alive = world.loop.time(), False
             await asyncio.sleep(6.0)
             lost_s, sample = next((at, s) for at, s in socket.statuses if s["value"]["link_lost"])
-            assert 2.4 <= lost_s - silent_s <= 3.65
-            assert sample["value"]["last_heartbeat_age_s"] == pytest.approx(3.5, abs=0.06)
+            assert 3.4 <= lost_s - silent_s <= 3.65
+            assert 3.4 <= sample["value"]["last_heartbeat_age_s"] <= 4.6
             assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, "told once"
             bad.alive = True
             await asyncio.sleep(1.2)

@@ -1,6 +1,7 @@
 """What the vehicle, its links and other commands do to a running stream, and whom it reaches."""
 
 import asyncio
+import errno
 
 import pytest
 
@@ -237,6 +238,10 @@ def test_twins_on_two_links_get_only_what_is_meant_for_them(jump):
     jump(run)
 
 
+def unreachable(data, peer):
+    raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+
 @pytest.mark.parametrize("how", ["silent", "write_fails"])
 def test_a_sending_link_that_dies_hands_over_to_the_other_before_px4_fails_safe(jump, how):
     async def run():
@@ -267,7 +272,7 @@ def test_a_sending_link_that_dies_hands_over_to_the_other_before_px4_fails_safe(
                 dead.append(used.name)
                 used.pilots.clear()
             else:
-                used._write = lambda data, peer: False
+                used._sender._write = unreachable
             await seconds(3)
             assert len(other.sent) > before + 100
             assert max(gaps_s(pilot)) < 0.5

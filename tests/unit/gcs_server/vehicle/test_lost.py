@@ -1,0 +1,78 @@
+"""When a vehicle counts as lost: nothing is heard of its autopilot, or no heartbeat for too long."""
+
+import pytest
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame
+from gcs_server.vehicle.state import VehicleState
+
+AUTOPILOT, CAMERA = 1, 100
+
+
+class Clock:
+    now_s = 100.0
+
+    def monotonic_s(self):
+        return self.now_s
+
+    def unix_s(self):
+        return self.now_s
+
+
+class Listener:
+    """Steps of half a second, in each of which some messages come."""
+
+    def __init__(self):
+        self.clock = Clock()
+        self.state = VehicleState(AUTOPILOT, self.clock)
+
+    def hears(self, message, component_id=AUTOPILOT):
+        raw = message.pack(d.MAVLink(None, 1, component_id))
+        self.state.take(Frame(message.get_msgId(), 1, component_id, 0, raw, self.clock.now_s))
+
+    def lost_after_s(self, *messages, component_id=AUTOPILOT, within_s=30.0):
+        began_s = self.clock.now_s
+        while self.clock.now_s < began_s + within_s:
+            self.clock.now_s += 0.5
+            if self.state.link_lost:
+                return self.clock.now_s - began_s
+            for message in messages:
+                self.hears(message, component_id)
+        return None
+
+
+@pytest.fixture
+def listener():
+    one = Listener()
+    one.hears(HEARTBEAT)
+    return one
+
+
+HEARTBEAT = d.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
+ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
+
+
+def test_silent_it_is_lost_after_three_and_a_half_seconds(listener):
+    assert listener.lost_after_s() == 4.0
+    assert listener.state.silence() == "it has not been heard for 4.0 s"
+
+
+def test_heartbeats_that_get_lost_on_a_bad_link_lose_no_vehicle_that_is_heard(listener):
+    assert listener.lost_after_s(ATTITUDE, within_s=9.0) is None
+
+
+def test_without_a_heartbeat_for_ten_seconds_nobody_knows_whether_it_is_armed(listener):
+    assert listener.lost_after_s(ATTITUDE) == 10.5
+    assert "no heartbeat for 10 s" in listener.state.silence()
+
+
+def test_its_camera_does_not_speak_for_the_autopilot(listener):
+    assert listener.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
+
+
+def test_once_lost_only_a_heartbeat_finds_it_again(listener):
+    listener.lost_after_s()
+    listener.hears(ATTITUDE)
+    assert listener.state.link_lost
+    listener.hears(HEARTBEAT)
+    assert not listener.state.link_lost
