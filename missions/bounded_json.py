@@ -1,0 +1,110 @@
+"""Foreign JSON, bounded before and while it is parsed."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Any
+
+from missions.errors import PlanError
+
+MAX_FILE_BYTES = 8 * 1024 * 1024
+"""A plan of 10,000 items, as QGroundControl writes it, has about 5 MB."""
+MAX_DEPTH = 32
+MAX_VALUES = 500_000
+"""Counted as commas and opening brackets outside texts; 10,000 items of QGroundControl have 200,000."""
+_MAX_DIGITS = 40
+_TEXT = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
+_NOT_BRACKETS = re.compile(r"[^\[\]{}]+")
+
+
+def decode(data: str | bytes, what: str = "the file") -> str:
+    """The text of a file of bounded size, in UTF-8.
+
+    Raises:
+        PlanError: It is too large, or no UTF-8.
+    """
+    if len(data) > MAX_FILE_BYTES:
+        limit_mib, size_mb = MAX_FILE_BYTES // (1024 * 1024), len(data) / 1e6
+        reason = f"{size_mb:.0f} MB are too large, {limit_mib} MiB are the most"
+        raise PlanError(what, reason, "Split the plan into smaller ones.")
+    if isinstance(data, str):
+        return data
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        reason = f"byte {error.start} is no UTF-8 text"
+        raise PlanError(what, reason, "Save the file as UTF-8.") from None
+
+
+def check_json(data: str | bytes) -> str:
+    """The text, if parsing it is safe: bounded in size, depth and number of values.
+
+    Raises:
+        PlanError: It is not.
+    """
+    text = decode(data)
+    bare = _TEXT.sub("0", text)
+    if bare.count(",") + bare.count("[") + bare.count("{") > MAX_VALUES:
+        raise PlanError("the file", f"more than {MAX_VALUES} values", "Split the plan into smaller ones.")
+    depth = deepest = 0
+    for bracket in _NOT_BRACKETS.sub("", bare):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    if deepest > MAX_DEPTH:
+        raise PlanError(
+            "the file", f"nested deeper than {MAX_DEPTH} levels", "This is no plan; choose another file."
+        )
+    return text
+
+
+def load(data: str | bytes) -> Any:
+    """Foreign JSON as Python values: finite numbers, no key twice in one object.
+
+    Raises:
+        PlanError: It is out of bounds or no JSON; says the line and column.
+    """
+    text = check_json(data)
+    try:
+        return json.loads(
+            text,
+            parse_float=_finite,
+            parse_int=_integer,
+            parse_constant=_refuse_constant,
+            object_pairs_hook=_unique,
+        )
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise PlanError(place, f"no valid JSON ({error.msg})", "Export the plan again.") from None
+
+
+def dump(value: Any) -> str:
+    """JSON text that `load` gives back as the same values in the same order."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise PlanError(f"the number {text[:40]}", "it is too large to be anything", "Correct this value.")
+    return number
+
+
+def _integer(text: str) -> int:
+    if len(text) > _MAX_DIGITS:
+        raise PlanError(f"the number {text[:20]}…", f"it has {len(text)} digits", "Correct this value.")
+    return int(text)
+
+
+def _refuse_constant(text: str) -> float:
+    raise PlanError(f"the value {text}", "JSON has no such number", "Write null where there is no value.")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise PlanError(f"key {twice[:60]!r}", "it stands twice in one object", "Remove one of them.")
+    return found

@@ -1,0 +1,65 @@
+"""The one error of plans that cannot be read or written: where, why, and what to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import ValidationError
+
+
+class PlanError(Exception):
+    """A plan that cannot be read, or that a format cannot hold. Nothing has been changed.
+
+    Attributes:
+        place: Where, for a person: "item 3 (waypoint), field lat_deg". Items count from 1.
+        reason: What is wrong there, without a full stop.
+        fix: What to do about it, as a sentence.
+    """
+
+    def __init__(self, place: str, reason: str, fix: str) -> None:
+        super().__init__(f"{place}: {reason}. {fix}")
+        self.place = place
+        self.reason = reason
+        self.fix = fix
+
+
+def place_of(location: tuple[int | str, ...]) -> str:
+    """A place for a person from the path of keys and indexes to a value; items count from 1."""
+    parts = list(location)
+    if len(parts) >= 2 and parts[0] in ("items", "fence", "rally_points") and isinstance(parts[1], int):
+        nouns = {"items": "item", "fence": "fence zone", "rally_points": "rally point"}
+        text = f"{nouns[str(parts[0])]} {parts[1] + 1}"
+        rest = parts[2:]
+        if rest and parts[0] != "rally_points" and isinstance(rest[0], str) and len(rest) > 1:
+            text, rest = f"{text} ({rest[0]})", rest[1:]
+        return f"{text}, field {field_path(rest)}" if rest else text
+    return f"field {field_path(parts)}" if parts else "the plan"
+
+
+def field_path(parts: list[int | str]) -> str:
+    """Keys and indexes as `polygon[2].lat_deg`."""
+    text = ""
+    for part in parts:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+_FIXES = {
+    "missing": "Add this field.",
+    "extra_forbidden": "Remove this field, or correct its name.",
+    "finite_number": "Write a finite number.",
+    "union_tag_invalid": "Use one of the kinds named.",
+    "union_tag_not_found": "Add the field that names the kind.",
+    "too_long": "Split the plan into smaller ones.",
+}
+
+
+def from_validation(error: ValidationError, before: tuple[int | str, ...] = ()) -> PlanError:
+    """The first complaint of a validation as a PlanError; `before` is the path to what was validated."""
+    first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
+    more = error.error_count() - 1
+    reason = str(first["msg"])[:300].rstrip(".")
+    if more:
+        reason += f" (and {more} more)"
+    fix = _FIXES.get(str(first["type"]), "Correct this value.")
+    return PlanError(place_of(before + tuple(first["loc"])), reason, fix)

@@ -1,0 +1,343 @@
+"""A plan as the items of the MAVLink mission protocol, and back: plain values, no messages.
+
+A `WireItem` holds what MISSION_ITEM_INT carries: parameters as 32-bit floats, x and y as integers
+(1e-7 degrees in global frames, 1e-4 m in local ones, unscaled where the frame is "mission"), z in metres.
+https://mavlink.io/en/services/mission.html
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from missions.errors import PlanError, from_validation
+from missions.items import CommandItem, Item, PlacedItem, Slot
+from missions.plan import TYPED_ITEMS, Plan, SimpleItem
+from missions.values import Altitude, FenceCircle, FencePolygon, FenceZone, Point, RallyPoint, Reference
+
+MAV_FRAME_GLOBAL, MAV_FRAME_MISSION, MAV_FRAME_GLOBAL_RELATIVE_ALT = 0, 2, 3
+MAV_FRAME_GLOBAL_INT, MAV_FRAME_GLOBAL_RELATIVE_ALT_INT = 5, 6
+MAV_FRAME_GLOBAL_TERRAIN_ALT, MAV_FRAME_GLOBAL_TERRAIN_ALT_INT = 10, 11
+MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5001, 5002
+MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION = 5003, 5004
+MAV_CMD_NAV_RALLY_POINT = 5100
+
+REFERENCE_OF_FRAME: dict[int, Reference] = {
+    MAV_FRAME_GLOBAL: "amsl",
+    MAV_FRAME_GLOBAL_INT: "amsl",
+    MAV_FRAME_GLOBAL_RELATIVE_ALT: "home",
+    MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: "home",
+    MAV_FRAME_GLOBAL_TERRAIN_ALT: "terrain",
+    MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: "terrain",
+}
+FILE_FRAME: dict[Reference, int] = {"amsl": 0, "home": 3, "terrain": 10}
+"""What files write; the frames without _INT."""
+WIRE_FRAME: dict[Reference, int] = {"amsl": 5, "home": 6, "terrain": 11}
+RALLY_FRAME: dict[Reference, int] = FILE_FRAME
+"""PX4's return refuses the _INT frames in rally points ("RTL: unsupported MAV_FRAME")."""
+LOCAL_FRAMES = frozenset({1, 4, 7, 8, 9, 12, 20, 21})
+
+CLASS_OF_COMMAND: dict[int, type[Item]] = {each.COMMAND: each for each in TYPED_ITEMS}
+
+Params = tuple[float | None, ...]
+"""MAVLink's seven parameters; degrees in 5 and 6 where the frame is global; None is NaN."""
+
+
+@dataclass(frozen=True, slots=True)
+class WireItem:
+    """The values of one MISSION_ITEM_INT; NaN as in MAVLink."""
+
+    seq: int
+    frame: int
+    command: int
+    param1: float
+    param2: float
+    param3: float
+    param4: float
+    x: int
+    y: int
+    z: float
+    autocontinue: bool = True
+    current: bool = False
+
+
+# --- items ↔ seven parameters ------------------------------------------------------------------------
+
+
+def reference_of(item: SimpleItem) -> Altitude | None:
+    """The altitude of an item that has one."""
+    return item.altitude if isinstance(item, PlacedItem) else None
+
+
+def params_of(item: SimpleItem) -> Params:
+    """The seven parameters; a terrain altitude as its height above ground."""
+    if isinstance(item, CommandItem):
+        return item.params
+    values: list[float | None] = [_slot_value(item, slot) for slot in item.SLOTS]
+    if isinstance(item, PlacedItem):
+        values += [item.lat_deg, item.lon_deg, item.altitude.value_m]
+    for number, value in item.spare_params:
+        values[number - 1] = value
+    return tuple(values)
+
+
+def _slot_value(item: Item, slot: Slot) -> float | None:
+    return getattr(item, slot) if isinstance(slot, str) else slot
+
+
+def item_of(
+    command: int, frame: int, params: Params, *, autocontinue: bool = True, original: str | None = None
+) -> SimpleItem:
+    """The item that seven parameters mean; what is not an item of PX4's is a `CommandItem`.
+
+    The frame of an item without a place is not looked at: files of other autopilots write any.
+
+    Raises:
+        PlanError: A value is out of range; `place` names the parameter's field only.
+    """
+    cls = CLASS_OF_COMMAND.get(command)
+    if cls is not None:
+        fields = _fields(cls, frame, params)
+        if fields is not None:
+            fields |= {"autocontinue": autocontinue, "original": original}
+            try:
+                return cls.model_validate(fields)  # type: ignore[return-value]
+            except ValidationError as error:
+                raise from_validation(error) from None
+    try:
+        return CommandItem.model_validate(
+            {
+                "command": command,
+                "frame": frame,
+                "params": params,
+                "autocontinue": autocontinue,
+                "original": original,
+            }
+        )
+    except ValidationError as error:
+        raise from_validation(error) from None
+
+
+def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | None:
+    """Fields of a typed item; None where this is not such an item (no place, another frame)."""
+    fields: dict[str, Any] = {}
+    spare: list[tuple[int, float | None]] = []
+    placed = issubclass(cls, PlacedItem)
+    for number, (slot, value) in enumerate(zip(cls.SLOTS, params, strict=False), start=1):
+        if not isinstance(slot, str):
+            if value != slot:
+                spare.append((number, value))
+        elif cls.model_fields[slot].annotation is int:
+            if value is None or not float(value).is_integer():
+                return None
+            fields[slot] = int(value)
+        else:
+            fields[slot] = value
+    if placed:
+        reference = REFERENCE_OF_FRAME.get(frame)
+        if reference is None or None in params[4:7]:
+            return None
+        fields |= {"lat_deg": params[4], "lon_deg": params[5]}
+        try:
+            fields["altitude"] = Altitude.model_validate({"value_m": params[6], "reference": reference})
+        except ValidationError as error:
+            raise from_validation(error, ("altitude",)) from None
+    fields["spare_params"] = tuple(spare)
+    return fields
+
+
+def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
+    """The item's MAV_FRAME, out of a table by reference."""
+    if isinstance(item, CommandItem):
+        return item.frame
+    return frames[item.altitude.reference] if isinstance(item, PlacedItem) else MAV_FRAME_MISSION
+
+
+# --- a plan ↔ the wire --------------------------------------------------------------------------------
+
+
+def mission_items(plan: Plan) -> tuple[WireItem, ...]:
+    """The mission as it is uploaded. Terrain altitudes go as their `resolved_amsl_m` where they have one.
+
+    Raises:
+        PlanError: A value does not fit the message; names the item.
+    """
+    found: list[WireItem] = []
+    for seq, (row, item) in enumerate(plan.simple_items()):
+        try:
+            found.append(_to_wire(item, seq))
+        except PlanError as error:
+            raise PlanError(f"item {row + 1}, {error.place}", error.reason, error.fix) from None
+    return tuple(found)
+
+
+def _to_wire(item: SimpleItem, seq: int) -> WireItem:
+    frame, params = frame_of(item, WIRE_FRAME), params_of(item)
+    altitude = reference_of(item)
+    if altitude is not None and altitude.resolved_amsl_m is not None:
+        frame, params = MAV_FRAME_GLOBAL_INT, (*params[:6], altitude.resolved_amsl_m)
+    command = item.command if isinstance(item, CommandItem) else item.COMMAND
+    p1, p2, p3, p4, _, _, z = (_float32(value, n) for n, value in enumerate(params, start=1))
+    x, y = (_integer(params[n - 1], frame, n) for n in (5, 6))
+    return WireItem(seq, frame, command, p1, p2, p3, p4, x, y, z, item.autocontinue, current=seq == 0)
+
+
+def _float32(value: float | None, number: int) -> float:
+    try:
+        return math.nan if value is None else struct.unpack("<f", struct.pack("<f", value))[0]
+    except OverflowError:
+        reason = "it is too large for a 32-bit number"
+        raise PlanError(f"parameter {number}", reason, "Correct this value.") from None
+
+
+def _integer(value: float | None, frame: int, number: int) -> int:
+    scale = 1e7 if frame in REFERENCE_OF_FRAME else 1e4 if frame in LOCAL_FRAMES else 1.0
+    if value is None:
+        return 0
+    scaled = value * scale
+    if scale == 1.0 and not float(value).is_integer():
+        raise PlanError(
+            f"parameter {number}", f"{value} is not a whole number", "The protocol needs one here."
+        )
+    if abs(scaled) > 2**31 - 1:
+        raise PlanError(f"parameter {number}", f"{value} is too large for the message", "Correct this value.")
+    return round(scaled)
+
+
+def items_from_wire(items: Sequence[WireItem]) -> tuple[SimpleItem, ...]:
+    """The mission that a vehicle holds. What no item can hold (a latitude of 95°) stays a `CommandItem`."""
+    return tuple(_from_wire(item) for item in items)
+
+
+def _from_wire(item: WireItem) -> SimpleItem:
+    scale = 1e7 if item.frame in REFERENCE_OF_FRAME else 1e4 if item.frame in LOCAL_FRAMES else 1.0
+    raw = (item.param1, item.param2, item.param3, item.param4, item.x / scale, item.y / scale, item.z)
+    params = tuple(_bounded(value) for value in raw)
+    try:
+        return item_of(item.command, item.frame, params, autocontinue=item.autocontinue)
+    except PlanError:
+        return CommandItem(
+            command=item.command,
+            frame=item.frame,
+            params=params,  # type: ignore[arg-type]
+            autocontinue=item.autocontinue,
+        )
+
+
+def _bounded(value: float) -> float | None:
+    return value if math.isfinite(value) and abs(value) <= 1e9 else None
+
+
+# --- fence and rally points ---------------------------------------------------------------------------
+
+
+def fence_items(plan: Plan) -> tuple[WireItem, ...]:
+    """The geofence as it is uploaded: a polygon is one item for each corner."""
+    found: list[WireItem] = []
+    for zone in plan.fence:
+        corners: tuple[Point, ...] = (zone.center,) if isinstance(zone, FenceCircle) else zone.polygon
+        value = _float32(zone.radius_m, 1) if isinstance(zone, FenceCircle) else float(len(corners))
+        for corner in corners:
+            found.append(
+                _point(len(found), fence_command(zone), MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, corner, value)
+            )
+    return tuple(found)
+
+
+def fence_command(zone: FenceCircle | FencePolygon) -> int:
+    """The MAV_CMD of a zone's items."""
+    if isinstance(zone, FenceCircle):
+        return MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION if zone.inclusion else MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+    if zone.inclusion:
+        return MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+    return MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
+
+
+def rally_items(plan: Plan) -> tuple[WireItem, ...]:
+    """The rally points as they are uploaded."""
+    found: list[WireItem] = []
+    for seq, rally in enumerate(plan.rally_points):
+        amsl_m = rally.altitude.resolved_amsl_m
+        frame = RALLY_FRAME[rally.altitude.reference] if amsl_m is None else MAV_FRAME_GLOBAL
+        z = _float32(rally.altitude.value_m if amsl_m is None else amsl_m, 7)
+        found.append(_point(seq, MAV_CMD_NAV_RALLY_POINT, frame, rally, 0.0, z))
+    return tuple(found)
+
+
+def _point(
+    seq: int, command: int, frame: int, place: Point | RallyPoint, param1: float, z: float = 0.0
+) -> WireItem:
+    x, y = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
+    return WireItem(seq, frame, command, param1, 0.0, 0.0, 0.0, x, y, z, current=seq == 0)
+
+
+def fence_from_wire(items: Sequence[WireItem]) -> tuple[FenceZone, ...]:
+    """The geofence that a vehicle holds.
+
+    Raises:
+        PlanError: An item is none of a fence, or a polygon's corners are missing; names the item.
+    """
+    zones: list[FenceZone] = []
+    position = 0
+    while position < len(items):
+        item = items[position]
+        inclusion = item.command in (
+            MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+            MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
+        )
+        try:
+            if item.command in (MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION):
+                zones.append(FenceCircle(inclusion=inclusion, center=_place(item), radius_m=item.param1))
+                position += 1
+                continue
+            corners = _corners(items, position)
+            zones.append(FencePolygon(inclusion=inclusion, polygon=corners))
+            position += len(corners)
+        except ValidationError as error:
+            raise from_validation(error, ("fence", len(zones))) from None
+    return tuple(zones)
+
+
+def _corners(items: Sequence[WireItem], first: int) -> tuple[Point, ...]:
+    head, place = items[first], f"fence item {first + 1}"
+    if head.command not in (
+        MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+        MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    ):
+        raise PlanError(place, f"command {head.command} is none of a fence", "Upload the fence again.")
+    count = int(head.param1) if math.isfinite(head.param1) and 3 <= head.param1 <= len(items) else 0
+    part = items[first : first + count]
+    if not count or len(part) < count or any(each.command != head.command for each in part):
+        raise PlanError(
+            place, f"its polygon has not the {head.param1:g} corners it says", "Upload the fence again."
+        )
+    return tuple(_place(each) for each in part)
+
+
+def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
+    """The rally points that a vehicle holds.
+
+    Raises:
+        PlanError: An item is no rally point, or has a value that cannot be; names it.
+    """
+    found: list[RallyPoint] = []
+    for number, item in enumerate(items, start=1):
+        reference = REFERENCE_OF_FRAME.get(item.frame)
+        if item.command != MAV_CMD_NAV_RALLY_POINT or reference is None:
+            reason = f"command {item.command} in frame {item.frame} is no rally point"
+            raise PlanError(f"rally item {number}", reason, "Upload the rally points again.")
+        try:
+            place, altitude = _place(item), Altitude(value_m=item.z, reference=reference)
+        except ValidationError as error:
+            raise from_validation(error, ("rally_points", number - 1)) from None
+        found.append(RallyPoint(lat_deg=place.lat_deg, lon_deg=place.lon_deg, altitude=altitude))
+    return tuple(found)
+
+
+def _place(item: WireItem) -> Point:
+    return Point(lat_deg=item.x / 1e7, lon_deg=item.y / 1e7)

@@ -1,0 +1,136 @@
+"""The document of a waypoint plan: items, geofence, rally points, home and speeds.
+
+Frozen; whoever changes a plan makes a new one. Unknown parts of a foreign file travel along as JSON
+text (`original`), so that the file can be written back without loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from missions import camera_items as c
+from missions import items as i
+from missions.bounded_json import check_json
+from missions.errors import PlanError, from_validation
+from missions.values import FenceZone, HomePosition, Model, RallyPoint
+
+MAX_ITEMS = 10_000
+"""Items of a mission, those inside complex items included; PX4 has room for as many."""
+MAX_FENCE_ZONES = 500
+MAX_RALLY_POINTS = 500
+
+TYPED_ITEMS: tuple[type[i.Item], ...] = (
+    i.Takeoff, i.Waypoint, i.LoiterUnlimited, i.LoiterTime, i.LoiterToAltitude, i.Land, i.RoiLocation,
+    i.Roi, i.Gate, i.ReturnHome, i.Delay, i.Jump, i.ChangeSpeed, i.SetHome, i.LandStart, i.RoiNextWaypoint,
+    i.RoiNone, i.SetServo, i.SetActuator, i.Gripper, i.Winch,
+    c.TriggerDistance, c.TriggerInterval, c.TriggerControl, c.PhotoStart, c.PhotoStop, c.VideoStart,
+    c.VideoStop, c.CameraMode, c.CameraZoom, c.CameraFocus, c.ControlVideo, c.Digicam, c.ObliqueSurvey,
+    c.GimbalPitchYaw, c.GimbalConfigure, c.MountConfigure, c.MountControl,
+)  # fmt: skip
+"""Every item PX4 v1.16 executes for a multicopter."""
+
+SimpleItem = Annotated[
+    i.Takeoff | i.Waypoint | i.LoiterUnlimited | i.LoiterTime | i.LoiterToAltitude | i.Land | i.RoiLocation
+    | i.Roi | i.Gate | i.ReturnHome | i.Delay | i.Jump | i.ChangeSpeed | i.SetHome | i.LandStart
+    | i.RoiNextWaypoint | i.RoiNone | i.SetServo | i.SetActuator | i.Gripper | i.Winch
+    | c.TriggerDistance | c.TriggerInterval | c.TriggerControl | c.PhotoStart | c.PhotoStop | c.VideoStart
+    | c.VideoStop | c.CameraMode | c.CameraZoom | c.CameraFocus | c.ControlVideo | c.Digicam | c.ObliqueSurvey
+    | c.GimbalPitchYaw | c.GimbalConfigure | c.MountConfigure | c.MountControl | i.CommandItem,
+    Field(discriminator="kind"),
+]  # fmt: skip
+"""One mission item as it is uploaded."""
+
+
+class ComplexItem(Model):
+    """A pattern of another program (QGroundControl's survey, corridor, structure scan), kept whole.
+
+    `items` are the mission items that the file has for it. Some files have none (QGroundControl works them
+    out anew when it opens a structure scan): such a plan can be kept and shown, but not flown.
+    """
+
+    kind: Literal["complex"] = "complex"
+    complex_type: Annotated[str, Field(max_length=100)]
+    items: Annotated[tuple[SimpleItem, ...], Field(max_length=MAX_ITEMS)] = ()
+    original: str
+    """JSON text of the complex item in the file."""
+
+
+PlanItem = Annotated[SimpleItem | ComplexItem, Field(discriminator="kind")]
+"""One row of a plan: a simple item, or a complex one that holds several."""
+
+Speed = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
+
+
+class Plan(Model):
+    """A waypoint plan, flown by PX4."""
+
+    format: Literal["offboard-gcs-plan"] = "offboard-gcs-plan"
+    version: Literal[1] = 1
+    planned_home: HomePosition | None = None
+    cruise_speed_m_s: Speed | None = None
+    """Planned speed of fixed wings (kept for files that have it)."""
+    hover_speed_m_s: Speed | None = None
+    """Planned speed of multicopters, used by estimates, not uploaded; None: the vehicle's MPC_XY_CRUISE."""
+    items: Annotated[tuple[PlanItem, ...], Field(max_length=MAX_ITEMS)] = ()
+    fence: Annotated[tuple[FenceZone, ...], Field(max_length=MAX_FENCE_ZONES)] = ()
+    rally_points: Annotated[tuple[RallyPoint, ...], Field(max_length=MAX_RALLY_POINTS)] = ()
+    original: str | None = None
+    """JSON text of the .plan file it was read from, without what the fields above hold."""
+
+    def simple_items(self) -> Iterator[tuple[int, SimpleItem]]:
+        """The items as they are uploaded, complex ones in their place, each with its row in `items`."""
+        for row, item in enumerate(self.items):
+            if isinstance(item, ComplexItem):
+                for inner in item.items:
+                    yield row, inner
+            else:
+                yield row, item
+
+
+def read(data: str | bytes) -> Plan:
+    """A plan from our own JSON.
+
+    Raises:
+        PlanError: It is too large, no JSON, or not a plan; says where and what to do.
+    """
+    text = check_json(data)
+    try:
+        plan = Plan.model_validate_json(text)
+    except ValidationError as error:
+        raise from_validation(error) from None
+    return check_count(plan)
+
+
+def check_count(plan: Plan) -> Plan:
+    """The plan itself, where it has no more items than PX4 has room for.
+
+    Raises:
+        PlanError: It has more.
+    """
+    count = sum(len(item.items) if isinstance(item, ComplexItem) else 1 for item in plan.items)
+    if count > MAX_ITEMS:
+        reason = f"{count} items, {MAX_ITEMS} are the most"
+        raise PlanError("the plan", reason, "Split the plan into smaller ones.")
+    return plan
+
+
+def write(plan: Plan) -> bytes:
+    """The plan as our own JSON, UTF-8; `read` gives the same plan."""
+    return plan.model_dump_json(indent=1, exclude_defaults=False).encode()
+
+
+def without_originals(plan: Plan) -> Plan:
+    """The plan as if it had been made here: nothing kept of a foreign file but what the fields say."""
+    return plan.model_copy(
+        update={
+            "original": None,
+            "items": tuple(
+                item if isinstance(item, ComplexItem) else item.model_copy(update={"original": None})
+                for item in plan.items
+            ),
+            "fence": tuple(zone.model_copy(update={"original": None}) for zone in plan.fence),
+        }
+    )

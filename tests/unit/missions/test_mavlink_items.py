@@ -1,0 +1,123 @@
+"""Plans as mission items and back, against the dialect's own names and frames."""
+
+from __future__ import annotations
+
+import inspect
+import math
+
+import pytest
+from hypothesis import given, settings
+
+from gcs_server.mavlink import dialect
+from missions.camera_items import Digicam
+from missions.errors import PlanError
+from missions.formats import mavlink_items as wire
+from missions.formats.mavlink_items import WireItem
+from missions.items import CommandItem, Waypoint
+from missions.plan import TYPED_ITEMS, Plan
+from missions.values import Altitude
+from tests.plan_strategies import plans
+
+
+def test_constants_are_those_of_the_dialect() -> None:
+    names = [name for name, _ in inspect.getmembers(wire) if name.startswith("MAV_")]
+    frames = {f"{name}": value for name, value in vars(dialect).items() if name.startswith("MAV_")}
+    assert len(names) > 10
+    assert {name: getattr(wire, name) for name in names} == {name: frames[name] for name in names}
+
+
+@pytest.mark.parametrize("cls", TYPED_ITEMS, ids=lambda cls: cls.__name__)
+def test_every_item_is_a_command_of_the_dialect_and_uses_each_parameter_once(cls: type) -> None:
+    command = dialect.enums["MAV_CMD"][cls.COMMAND]
+    assert command.name.startswith("MAV_CMD_")
+    placed = "lat_deg" in cls.model_fields
+    assert len(cls.SLOTS) == (4 if placed else 7)
+    named = [slot for slot in cls.SLOTS if isinstance(slot, str)]
+    assert len(set(named)) == len(named)
+    own = set(cls.model_fields) - {
+        "kind",
+        "autocontinue",
+        "spare_params",
+        "original",
+        "lat_deg",
+        "lon_deg",
+        "altitude",
+    }
+    assert own == set(named)
+    for number, slot in enumerate(cls.SLOTS, start=1):
+        if isinstance(slot, str):
+            assert not command.param[number].lower().startswith(("empty", "reserved")), (number, slot)
+
+
+def test_kinds_and_commands_are_unique() -> None:
+    assert len({cls.COMMAND for cls in TYPED_ITEMS}) == len(TYPED_ITEMS)
+    assert len({cls.model_fields["kind"].default for cls in TYPED_ITEMS}) == len(TYPED_ITEMS)
+
+
+@settings(deadline=None, max_examples=150)
+@given(plan=plans())
+def test_any_plan_is_the_same_after_the_wire(plan: Plan) -> None:
+    assert wire.items_from_wire(wire.mission_items(plan)) == plan.items
+    assert wire.fence_from_wire(wire.fence_items(plan)) == plan.fence
+    assert wire.rally_from_wire(wire.rally_items(plan)) == plan.rally_points
+
+
+def a_waypoint(**changes: object) -> Waypoint:
+    fields = {
+        "lat_deg": 47.0,
+        "lon_deg": 8.0,
+        "altitude": Altitude(value_m=20.0, reference="home"),
+        **changes,
+    }
+    return Waypoint(**fields)
+
+
+def test_frames_say_the_reference_of_each_altitude() -> None:
+    home = a_waypoint()
+    amsl = a_waypoint(altitude=Altitude(value_m=500.0, reference="amsl"))
+    terrain = a_waypoint(altitude=Altitude(value_m=30.0, reference="terrain"))
+    resolved = a_waypoint(altitude=Altitude(value_m=30.0, reference="terrain", resolved_amsl_m=512.5))
+    items = wire.mission_items(Plan(items=(home, amsl, terrain, resolved)))
+    assert [(item.frame, item.z) for item in items] == [(6, 20.0), (5, 500.0), (11, 30.0), (5, 512.5)]
+    assert [item.current for item in items] == [True, False, False, False]
+
+
+def test_unusual_values_of_unused_parameters_are_kept() -> None:
+    sent = WireItem(0, 6, 22, 15.0, 1.0, math.nan, math.nan, 470_000_000, 80_000_000, 20.0, current=True)
+    (item,) = wire.items_from_wire([sent])
+    assert item.spare_params == ((2, 1.0), (3, None))
+    (again,) = wire.mission_items(Plan(items=(item,)))
+    assert repr(again) == repr(sent)
+
+
+def test_what_a_vehicle_holds_is_shown_even_where_it_cannot_be() -> None:
+    sent = WireItem(0, 6, 16, math.inf, 0, 0, 0, 950_000_000, 0, math.nan)
+    (item,) = wire.items_from_wire([sent])
+    assert isinstance(item, CommandItem)
+    assert item.params == (None, 0, 0, 0, 95.0, 0.0, None)
+
+
+def test_a_fraction_where_the_message_has_an_integer_is_named() -> None:
+    plan = Plan(items=(a_waypoint(), Digicam(shoot=0.5)))
+    with pytest.raises(PlanError, match=r"item 2, parameter 5: 0\.5 is not a whole number"):
+        wire.mission_items(plan)
+
+
+@pytest.mark.parametrize("count", [2.0, 5.0, math.nan, 1e30])
+def test_a_fence_with_missing_corners_is_refused(count: float) -> None:
+    corners = [WireItem(n, 6, 5001, count, 0, 0, 0, n, n, 0.0) for n in range(4)]
+    with pytest.raises(PlanError, match="fence item 1: its polygon has not the"):
+        wire.fence_from_wire(corners)
+
+
+def test_a_waypoint_in_a_fence_is_refused() -> None:
+    with pytest.raises(PlanError, match="fence item 1: command 16 is none of a fence"):
+        wire.fence_from_wire([WireItem(0, 6, 16, 4.0, 0, 0, 0, 0, 0, 0.0)])
+
+
+def test_a_rally_point_goes_in_a_frame_that_the_return_understands() -> None:
+    plan = Plan.model_validate_json(
+        '{"rally_points": [{"lat_deg": 47, "lon_deg": 8, "altitude": {"value_m": 15, "reference": "home"}}]}'
+    )
+    (item,) = wire.rally_items(plan)
+    assert (item.frame, item.command, item.z) == (3, 5100, 15.0)
