@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from gcs_server.streamer.group_guard import GroupGuard
 from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.rounds import Rounds
-from gcs_server.streamer.setpoints import Order
 
 
 class LoopStreams(Rounds):

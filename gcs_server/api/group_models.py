@@ -14,8 +14,8 @@ from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.client import key_of
 from gcs_server.streamer import group_status as status
-from gcs_server.streamer import setpoints as s
 from gcs_server.streamer.group_checks import GroupOrder
+from gcs_server.streamer.order import OnExpiry
 
 MOST_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]
@@ -42,11 +42,11 @@ class _Together(StrictBody):
         description="What the server does by itself when they have become too old.",
     )
 
-    def expiry(self) -> s.OnExpiry:
+    def expiry(self) -> OnExpiry:
         """The streamer's own value."""
         on_expiry = self.on_expiry
         hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
-        return s.OnExpiry(on_expiry.action, hold_for_s)
+        return OnExpiry(on_expiry.action, hold_for_s)
 
 
 class StartGroup(_Together):

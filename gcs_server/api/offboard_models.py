@@ -26,7 +26,8 @@ from gcs_server.api.setpoint_models import (
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.client import key_of
 from gcs_server.streamer import limit_values as values
-from gcs_server.streamer import setpoints as s
+from gcs_server.streamer.order import OnExpiry, Order
+from missions.fence import CircleFence, Fence, PolygonFence
 
 
 class HoldOnExpiry(StrictBody):
@@ -66,12 +67,12 @@ class _Lasting(StrictBody):
         description="What the server does by itself when the setpoint has become too old.",
     )
 
-    def order(self, setpoint: SetpointBody, client: str) -> s.Order:
+    def order(self, setpoint: SetpointBody, client: str) -> Order:
         """The streamer's own value."""
         expiry = self.on_expiry
         hold_for_s = expiry.hold_for_s if isinstance(expiry, HoldOnExpiry) else 0.0
-        on_expiry = s.OnExpiry(expiry.action, hold_for_s)
-        return s.Order(setpoint.to_setpoint(), self.valid_for_s, on_expiry, client, key_of(client))
+        on_expiry = OnExpiry(expiry.action, hold_for_s)
+        return Order(setpoint.to_setpoint(), self.valid_for_s, on_expiry, client, key_of(client))
 
 
 class StartRequest(_Lasting):
@@ -82,13 +83,13 @@ class StartRequest(_Lasting):
         default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second [Hz]."
     )
 
-    def to_order(self, client: str) -> s.Order:
+    def to_order(self, client: str) -> Order:
         """The streamer's own value."""
         return self.order(self.setpoint, client)
 
 
 class _OrderBody(_Lasting, SetpointBody):
-    def to_order(self, client: str) -> s.Order:
+    def to_order(self, client: str) -> Order:
         """The streamer's own value."""
         return self.order(self, client)
 
@@ -171,9 +172,9 @@ class PolygonFenceBody(StrictBody):
         Field(description="Latitude and longitude of each corner, in order [deg].")
     )
 
-    def to_fence(self) -> values.Fence:
+    def to_fence(self) -> Fence:
         """The streamer's own value."""
-        return values.PolygonFence(self.points_deg)
+        return PolygonFence(self.points_deg)
 
 
 class CircleFenceBody(StrictBody):
@@ -184,9 +185,9 @@ class CircleFenceBody(StrictBody):
     lon_deg: Longitude
     radius_m: float = Field(allow_inf_nan=False, ge=5, le=10_000, description="[m]")
 
-    def to_fence(self) -> values.Fence:
+    def to_fence(self) -> Fence:
         """The streamer's own value."""
-        return values.CircleFence(self.lat_deg, self.lon_deg, self.radius_m)
+        return CircleFence(self.lat_deg, self.lon_deg, self.radius_m)
 
 
 AnyFence = Annotated[PolygonFenceBody | CircleFenceBody, Field(discriminator="kind")]

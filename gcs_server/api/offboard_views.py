@@ -11,7 +11,8 @@ from gcs_server.api.reflect import model_of
 from gcs_server.streamer import limit_values as values
 from gcs_server.streamer import status
 from gcs_server.streamer.operator_limits import LimitsOrigin
-from gcs_server.streamer.setpoints import Partial3, Quaternion, Vector3
+from missions.frames import Quaternion, Vector3
+from missions.setpoints import Partial3
 
 SetpointType = Literal[
     "position",

@@ -26,14 +26,14 @@ from gcs_server.errors import (
     UnknownRecording,
     UnknownVehicle,
 )
-from gcs_server.streamer.setpoints import TYPES
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
 from gcs_server.vehicle.services.metadata import MetadataMissing
+from missions.setpoints import KINDS
 
 log = logging.getLogger(__name__)
 
-UNION_TAGS = frozenset(TYPES) | {"hold", "land", "stop_stream", "polygon", "circle"}
+UNION_TAGS = frozenset(KINDS) | {"hold", "land", "stop_stream", "polygon", "circle"}
 """Names of union branches, which Pydantic puts into the paths of fields."""
 
 MOST_ERRORS = 20

@@ -9,8 +9,8 @@ from typing import Annotated, Any, cast
 from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer import setpoints as s
 from gcs_server.streamer.rules import FOREIGN, axes_problem
+from missions import setpoints as s
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
 MetresPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-20, le=20)]

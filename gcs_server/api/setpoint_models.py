@@ -31,8 +31,8 @@ from gcs_server.api.setpoint_fields import (
     example,
 )
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer import setpoints as s
-from gcs_server.vehicle.gimbal_decoder import quaternion_of
+from missions import setpoints as s
+from missions.frames import q_from_euler
 
 
 class PositionSetpoint(YawOrRate):
@@ -222,7 +222,7 @@ class AttitudeSetpoint(SetpointBody):
         assert self.roll_rad is not None
         assert self.pitch_rad is not None
         assert self.yaw_ned_rad is not None
-        q = quaternion_of(self.roll_rad, self.pitch_rad, self.yaw_ned_rad)
+        q = q_from_euler(self.roll_rad, self.pitch_rad, self.yaw_ned_rad)
         return s.Attitude(q, self.thrust, self.yaw_rate_ned_rad_s)
 
 

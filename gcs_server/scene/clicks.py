@@ -12,7 +12,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gcs_server.scene.frames import Vector3
+from missions.frames import Vector3
 
 REACH_M = 5_000.0
 """Farther off a pixel is hundreds of metres, and the flat ground is wrong: nothing is meant there."""

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import math
 
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+from missions.frames import Quaternion, Vector3, multiply, q_from_yaw
 
-IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 Q_ENU_NED: Quaternion = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 """Half a turn about the axis between north and east: (n, e, d) becomes (e, n, -d)."""
 Q_FRD_FLU: Quaternion = (0.0, 1.0, 0.0, 0.0)
@@ -24,48 +22,6 @@ WGS84_FLATTENING = 1.0 / 298.257223563
 def enu_from_ned(v_ned: Vector3) -> Vector3:
     """The same vector with east first and up positive."""
     return (v_ned[1], v_ned[0], -v_ned[2])
-
-
-def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product: first `b`, then `a`."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
-
-
-def conjugate(q: Quaternion) -> Quaternion:
-    """The inverse of a unit quaternion."""
-    return (q[0], -q[1], -q[2], -q[3])
-
-
-def rotate(q: Quaternion, v: Vector3) -> Vector3:
-    """`v` turned by `q`."""
-    _, x, y, z = multiply(multiply(q, (0.0, *v)), conjugate(q))
-    return (x, y, z)
-
-
-def normalized(q: Quaternion) -> Quaternion | None:
-    """`q` at length one; None where it is no rotation (zero or not finite)."""
-    length = math.sqrt(sum(c * c for c in q))
-    if not math.isfinite(length) or length < 1e-6:
-        return None
-    return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
-
-
-def q_from_yaw(yaw_rad: float) -> Quaternion:
-    """A turn about the third axis of whatever frame is meant (down: clockwise, up: anticlockwise)."""
-    return (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
-
-
-def yaw_from_q(q: Quaternion) -> float:
-    """The turn about the third axis [rad], in (-π, π]."""
-    w, x, y, z = q
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def q_enu_flu_from_q_ned_frd(q_ned_frd: Quaternion) -> Quaternion:

@@ -15,21 +15,13 @@ import msgspec
 import viser
 from pydantic import BaseModel, ConfigDict, Field
 
-from gcs_server.scene.frames import (
-    IDENTITY,
-    Quaternion,
-    Vector3,
-    enu_from_ned,
-    normalized,
-    q_from_yaw,
-    yaw_enu_from_ned,
-    yaw_from_q,
-)
+from gcs_server.scene.frames import enu_from_ned, yaw_enu_from_ned
 from gcs_server.scene.labels import Label, height_words
 from gcs_server.scene.model import q_along
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.views import Preview
+from missions.frames import IDENTITY, Quaternion, Vector3, normalized, q_from_yaw, yaw_from_q
 
 GROUND_HANDLE = "/world/gizmo_ground"
 HEIGHT_HANDLE = "/world/gizmo_height"

@@ -12,7 +12,7 @@ from typing import Literal
 
 import viser
 
-from gcs_server.scene.frames import Vector3
+from missions.frames import Vector3
 
 Side = Literal["above", "below", "sign"]
 

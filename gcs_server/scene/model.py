@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_server.scene.frames import Quaternion, Vector3
+from missions.frames import Quaternion, Vector3
 
 Points = NDArray[np.float32]
 """(N, 3) vertices or (N, 2, 3) line segments."""

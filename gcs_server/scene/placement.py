@@ -12,9 +12,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from gcs_server.scene.frames import Vector3, enu_from_geodetic, enu_from_ned, geodetic_from_enu
+from gcs_server.scene.frames import enu_from_geodetic, enu_from_ned, geodetic_from_enu
 from gcs_server.scene.ports import SceneVehicle, value_of
 from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition, Status
+from missions.frames import Vector3
 
 STANDING_HEIGHT_M = 0.225
 """From the body to the skids as drawn."""

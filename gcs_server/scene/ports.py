@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
 from gcs_server.clock import Clock
-from gcs_server.vehicle.samples import Sample, Vector3
+from gcs_server.vehicle.samples import Sample
+from missions.frames import Vector3
 
 T = TypeVar("T")
 

@@ -5,22 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gcs_server.scene.frames import (
-    IDENTITY,
-    Quaternion,
-    Vector3,
-    conjugate,
-    enu_from_ned,
-    multiply,
-    normalized,
-    q_enu_flu_from_q_ned_frd,
-    q_ned_camera,
-    yaw_enu_from_ned,
-)
+from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd, q_ned_camera, yaw_enu_from_ned
 from gcs_server.scene.labels import height_words
 from gcs_server.scene.placement import Place
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
+from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, normalized
 
 PWM_STOPPED_US = 1000
 PWM_FULL_US = 2000

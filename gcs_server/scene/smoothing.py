@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from gcs_server.scene.frames import Quaternion, Vector3, normalized, yaw_from_q
 from gcs_server.scene.model import ROTOR_SPINS
 from gcs_server.scene.pose import VehiclePose
+from missions.frames import Quaternion, Vector3, normalized, yaw_from_q
 
 LAG_S = 0.07
 HEADING_LAG_S = 0.3

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from gcs_server.isolation import Isolation
-from gcs_server.scene.frames import Vector3, enu_from_ned
+from gcs_server.scene.frames import enu_from_ned
 from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
 from gcs_server.scene.palette import PALETTES, Palette, rgb
@@ -25,6 +25,7 @@ from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode, set_pose
 from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, framed, in_world, world_pose
+from missions.frames import Vector3
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Cell sizes; sections are ten of them."""

@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-from gcs_server.scene.frames import Vector3
 from gcs_server.scene.model import Points, ring_segments
+from missions.frames import Vector3
 
 # Each glyph is polylines in a box of width 0.6 and height 1.
 _GLYPHS: dict[str, str] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from gcs_server.scene.frames import Vector3
+from missions.frames import Vector3
 
 SPACING_M = 0.5
 NEIGHBOURS = 24

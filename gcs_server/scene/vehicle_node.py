@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import viser
 
-from gcs_server.scene.frames import IDENTITY, Quaternion, Vector3, q_from_yaw, rotate
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
 from gcs_server.scene.palette import Palette, lit
@@ -16,6 +15,7 @@ from gcs_server.scene.pose import Target, VehiclePose
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import Trail
+from missions.frames import IDENTITY, Quaternion, Vector3, q_from_yaw, rotate
 
 FRUSTUM_MIN_M = 0.9
 FRUSTUM_MAX_M = 2.6

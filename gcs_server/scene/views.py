@@ -10,18 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from gcs_server.scene.frames import (
-    IDENTITY,
-    Quaternion,
-    Vector3,
-    conjugate,
-    multiply,
-    q_from_yaw,
-    rotate,
-)
 from gcs_server.scene.model import GIMBAL_AT_M
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.pose import VehiclePose
+from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, q_from_yaw, rotate
 
 Mode = Literal["chase", "free", "gimbal", "top"]
 

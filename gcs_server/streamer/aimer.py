@@ -9,16 +9,8 @@ from gcs_server.streamer.encoders import encode, stamped
 from gcs_server.streamer.limits import Obeyed, obey
 from gcs_server.streamer.news import NOTICE, Outgoing, Report, Snapshot
 from gcs_server.streamer.resolve import Aim, keeps_heading
-from gcs_server.streamer.setpoints import (
-    Attitude,
-    Position,
-    Rates,
-    Sendable,
-    Setpoint,
-    Trajectory,
-    Velocity,
-)
 from gcs_server.streamer.space import Here
+from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
 
 TOLD_EVERY_S = 10.0
 """The same limit is told no more often."""
@@ -33,14 +25,14 @@ class Aimer:
 
     def __init__(self, target: tuple[int, int]) -> None:
         self._target = target
-        self.sent: Sendable | None = None
+        self.sent: DirectSetpoint | None = None
         self.limited: tuple[str, ...] = ()
         self._packed: tuple[int, bytes] = (0, b"")
         self._aim: Aim | None = None
-        self._still: Sendable | None = None
+        self._still: DirectSetpoint | None = None
         """What is sent where no order is followed any more."""
         self._yaw_kept = False
-        self._wanted: Sendable | None = None
+        self._wanted: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
         self._obeyed_s = 0.0
         self._told_s: dict[str, float] = {}
@@ -74,7 +66,7 @@ class Aimer:
         """
         position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
         if position is not None:
-            still: Sendable = Position(position, yaw)
+            still: DirectSetpoint = Position(position, yaw)
         elif isinstance(sent, Attitude | Rates) and snapshot.velocity_ned_m_s is None:
             still = level(yaw, sent.thrust if snapshot.hover_thrust is None else snapshot.hover_thrust)
         else:
@@ -119,7 +111,7 @@ class Aimer:
             return False
         return any(axis is not None for axis in sent.position_ned_m)
 
-    def _load(self, now_s: float, snapshot: Snapshot, wanted: Sendable) -> Obeyed:
+    def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> Obeyed:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         if wanted is self._wanted and bounds is self._bounds and not bounds.follows_the_vehicle:
             return Obeyed(self.sent, self.limited)

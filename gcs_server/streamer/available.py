@@ -7,16 +7,8 @@ from collections.abc import Callable
 from gcs_server.errors import Refused
 from gcs_server.streamer.encoders import MAVLINK_CARRIES
 from gcs_server.streamer.observe import Observer
-from gcs_server.streamer.setpoints import (
-    TYPES,
-    Acceleration,
-    Follow,
-    PositionGlobal,
-    Setpoint,
-    Trajectory,
-    Velocity,
-)
 from gcs_server.streamer.status import Available
+from missions.setpoints import KINDS, Acceleration, Follow, PositionGlobal, Setpoint, Trajectory, Velocity
 
 CARRIED_BY: dict[str, frozenset[str]] = {
     "MAVLink": MAVLINK_CARRIES | {"position_body", "path", "follow"},
@@ -100,7 +92,7 @@ class Availability:
 
     def all(self) -> dict[str, Available]:
         """For every type."""
-        return {setpoint_type: self.of(setpoint_type) for setpoint_type in TYPES}
+        return {setpoint_type: self.of(setpoint_type) for setpoint_type in KINDS}
 
     def require(self, setpoint: Setpoint) -> None:
         """Raises Refused where the setpoint cannot be flown now."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gcs_server.streamer.limit_values import CircleFence, OperatorLimits, PolygonFence, VehicleLimits
-from gcs_server.streamer.local_frame import Origin
-from gcs_server.streamer.region import Disc, Polygon, Region
-from gcs_server.streamer.setpoints import Vector3
+from gcs_server.streamer.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.vehicle.samples import Home
+from missions.fence import Circle, CircleFence, Polygon, Region
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
 
 INF = math.inf
 NOWHERE_LIMITED = Region()
@@ -40,7 +40,7 @@ class Bounds:
     position_gain: float = DEFAULT_POSITION_GAIN
     height_gain: float = DEFAULT_HEIGHT_GAIN
     region: Region = NOWHERE_LIMITED
-    origin: Origin | None = None
+    origin: LocalOrigin | None = None
     unknown: str | None = None
     """Why the operator's limits of place cannot be kept now; None where they can."""
 
@@ -49,8 +49,8 @@ class Bounds:
         """Whether the same setpoint may be limited otherwise a moment later."""
         region = self.region
         return (
-            region.bounds_ground
-            or region.bounds_height
+            region.is_limited_horizontally
+            or region.is_limited_vertically
             or min(self.approach_m_s, self.approach_climb_m_s, self.approach_sink_m_s) < INF
             or min(self.slew_velocity_m_s2, self.slew_attitude_rad_s) < INF
         )
@@ -63,7 +63,7 @@ def bounds_of(
     vehicle: VehicleLimits,
     operator: OperatorLimits,
     home: Home | None,
-    origin: Origin | None,
+    origin: LocalOrigin | None,
     gains: tuple[float | None, float | None] = (None, None),
 ) -> Bounds:
     """Whichever is narrower of each pair.
@@ -107,9 +107,9 @@ def _least(*limits: float | None) -> float:
 
 
 def _region(
-    vehicle: VehicleLimits, operator: OperatorLimits, home: Home | None, origin: Origin | None
+    vehicle: VehicleLimits, operator: OperatorLimits, home: Home | None, origin: LocalOrigin | None
 ) -> tuple[Region, str | None]:
-    discs: list[Disc] = []
+    circles: list[Circle] = []
     polygons: list[Polygon] = []
     down_min_m, down_max_m = -INF, INF
     unknown = None
@@ -126,25 +126,19 @@ def _region(
             for radius_m, whose in zip(distances, ("the vehicle's", "the operator's"), strict=True):
                 if radius_m is not None:
                     name = f"{whose} limit of {radius_m:g} m from home"
-                    discs.append(Disc((home_ned[0], home_ned[1]), radius_m, name))
+                    circles.append(Circle((home_ned[0], home_ned[1]), radius_m, name))
     fence = operator.fence
     if fence is not None:
         if origin is None:
             unknown = "it does not know where on the earth it is, where a fence is set"
         elif isinstance(fence, CircleFence):
-            n, e, _ = origin.to_ned(fence.lat_deg, fence.lon_deg, 0.0)
-            discs.append(Disc((n, e), fence.radius_m, "the operator's fence"))
+            circles.append(fence.to_local(origin, "the operator's fence"))
         else:
-            polygons.append(_polygon(fence, origin))
-    return Region(down_min_m, down_max_m, tuple(discs), tuple(polygons)), unknown
+            polygons.append(fence.to_local(origin, "the operator's fence"))
+    return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), unknown
 
 
-def _polygon(fence: PolygonFence, origin: Origin) -> Polygon:
-    corners = [origin.to_ned(lat, lon, 0.0) for lat, lon in fence.points_deg]
-    return Polygon(tuple((n, e) for n, e, _ in corners), "the operator's fence")
-
-
-def _home_ned(home: Home | None, origin: Origin | None) -> Vector3 | None:
+def _home_ned(home: Home | None, origin: LocalOrigin | None) -> Vector3 | None:
     if home is None:
         return None
     if home.position_ned_m is not None:

@@ -30,7 +30,9 @@ from gcs_server.streamer.news import (
     Report,
     Snapshot,
 )
-from gcs_server.streamer.setpoints import Order, Sendable, Vector3
+from gcs_server.streamer.order import Order
+from missions.frames import Vector3
+from missions.setpoints import DirectSetpoint
 
 MODE_ASK_PERIOD_S = 1.0
 MODE_ASKS = 5
@@ -198,7 +200,7 @@ class StreamCore:
     # --- what can be read -------------------------------------------------------------------------
 
     @property
-    def sent(self) -> Sendable | None:
+    def sent(self) -> DirectSetpoint | None:
         """What goes out now: what was ordered within its limits, or the place held after it expired."""
         return self._aimer.sent
 

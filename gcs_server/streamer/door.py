@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from gcs_server.errors import Refused
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.path import Curve
 from gcs_server.streamer.resolve import Aim
-from gcs_server.streamer.setpoints import (
+from missions.curves import PathCurve
+from missions.frames import Vector3
+from missions.setpoints import (
+    DirectSetpoint,
     Follow,
     Path,
     Position,
     PositionGlobal,
-    Sendable,
     Setpoint,
     Trajectory,
-    Vector3,
     complete,
 )
 
@@ -63,7 +63,7 @@ def check_place(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limited
             _check_inside(target, here, bounds)
 
 
-def _place_of(wanted: Sendable | None, bounds: Bounds) -> Vector3 | None:
+def _place_of(wanted: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
     if isinstance(wanted, Position | Trajectory):
         return complete(wanted.position_ned_m)
     if isinstance(wanted, PositionGlobal) and bounds.origin is not None and wanted.alt_amsl_m is not None:
@@ -89,10 +89,10 @@ def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
         )
     region, start, end = bounds.region, (here[0], here[1]), (target[0], target[1])
     far_m = math.dist(start, end)
-    if far_m < 1e-6 or region.ground_breach(start) is not None:
+    if far_m < 1e-6 or region.breach(start) is not None:
         return  # from outside, the way back in is flown
     direction = ((end[0] - start[0]) / far_m, (end[1] - start[1]) / far_m)
-    if region.way_out_m(start, direction) < far_m:
+    if region.distance_to_edge_m(start, direction) < far_m:
         raise Refused(
             "The straight way to the target leaves the allowed space.",
             remedy="Fly around the corner: by a place in between, or by a path.",
@@ -101,9 +101,9 @@ def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
 
 def _breach(place: Vector3, bounds: Bounds) -> str | None:
     region = bounds.region
-    if region.height(place[2]) != place[2]:
+    if region.clamp_down_m(place[2]) != place[2]:
         return "the limits of height"
-    return region.ground_breach((place[0], place[1]))
+    return region.breach((place[0], place[1]))
 
 
 def _check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
@@ -116,7 +116,7 @@ def _check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
         )
     for index, point in enumerate(path.points):
         _check_distance(point.position_ned_m, here, f"Point {index} of the path")
-    curve = Curve(path, None)
+    curve = PathCurve(path, None)
     looked_at_s = np.minimum(
         np.arange(math.ceil(curve.duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, curve.duration_s
     )
@@ -143,7 +143,7 @@ def _suspect(
     """Which samples of a path are outside or too fast, all looked at together."""
     region, down_m, down_m_s = bounds.region, places[:, 2], velocities[:, 2]
     return (
-        region.ground_breaches(places[:, :2])
+        region.are_outside(places[:, :2])
         | (down_m < region.down_min_m)
         | (down_m > region.down_max_m)
         | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * FASTER_THAN)

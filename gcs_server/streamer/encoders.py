@@ -13,15 +13,15 @@ from collections.abc import Callable
 from typing import Any
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.streamer.setpoints import (
+from missions.setpoints import (
     NOTHING,
     Acceleration,
     Attitude,
+    DirectSetpoint,
     Partial3,
     Position,
     PositionGlobal,
     Rates,
-    Sendable,
     Trajectory,
     Velocity,
     VelocityBody,
@@ -182,7 +182,7 @@ MAVLINK_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[att
 """Types that a MAVLink message takes to PX4 as they are."""
 
 
-def encode(setpoint: Sendable, target: tuple[int, int]) -> Packed:
+def encode(setpoint: DirectSetpoint, target: tuple[int, int]) -> Packed:
     """The message id and payload, its time left zero.
 
     Args:

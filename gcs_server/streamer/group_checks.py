@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Conflict, Planned, first_conflict, too_near_now
-from gcs_server.streamer.setpoints import OnExpiry, Order, Path, PositionBody, Setpoint
+from gcs_server.streamer.order import OnExpiry, Order
 from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Path, PositionBody, Setpoint
 
 SOONEST_S, LATEST_S = 3.0, 300.0
 """A start that is asked for is so far ahead: the pre-stream and the switch come before it."""

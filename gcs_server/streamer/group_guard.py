@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.separation import (
     UNKNOWN_ACCURACY_M,
     UNSTEERED_SHARE,
@@ -31,7 +31,9 @@ from gcs_server.streamer.separation import (
     margin_m,
     stopping_m,
 )
-from gcs_server.streamer.setpoints import Acceleration, Attitude, Order, Rates, Setpoint, Vector3
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
 
 LOOK_PERIOD_S = 0.05
 LATE_S = 1.0
@@ -228,7 +230,7 @@ class GroupGuard:
 
     def _places(self, now_s: float, seen: Mapping[str, Seen]) -> dict[str, Moving]:
         """In the frame of the first who knows its own; by members whose place is known."""
-        common: Origin | None = None
+        common: LocalOrigin | None = None
         known: dict[str, Moving] = {}
         for vehicle in self.members:
             snapshot = seen[vehicle].snapshot
@@ -238,7 +240,7 @@ class GroupGuard:
             common = common or origin
             order = seen[vehicle].order
             known[vehicle] = moving(
-                snapshot, now_s, origin.into(common, place), None if order is None else order.setpoint
+                snapshot, now_s, origin.to_frame_of(common, place), None if order is None else order.setpoint
             )
         return known
 

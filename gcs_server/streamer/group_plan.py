@@ -19,12 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_server.streamer.group_guard import moving
-from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.path import Curve
-from gcs_server.streamer.resolve import Aim, turned
+from gcs_server.streamer.resolve import Aim
 from gcs_server.streamer.separation import Vectors, closest_m, margin_m, samples, stopping_m
-from gcs_server.streamer.setpoints import (
+from missions.curves import PathCurve
+from missions.frames import Vector3, ned_from_heading
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
     Follow,
     Partial3,
     Path,
@@ -32,7 +33,6 @@ from gcs_server.streamer.setpoints import (
     PositionGlobal,
     Setpoint,
     Trajectory,
-    Vector3,
     Velocity,
     VelocityBody,
     complete,
@@ -154,7 +154,7 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
     places = [(member, *_where(member, now_s)) for member in members]
     for (a, here, common), (b, there, origin) in itertools.combinations(places, 2):
         one = moving(a.snapshot, now_s, here, a.setpoint)
-        other = moving(b.snapshot, now_s, origin.into(common, there), b.setpoint)
+        other = moving(b.snapshot, now_s, origin.to_frame_of(common, there), b.setpoint)
         margin = margin_m(one, other)
         least_m = minimum_m + margin
         apart_m = kept_m = math.dist(one.place_ned_m, other.place_ned_m)
@@ -172,7 +172,7 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
     return None
 
 
-def _where(member: Planned, now_s: float) -> tuple[Vector3, Origin]:
+def _where(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
     here, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
     if here is None or origin is None:
         raise ValueError(f"where vehicle {member.vehicle} is on the earth is not known")
@@ -191,7 +191,7 @@ def _between(
     margin = margin_m(one, other)
     minimum_m += margin
     place_a, velocity_a = way_a
-    place_b, velocity_b = way_b[0] + np.array(b.origin.into(a.origin, HERE)), way_b[1]
+    place_b, velocity_b = way_b[0] + np.array(b.origin.to_frame_of(a.origin, HERE)), way_b[1]
     apart: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
     kept = apart.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
@@ -245,12 +245,12 @@ class _Course:
         self._sink = min(bounds.sink_m_s, bounds.approach_sink_m_s, CLIMB_M_S)
         self._gains = (bounds.position_gain, bounds.position_gain, bounds.height_gain)
         self._until_s = min(member.lasts_s, VELOCITY_AHEAD_S)
-        self._curve: Curve | None = None
+        self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
         self._target, self._feed = NOTHING, NOTHING
         self.least_s = 0.0
         if isinstance(setpoint, Path):
-            self._curve = Curve(setpoint, None)
+            self._curve = PathCurve(setpoint, None)
             self.least_s = self._curve.duration_s - member.elapsed_s
             begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or here
             self._off = (here[0] - begin[0], here[1] - begin[1], here[2] - begin[2])
@@ -298,9 +298,9 @@ class _Course:
         """How it moves just now."""
         return self._velocity
 
-    def place_in(self, origin: Origin) -> Vector3:
+    def place_in(self, origin: LocalOrigin) -> Vector3:
         """Where it is just now, in another's frame."""
-        return self.origin.into(origin, self._place)
+        return self.origin.to_frame_of(origin, self._place)
 
     def _along(self, t_s: float) -> None:
         """A path, and what it still is off it at the begin."""
@@ -321,7 +321,7 @@ class _Course:
         snapshot = self.member.snapshot
         if isinstance(setpoint, VelocityBody):
             yaw = snapshot.yaw_ned_rad
-            return NOTHING, NOTHING if yaw is None else turned(setpoint.velocity_frd_m_s, yaw)
+            return NOTHING, NOTHING if yaw is None else ned_from_heading(setpoint.velocity_frd_m_s, yaw)
         sent = Aim(setpoint, now_s, snapshot, snapshot.yaw_ned_rad).at(now_s, snapshot)
         if isinstance(sent, Position):
             return sent.position_ned_m, NOTHING
@@ -341,7 +341,7 @@ class _Course:
     def _beside(self, follow: Follow, t_s: float, others: Mapping[str, _Course]) -> tuple[Partial3, Partial3]:
         leader, seen = others.get(follow.vehicle), self.member.snapshot.leader
         yaw = seen.yaw_ned_rad if seen is not None else None
-        offset = follow.offset_ned_m or turned(follow.offset_frd_m or (0.0, 0.0, 0.0), yaw or 0.0)
+        offset = follow.offset_ned_m or ned_from_heading(follow.offset_frd_m or (0.0, 0.0, 0.0), yaw or 0.0)
         if leader is not None:
             place, velocity = leader.place_in(self.origin), leader.velocity
         elif seen is not None:

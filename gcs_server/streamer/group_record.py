@@ -10,9 +10,9 @@ from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.group_checks import GroupOrder
 from gcs_server.streamer.group_guard import FOLLOWS_ORDER, GuardState
 from gcs_server.streamer.group_status import GroupFinding, GroupMember, GroupStatus, Nearest
-from gcs_server.streamer.setpoints import Setpoint
 from gcs_server.streamer.streams import StreamState
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Setpoint
 
 
 @dataclass(slots=True)

@@ -21,9 +21,10 @@ from gcs_server.streamer.group_checks import SOONEST_S, GroupChecks, GroupOrder
 from gcs_server.streamer.group_guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.group_record import Group, listed
 from gcs_server.streamer.group_status import GroupFinding, GroupStatus
-from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Setpoint
+from gcs_server.streamer.order import OnExpiry, Order
 from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Position, Setpoint
 
 LEAD_S = 0.5
 """From the last confirmation to the common start, where none was asked for."""

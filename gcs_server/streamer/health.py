@@ -6,23 +6,21 @@ import math
 
 from gcs_server.streamer.failsafe import DEFAULT_COM_OF_LOSS_T_S, Failsafe
 from gcs_server.streamer.observe import Observer
-from gcs_server.streamer.resolve import turned
-from gcs_server.streamer.setpoints import (
+from gcs_server.streamer.status import Echo, StreamHealth
+from gcs_server.streamer.streams import StreamState
+from missions.frames import Quaternion, Vector3, ned_from_heading
+from missions.setpoints import (
     Attitude,
+    DirectSetpoint,
     Partial3,
     Position,
     PositionGlobal,
-    Quaternion,
     Rates,
-    Sendable,
     Trajectory,
-    Vector3,
     Velocity,
     VelocityBody,
     complete,
 )
-from gcs_server.streamer.status import Echo, StreamHealth
-from gcs_server.streamer.streams import StreamState
 
 
 def health_of(state: StreamState, observer: Observer, failsafe: Failsafe | None) -> StreamHealth:
@@ -61,7 +59,7 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.acos(min(1.0, dot))
 
 
-def _echo(sent: Sendable, observer: Observer) -> Echo | None:
+def _echo(sent: DirectSetpoint, observer: Observer) -> Echo | None:
     if isinstance(sent, Attitude | Rates):
         attitude = observer.target_attitude()
         if attitude is None:
@@ -83,7 +81,7 @@ def _echo(sent: Sendable, observer: Observer) -> Echo | None:
     )
 
 
-def _position_error(sent: Sendable, observer: Observer) -> float | None:
+def _position_error(sent: DirectSetpoint, observer: Observer) -> float | None:
     local = observer.local()
     if local is None:
         return None
@@ -97,14 +95,16 @@ def _position_error(sent: Sendable, observer: Observer) -> float | None:
     return _distance(sent.position_ned_m, local.position_ned_m)
 
 
-def _velocity_error(sent: Sendable, observer: Observer) -> float | None:
+def _velocity_error(sent: DirectSetpoint, observer: Observer) -> float | None:
     local, attitude = observer.local(), observer.attitude()
     if local is None:
         return None
     if isinstance(sent, VelocityBody):
         if attitude is None:
             return None
-        return math.dist(turned(sent.velocity_frd_m_s, attitude.yaw_ned_rad), local.velocity_ned_m_s)
+        return math.dist(
+            ned_from_heading(sent.velocity_frd_m_s, attitude.yaw_ned_rad), local.velocity_ned_m_s
+        )
     if isinstance(sent, Velocity):
         return _distance(sent.velocity_ned_m_s, local.velocity_ned_m_s)
     if isinstance(sent, Trajectory) and complete(sent.position_ned_m) is None:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from missions.fence import Fence
+
 VEHICLE_PARAMETERS = (
     "MPC_XY_VEL_MAX",
     "MPC_Z_VEL_MAX_UP",
@@ -87,28 +89,6 @@ def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
         distance_max_m=unless_off("GF_MAX_HOR_DIST"),
         height_max_m=unless_off("GF_MAX_VER_DIST"),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class PolygonFence:
-    """The vehicle stays inside."""
-
-    points_deg: tuple[tuple[float, float], ...]
-    """Latitude, longitude of each corner, in order."""
-    kind: str = "polygon"
-
-
-@dataclass(frozen=True, slots=True)
-class CircleFence:
-    """The vehicle stays inside."""
-
-    lat_deg: float
-    lon_deg: float
-    radius_m: float
-    kind: str = "circle"
-
-
-Fence = PolygonFence | CircleFence
 
 
 @dataclass(frozen=True, slots=True)

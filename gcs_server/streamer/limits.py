@@ -13,23 +13,21 @@ from dataclasses import dataclass, fields, replace
 from typing import TypeVar
 
 from gcs_server.streamer.bounds import Bounds
-from gcs_server.streamer.region import Ground
-from gcs_server.streamer.resolve import turned
-from gcs_server.streamer.rotation import limited_step, limited_tilt
-from gcs_server.streamer.setpoints import (
+from gcs_server.streamer.space import Here, Space
+from missions.fence import NorthEast
+from missions.frames import Vector3, limit_rotation, limit_tilt, ned_from_heading
+from missions.setpoints import (
     Acceleration,
     Attitude,
+    DirectSetpoint,
     Partial3,
     Position,
     PositionGlobal,
     Rates,
-    Sendable,
     Trajectory,
-    Vector3,
     Velocity,
     VelocityBody,
 )
-from gcs_server.streamer.space import Here, Space
 
 S = TypeVar(
     "S", bound=Position | PositionGlobal | Velocity | VelocityBody | Acceleration | Trajectory | Attitude
@@ -41,7 +39,7 @@ GRAVITY_M_S2 = 9.80665
 class Obeyed:
     """What may be sent."""
 
-    setpoint: Sendable | None
+    setpoint: DirectSetpoint | None
     """None where nothing that was wanted may be."""
     notes: tuple[str, ...] = ()
     """What was taken away."""
@@ -50,7 +48,11 @@ class Obeyed:
 
 
 def obey(
-    wanted: Sendable, bounds: Bounds, here: Here | None, before: Sendable | None = None, dt_s: float = 0.0
+    wanted: DirectSetpoint,
+    bounds: Bounds,
+    here: Here | None,
+    before: DirectSetpoint | None = None,
+    dt_s: float = 0.0,
 ) -> Obeyed:
     """What of `wanted` may be sent.
 
@@ -69,7 +71,7 @@ def obey(
     return Obeyed(setpoint, tuple(dict.fromkeys(limiter.notes)), stop)
 
 
-def is_finite(setpoint: Sendable) -> bool:
+def is_finite(setpoint: DirectSetpoint) -> bool:
     """Whether all its numbers are."""
     for field in fields(setpoint):
         value = getattr(setpoint, field.name)
@@ -80,7 +82,7 @@ def is_finite(setpoint: Sendable) -> bool:
 
 
 class _Limiter:
-    def __init__(self, bounds: Bounds, here: Here | None, before: Sendable | None, dt_s: float) -> None:
+    def __init__(self, bounds: Bounds, here: Here | None, before: DirectSetpoint | None, dt_s: float) -> None:
         self._bounds = bounds
         self._here = here
         self._before = before
@@ -92,7 +94,7 @@ class _Limiter:
     def stop(self) -> str | None:
         return self._space.stop
 
-    def limited(self, s: Sendable) -> Sendable:
+    def limited(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):
             return self._rates(s)
         if isinstance(s, Attitude):
@@ -121,7 +123,7 @@ class _Limiter:
 
     # --- the kinds ----------------------------------------------------------------------------------
 
-    def _global(self, s: PositionGlobal) -> Sendable:
+    def _global(self, s: PositionGlobal) -> DirectSetpoint:
         """Goes out as it is unless a limit changes it: then as the local place."""
         s = self._yaw_rate(s)
         origin = self._bounds.origin
@@ -136,32 +138,32 @@ class _Limiter:
         yaw = None if self._here is None else self._here.yaw_ned_rad
         if yaw is None:  # speed alone can be held to
             n, e, d = self._held_speed(s.velocity_frd_m_s)
-            if self._bounds.region.bounds_ground or self._bounds.region.bounds_height:
+            if self._bounds.region.is_limited_horizontally or self._bounds.region.is_limited_vertically:
                 self.notes.append(
                     "stands still: its place and heading are not known, and the space is limited"
                 )
                 n = e = d = 0.0
             return replace(s, velocity_frd_m_s=(n, e, d))
-        ned: Partial3 = turned(s.velocity_frd_m_s, yaw)
+        ned: Partial3 = ned_from_heading(s.velocity_frd_m_s, yaw)
         slewed = self._slewed(ned)
         _, velocity, _ = self._kinematic(_NONE, slewed, _NONE)
         if velocity == ned:
             return s
         n, e, d = velocity
-        return replace(s, velocity_frd_m_s=turned((n or 0.0, e or 0.0, d or 0.0), -yaw))
+        return replace(s, velocity_frd_m_s=ned_from_heading((n or 0.0, e or 0.0, d or 0.0), -yaw))
 
     def _attitude(self, s: Attitude) -> Attitude:
         self._space.guard()
-        q, tilted = limited_tilt(s.q_ned_frd, self._bounds.tilt_rad)
+        q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
             self.notes.append(f"tilt held to {math.degrees(self._bounds.tilt_rad):.0f}°")
         last = self._before.q_ned_frd if isinstance(self._before, Attitude) else None
         if last is None and self._here is not None:
             last = self._here.q_ned_frd
         if last is not None and math.isfinite(self._bounds.slew_attitude_rad_s):
-            q, slewed = limited_step(last, q, self._bounds.slew_attitude_rad_s * self._dt_s)
+            q, slewed = limit_rotation(last, q, self._bounds.slew_attitude_rad_s * self._dt_s)
             if slewed:
-                q, _ = limited_tilt(q, self._bounds.tilt_rad)
+                q, _ = limit_tilt(q, self._bounds.tilt_rad)
                 self.notes.append("attitude slewed")
         return replace(self._yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
 
@@ -209,7 +211,7 @@ class _Limiter:
             lift = held
         return _joined(place, down), _joined(speed, fall), _joined(push, lift)
 
-    def _approach(self, place: Ground, speed: Ground | None) -> tuple[Ground, Ground | None]:
+    def _approach(self, place: NorthEast, speed: NorthEast | None) -> tuple[NorthEast, NorthEast | None]:
         """A place so near that the vehicle's controller asks for no more than the operator's speed."""
         most = self._bounds.approach_m_s
         if self._here is None or not math.isfinite(most):
@@ -247,14 +249,14 @@ class _Limiter:
             self.notes.append(f"climbing and sinking held to {abs(held):g} m/s")
         return held
 
-    def _scaled(self, vector: Ground, most: float, what: str) -> Ground:
+    def _scaled(self, vector: NorthEast, most: float, what: str) -> NorthEast:
         size = math.hypot(*vector)
         if size <= most:
             return vector
         self.notes.append(f"{what} held to {most:g} m/s")
         return (vector[0] * most / size, vector[1] * most / size)
 
-    def _held_push(self, push: Ground | None) -> Ground | None:
+    def _held_push(self, push: NorthEast | None) -> NorthEast | None:
         if push is None:
             return None
         most = self._bounds.acceleration_m_s2
@@ -287,16 +289,16 @@ class _Limiter:
             n, e, d = before.velocity_ned_m_s
             return (n or 0.0, e or 0.0, d or 0.0)
         if isinstance(before, VelocityBody) and self._here is not None and self._here.yaw_ned_rad is not None:
-            return turned(before.velocity_frd_m_s, self._here.yaw_ned_rad)
+            return ned_from_heading(before.velocity_frd_m_s, self._here.yaw_ned_rad)
         return None if self._here is None else self._here.velocity_ned_m_s
 
 
 _NONE: Partial3 = (None, None, None)
 
 
-def _ground(vector: Partial3) -> Ground | None:
+def _ground(vector: Partial3) -> NorthEast | None:
     return None if vector[0] is None or vector[1] is None else (vector[0], vector[1])
 
 
-def _joined(ground: Ground | None, down: float | None) -> Partial3:
+def _joined(ground: NorthEast | None, down: float | None) -> Partial3:
     return (None, None, down) if ground is None else (*ground, down)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from gcs_server.streamer.bounds import UNBOUNDED, Bounds
-from gcs_server.streamer.setpoints import Quaternion, Vector3
+from missions.frames import Quaternion, Vector3
 
 WARNING, NOTICE, INFO = 4, 5, 6
 LONGEST_EXTRAPOLATION_S = 1.0

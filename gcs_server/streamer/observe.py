@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from gcs_server.streamer.failsafe import MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Leader, Snapshot
 from gcs_server.vehicle.samples import (
     Attitude,
@@ -18,6 +17,7 @@ from gcs_server.vehicle.samples import (
     TargetLocal,
 )
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.geodesy import LocalOrigin
 
 ESTIMATE_FRESH_S = 1.0
 ACCURACY_FRESH_S = 10.0
@@ -105,18 +105,18 @@ class Observer:
         health = sample.value
         return bool(health.sensors_present & health.sensors_healthy & MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
 
-    def origin(self) -> Origin | None:
+    def origin(self) -> LocalOrigin | None:
         """Where the local frame lies on the earth: by home, else by where the vehicle is."""
         home = self.home()
         if home is not None and home.position_ned_m is not None:
-            return Origin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
+            return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
         local, place = self.local(), self.global_position()
         apart_s = abs((self._heard_s("local_position") or 0.0) - (self._heard_s("global_position") or 0.0))
         if local is None or place is None or apart_s > PAIR_WITHIN_S:
             return None
-        return Origin.from_pair(place.lat_deg, place.lon_deg, place.alt_amsl_m, local.position_ned_m)
+        return LocalOrigin.from_pair(place.lat_deg, place.lon_deg, place.alt_amsl_m, local.position_ned_m)
 
-    def as_leader(self, origin: Origin | None) -> Leader | None:
+    def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
         """This vehicle in the local frame of one that follows it; None where either does not know."""
         place, heard_s = self.global_position(), self._heard_s("global_position")
         if place is None or heard_s is None or origin is None or self._vehicle.status.link_lost:

@@ -15,10 +15,12 @@ from gcs_server.streamer.limit_store import LimitStore
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.offboard_control import OffboardControl
 from gcs_server.streamer.operator_limits import VehicleOperatorLimits
-from gcs_server.streamer.setpoints import Order, Vector3, complete
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.frames import Vector3
+from missions.setpoints import complete
 
 log = logging.getLogger(__name__)
 

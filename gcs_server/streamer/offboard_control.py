@@ -18,11 +18,12 @@ from gcs_server.streamer.news import Leader, Snapshot
 from gcs_server.streamer.observe import Observer
 from gcs_server.streamer.offboard_configuration import OffboardConfiguration
 from gcs_server.streamer.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.rules import problem_of
-from gcs_server.streamer.setpoints import Follow, Order, Sendable
 from gcs_server.streamer.status import Available, FailsafeView, Limits, OffboardStatus, expiry_view
 from gcs_server.streamer.streams import Streams
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import DirectSetpoint, Follow
 
 PRE_STREAM_S = 1.2
 """PX4 wants more than a second of setpoints before it takes Offboard."""
@@ -369,7 +370,7 @@ def _cannot_fly(error: ValueError) -> Refused:
     )
 
 
-def setpoint_view(sent: Sendable | None) -> dict[str, object] | None:
+def setpoint_view(sent: DirectSetpoint | None) -> dict[str, object] | None:
     """A setpoint as the API shows it, what it does not control left out."""
     if sent is None:
         return None

@@ -16,7 +16,7 @@ from gcs_server.errors import Refused
 from gcs_server.streamer import worker_messages as to
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import NOTICE, WARNING, Report, Snapshot
-from gcs_server.streamer.setpoints import Order
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.streams import Nobody, PayloadSender, Streams, StreamState
 from gcs_server.streamer.worker_calls import WorkerCalls, WorkerDied
 

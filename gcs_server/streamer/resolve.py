@@ -6,19 +6,19 @@ import math
 from dataclasses import replace
 
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.path import Curve
-from gcs_server.streamer.setpoints import (
+from missions.curves import PathCurve
+from missions.frames import ned_from_heading
+from missions.setpoints import (
     Attitude,
+    DirectSetpoint,
     Follow,
     Path,
     Position,
     PositionBody,
     PositionGlobal,
     Rates,
-    Sendable,
     Setpoint,
     Trajectory,
-    Vector3,
 )
 
 LEADER_FRESH_S = 1.0
@@ -42,11 +42,11 @@ class Aim:
     ) -> None:
         self._yaw_kept_rad = yaw_kept_rad
         self._began_s = now_s
-        self._curve: Curve | None = None
+        self._curve: PathCurve | None = None
         self._follow: Follow | None = None
-        self._fixed: Sendable | None = None
+        self._fixed: DirectSetpoint | None = None
         if isinstance(setpoint, Path):
-            self._curve = Curve(setpoint, yaw_kept_rad)
+            self._curve = PathCurve(setpoint, yaw_kept_rad)
         elif isinstance(setpoint, Follow):
             self._follow = setpoint
         else:
@@ -66,7 +66,7 @@ class Aim:
         """The flight begins now: a path has waited at its first point so far."""
         self._began_s = now_s
 
-    def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> Sendable | None:
+    def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> DirectSetpoint | None:
         """What to send; None where the vehicle that is followed is not heard.
 
         Args:
@@ -94,18 +94,14 @@ def keeps_heading(setpoint: Setpoint) -> bool:
     return setpoint.yaw_ned_rad is None and setpoint.yaw_rate_ned_rad_s is None  # type: ignore[union-attr]
 
 
-def turned(vector: Vector3, yaw_rad: float) -> Vector3:
-    """A level vector from the heading frame (FRD) into NED."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return (c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2])
-
-
-def _fixed(setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None) -> Sendable:
+def _fixed(
+    setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+) -> DirectSetpoint:
     if isinstance(setpoint, PositionBody):
         here, yaw = snapshot.position_at(now_s), snapshot.yaw_ned_rad
         if here is None or yaw is None:
             raise ValueError("position_body needs a fresh position and heading")
-        n, e, d = turned(setpoint.offset_frd_m, yaw)
+        n, e, d = ned_from_heading(setpoint.offset_frd_m, yaw)
         heading = yaw_kept_rad if setpoint.yaw_offset_rad is None else yaw + setpoint.yaw_offset_rad
         return Position((here[0] + n, here[1] + e, here[2] + d), heading)
     if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:
@@ -113,14 +109,16 @@ def _fixed(setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: f
             raise ValueError("alt_home_m needs a home position")
         alt_amsl_m = snapshot.home_alt_amsl_m + setpoint.alt_home_m
         setpoint = replace(setpoint, alt_amsl_m=alt_amsl_m, alt_home_m=None)
-    if not isinstance(setpoint, Sendable):
+    if not isinstance(setpoint, DirectSetpoint):
         raise ValueError(f"no MAVLink message carries {setpoint.type}")
     if keeps_heading(setpoint):
         return replace(setpoint, yaw_ned_rad=yaw_kept_rad)  # type: ignore[call-arg]
     return setpoint
 
 
-def _beside(follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None) -> Sendable | None:
+def _beside(
+    follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+) -> DirectSetpoint | None:
     leader = snapshot.leader
     if leader is None or now_s - leader.heard_s > LEADER_FRESH_S:
         return None
@@ -128,7 +126,7 @@ def _beside(follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: floa
     if offset is None:
         if leader.yaw_ned_rad is None or follow.offset_frd_m is None:
             return None
-        offset = turned(follow.offset_frd_m, leader.yaw_ned_rad)
+        offset = ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
     age_s = max(now_s - leader.heard_s, 0.0)
     n, e, d = (
         place + speed * age_s + by

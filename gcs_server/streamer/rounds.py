@@ -13,7 +13,7 @@ from gcs_server.clock import Clock
 from gcs_server.streamer.core import StreamCore
 from gcs_server.streamer.group_guard import Actions, Finding, GroupGuard, GuardState, Seen
 from gcs_server.streamer.news import WARNING, Report, Snapshot
-from gcs_server.streamer.setpoints import Order
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.streams import Nobody, PayloadSender, StreamState
 
 log = logging.getLogger(__name__)

@@ -6,15 +6,7 @@ axis.
 
 from __future__ import annotations
 
-from gcs_server.streamer.setpoints import (
-    NOTHING,
-    Acceleration,
-    Partial3,
-    Position,
-    Setpoint,
-    Trajectory,
-    Velocity,
-)
+from missions.setpoints import NOTHING, Acceleration, Partial3, Position, Setpoint, Trajectory, Velocity
 
 FRAMES = (
     "PX4 follows the local frames 1 (LOCAL_NED) and 8 (BODY_NED) and the global frames 5, 6 and 11 only, and "

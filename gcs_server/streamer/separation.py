@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_server.streamer.setpoints import Vector3
+from missions.frames import Vector3
 
 STOP_M_S2, STOP_DELAY_S = 2.5, 0.8
 """How position setpoints at the place reached stop a multicopter. Measured with the simulator:

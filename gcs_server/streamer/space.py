@@ -23,8 +23,8 @@ from gcs_server.streamer.braking import (
     PUSH_PER_S,
     braking_speed,
 )
-from gcs_server.streamer.region import Ground
-from gcs_server.streamer.setpoints import Quaternion, Vector3
+from missions.fence import NorthEast
+from missions.frames import Quaternion, Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,49 +53,49 @@ class Space:
         self.stop: str | None = None
         """Why the order must not be followed any further."""
 
-    def placed(self, target: Ground) -> Ground:
+    def placed(self, target: NorthEast) -> NorthEast:
         """As far towards it as is allowed."""
         region = self._bounds.region
-        if not region.bounds_ground:
+        if not region.is_limited_horizontally:
             return target
         if self._here is None:
-            inside = region.nearest(target)
+            inside = region.nearest_inside(target)
         else:
             here = self._here.position_ned_m
-            inside = region.towards((here[0], here[1]), target)
+            inside = region.last_inside((here[0], here[1]), target)
         if inside is None:
             self.stop = "There is no way back into the allowed space"
             return target
         if inside != target:
-            breach = region.ground_breach(target) or "the edge of the allowed space on the way"
+            breach = region.breach(target) or "the edge of the allowed space on the way"
             self._notes.append(f"place held inside {breach}")
         return inside
 
     def at_height(self, down_m: float) -> float:
         """Inside the limits of height."""
-        inside = self._bounds.region.height(down_m)
+        inside = self._bounds.region.clamp_down_m(down_m)
         if inside != down_m:
             self._notes.append("height held inside its limits")
         return inside
 
-    def held_ground(self, velocity: Ground) -> Ground:
+    def held_ground(self, velocity: NorthEast) -> NorthEast:
         """Slow enough to stop inside."""
         n, e = velocity
         region, speed = self._bounds.region, math.hypot(n, e)
-        if not region.bounds_ground or speed == 0.0:
+        if not region.is_limited_horizontally or speed == 0.0:
             return (n, e)
         if self._here is None:
             self._notes.append("stands still: where it is is not known, and the space is limited")
             return (0.0, 0.0)
         here = (self._here.position_ned_m[0], self._here.position_ned_m[1])
-        breach = region.ground_breach(here)
+        breach = region.breach(here)
         if breach is not None:
-            back = region.nearest(here)
+            back = region.nearest_inside(here)
             if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
                 return (n, e)
             self._notes.append(f"outside {breach}: only the way back is flown")
             return (0.0, 0.0)
-        way_m = region.way_out_m(here, (n / speed, e / speed)) - MARGIN_M
+        way_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
         most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
         if self._runs_out(here):
             most = 0.0
@@ -104,10 +104,10 @@ class Space:
         self._notes.append("speed cut to stop before the edge of the allowed space")
         return (n * most / speed, e * most / speed)
 
-    def pushed(self, velocity: Ground) -> Ground:
+    def pushed(self, velocity: NorthEast) -> NorthEast:
         """Back from an edge that is nearer than the margin."""
         region = self._bounds.region
-        if self._here is None or not region.bounds_ground:
+        if self._here is None or not region.is_limited_horizontally:
             return velocity
         n, e = velocity
         for inside_m, out in region.edges((self._here.position_ned_m[0], self._here.position_ned_m[1])):
@@ -127,7 +127,7 @@ class Space:
     def held_height(self, fall: float, *, pushed: bool) -> float:
         """Slow enough to stop inside; `pushed` back from an edge that is nearer than the margin."""
         region = self._bounds.region
-        if not region.bounds_height:
+        if not region.is_limited_vertically:
             return fall
         if self._here is None:
             self._notes.append("keeps its height: it is not known, and limited")
@@ -145,14 +145,14 @@ class Space:
     def guard(self, *, ground: bool = True, height: bool = True) -> None:
         """Takes over where the vehicle, as it moves, could only just be stopped inside."""
         region = self._bounds.region
-        if not (ground and region.bounds_ground) and not (height and region.bounds_height):
+        if not (ground and region.is_limited_horizontally) and not (height and region.is_limited_vertically):
             return
         if self._here is None:
             self.stop = "Where the vehicle is is not known, and the space is limited"
             return
         n, e, d = self._here.position_ned_m
-        if ground and region.bounds_ground:
-            breach = region.ground_breach((n, e))
+        if ground and region.is_limited_horizontally:
+            breach = region.breach((n, e))
             if breach is not None or self._runs_out((n, e)):
                 self.stop = f"The vehicle would leave {breach or 'the allowed space'}"
         fall = self._here.velocity_ned_m_s[2]
@@ -162,14 +162,14 @@ class Space:
         ):
             self.stop = "The vehicle would leave its limits of height"
 
-    def _runs_out(self, here: Ground) -> bool:
+    def _runs_out(self, here: NorthEast) -> bool:
         """Whether the vehicle as it moves now could only just be stopped inside."""
         assert self._here is not None
         n, e, _ = self._here.velocity_ned_m_s
         speed = math.hypot(n, e)
         if speed < 0.5:
             return False
-        way_m = self._bounds.region.way_out_m(here, (n / speed, e / speed))
+        way_m = self._bounds.region.distance_to_edge_m(here, (n / speed, e / speed))
         return speed > braking_speed(way_m, GUARD_M_S2, GUARD_DELAY_S)
 
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from gcs_server.streamer.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.streamer.operator_limits import LimitsOrigin
-from gcs_server.streamer.setpoints import OnExpiry, Partial3, Quaternion, Vector3
+from gcs_server.streamer.order import OnExpiry
+from missions.frames import Quaternion, Vector3
+from missions.setpoints import Partial3
 
 
 @dataclass(frozen=True, slots=True)

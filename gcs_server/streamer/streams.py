@@ -10,7 +10,8 @@ from gcs_server.links.base import Peer
 from gcs_server.mavlink.connection import Connection
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import Report, Snapshot
-from gcs_server.streamer.setpoints import Order, Sendable
+from gcs_server.streamer.order import Order
+from missions.setpoints import DirectSetpoint
 
 
 class WayOut(Protocol):
@@ -51,7 +52,7 @@ class StreamState:
 
     phase: str = "idle"
     order: Order | None = None
-    sent: Sendable | None = None
+    sent: DirectSetpoint | None = None
     """What goes out; None while nothing does."""
     limited: tuple[str, ...] = ()
     """What the limits take away from the order now."""

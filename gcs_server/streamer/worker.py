@@ -29,8 +29,8 @@ from gcs_server.clock import Clock, SystemClock
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.mavlink.signing import FrameSigner, SecretKey, SigningClock
 from gcs_server.streamer.message_pipe import MessagePipe, PipeFull
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.rounds import Rounds
-from gcs_server.streamer.setpoints import Order
 from gcs_server.streamer.streams import StreamState
 from gcs_server.streamer.worker_messages import Answer, Hello, Numbered, Request, Route, RouteSigning, Update
 

@@ -15,8 +15,8 @@ from typing import Generic, Protocol, TypeVar
 
 from gcs_server.streamer.group_guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.news import Report, Snapshot
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.rounds import Rounds
-from gcs_server.streamer.setpoints import Order
 from gcs_server.streamer.streams import StreamState
 
 log = logging.getLogger(__name__)

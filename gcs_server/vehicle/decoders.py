@@ -15,6 +15,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import gimbal_decoder, samples
 from gcs_server.vehicle.instances import instance_of, message_of
 from gcs_server.vehicle.numbers import Unusable, number, on_earth, required, rotation, vector
+from missions.frames import euler_from_q, q_from_euler
 
 Payloads = Mapping[int, bytes]
 Decoded = tuple[object, float | None]
@@ -81,7 +82,7 @@ def attitude_quaternion(payloads: Payloads) -> Decoded:
     q_ned_frd = rotation((w, x, y, z))
     if q_ned_frd is None:
         raise Unusable("ATTITUDE_QUATERNION: its quaternion is no rotation")
-    roll, pitch, yaw = gimbal_decoder.euler_of(q_ned_frd)
+    roll, pitch, yaw = euler_from_q(q_ned_frd)
     return samples.Attitude(roll, pitch, yaw, q_ned_frd, vector((p, q, r))), time_ms / 1e3
 
 
@@ -89,7 +90,7 @@ def attitude(payloads: Payloads) -> Decoded:
     """ATTITUDE, for vehicles that send no quaternion."""
     time_ms, roll, pitch, yaw, p, q, r = _attitude.unpack_from(payloads[d.MAVLINK_MSG_ID_ATTITUDE])
     required("ATTITUDE: an angle", roll, pitch, yaw)
-    quaternion = gimbal_decoder.quaternion_of(roll, pitch, yaw)
+    quaternion = q_from_euler(roll, pitch, yaw)
     return samples.Attitude(roll, pitch, yaw, quaternion, vector((p, q, r))), time_ms / 1e3
 
 

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.numbers import LARGEST, Unusable, number, rotation
-from gcs_server.vehicle.samples import Gimbal, Quaternion
+from gcs_server.vehicle.samples import Gimbal
+from missions.frames import euler_from_q, q_from_euler, wrap_pi
 
 _status = struct.Struct("<II5B")
 _device = struct.Struct("<I4f3fIHBBffB")
@@ -65,21 +66,21 @@ def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
         device_id = values[14] or device_id
         if q is not None:
             time_ms = values[0]
-            roll, pitch, yaw = euler_of(q)
+            roll, pitch, yaw = euler_from_q(q)
     if mount is not None:
         mount_ms, roll_deg, pitch_deg, yaw_deg = _mount.unpack_from(mount)
         if mount_ms > time_ms and all(-LARGEST <= v <= LARGEST for v in (roll_deg, pitch_deg, yaw_deg)):
             time_ms = mount_ms
             roll, pitch, yaw = (math.radians(v) for v in (roll_deg, pitch_deg, yaw_deg))
-            q = quaternion_of(roll, pitch, yaw)
+            q = q_from_euler(roll, pitch, yaw)
     if q is None:
         raise Unusable(
             "the gimbal's attitude (GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION) is no rotation"
         )
     in_earth_frame = yaw_in_earth_frame(flags)
     heading = _heading(payloads)
-    yaw_ned = yaw if in_earth_frame else None if heading is None else wrap(yaw + heading)
-    yaw_frd = yaw if not in_earth_frame else None if heading is None else wrap(yaw - heading)
+    yaw_ned = yaw if in_earth_frame else None if heading is None else wrap_pi(yaw + heading)
+    yaw_frd = yaw if not in_earth_frame else None if heading is None else wrap_pi(yaw - heading)
     limits = _limits(payloads.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION))
     value = Gimbal(
         gimbal_device_id=device_id,
@@ -126,7 +127,7 @@ def _heading(payloads: Mapping[int, bytes]) -> float | None:
     payload = payloads.get(d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
     q = None if payload is None else rotation(_quaternion.unpack_from(payload)[1:5])
     if q is not None:
-        return euler_of(q)[2]
+        return euler_from_q(q)[2]
     payload = payloads.get(d.MAVLINK_MSG_ID_ATTITUDE)
     return None if payload is None else number(_euler.unpack_from(payload)[3])
 
@@ -148,31 +149,3 @@ def _limits(information: bytes | None) -> tuple[float | None, float | None, floa
 def _range(low: float, high: float) -> tuple[float | None, float | None]:
     sane = high - low > SMALLEST_RANGE_RAD
     return (low, high) if sane and max(-low, high) <= LARGEST_ANGLE_RAD else (None, None)
-
-
-def wrap(angle_rad: float) -> float:
-    """Into −π … π."""
-    return math.remainder(angle_rad, 2 * math.pi)
-
-
-def euler_of(q: Quaternion) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] of a quaternion (w, x, y, z), rotations in the order yaw, pitch, roll."""
-    w, x, y, z = q
-    return (
-        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    )
-
-
-def quaternion_of(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """(w, x, y, z) of roll, pitch, yaw [rad]; the inverse of `euler_of`."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+from missions.frames import Quaternion, Vector3
 
 LARGEST = 1e7
 """No value of a flight is larger in metres, m/s, radians or degrees (pole to equator: 10,000 km)."""

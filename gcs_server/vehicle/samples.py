@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+from missions.frames import Quaternion, Vector3
 
 
 @dataclass(frozen=True, slots=True)

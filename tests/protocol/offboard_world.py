@@ -11,7 +11,8 @@ import itertools
 from typing import Any
 
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
+from gcs_server.streamer.order import OnExpiry, Order
+from missions.setpoints import Position, Velocity
 from tests.loop_streams import LoopStreams
 from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot
 from tests.protocol.memory_world import World

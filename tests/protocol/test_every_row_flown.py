@@ -6,13 +6,14 @@ import math
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.limit_values import CircleFence, OperatorLimits
-from gcs_server.streamer.setpoints import (
+from gcs_server.streamer.limit_values import OperatorLimits
+from gcs_server.streamer.order import OnExpiry, Order
+from missions.fence import CircleFence
+from missions.frames import q_from_euler
+from missions.setpoints import (
     Acceleration,
     Attitude,
     Follow,
-    OnExpiry,
-    Order,
     Path,
     PathPoint,
     Position,
@@ -23,7 +24,6 @@ from gcs_server.streamer.setpoints import (
     Velocity,
     VelocityBody,
 )
-from gcs_server.vehicle.gimbal_decoder import quaternion_of
 from tests.protocol.offboard_world import codes, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
@@ -123,7 +123,7 @@ def test_attitude_and_rates_rows_and_how_they_expire(jump):
         vehicle = await world.in_the_air(height_m=12)
         thrust = 0.49
         await vehicle.offboard.start(order(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
-        await fly(vehicle, Attitude(quaternion_of(math.radians(6), 0.0, 0.0), thrust), 1.5)
+        await fly(vehicle, Attitude(q_from_euler(math.radians(6), 0.0, 0.0), thrust), 1.5)
         assert math.degrees(attitude(vehicle).roll_rad) == pytest.approx(6, abs=1.5)
         health = vehicle.offboard.status().health
         assert health.attitude_error_rad < math.radians(3)
@@ -234,7 +234,7 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
         assert "limited" in codes(vehicle)
         # back, then by attitude, which steers no place: taken over in time
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
-        await vehicle.offboard.setpoint(order(Attitude(quaternion_of(0.0, math.radians(-12), 0.0), 0.505)))
+        await vehicle.offboard.setpoint(order(Attitude(q_from_euler(0.0, math.radians(-12), 0.0), 0.505)))
         farthest = 0.0
         for _ in range(120):
             await seconds(0.1)

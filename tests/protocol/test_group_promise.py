@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from gcs_server.streamer.offboard import BEAT_PERIOD_S
-from gcs_server.streamer.setpoints import Attitude, OnExpiry, Order, Position, Velocity
+from gcs_server.streamer.order import OnExpiry, Order
+from missions.setpoints import Attitude, Position, Velocity
 from tests.protocol.group_world import ANNA, begin
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.protocol.test_dangerous_calls import station_of

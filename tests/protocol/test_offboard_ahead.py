@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, Rejected
-from gcs_server.streamer.limit_values import CircleFence, OperatorLimits
-from gcs_server.streamer.setpoints import (
-    TYPES,
+from gcs_server.streamer.limit_values import OperatorLimits
+from gcs_server.streamer.order import OnExpiry, Order
+from missions.fence import CircleFence
+from missions.setpoints import (
+    KINDS,
     Actuators,
     Attitude,
     Follow,
-    OnExpiry,
-    Order,
     Position,
     PositionGlobal,
     Rates,
@@ -47,7 +47,7 @@ PLACES = {"position", "position_global", "position_body", "path", "follow", "tra
         (ATTITUDE | VELOCITY | HEIGHT, NEVER | PLACES),
         (ATTITUDE | VELOCITY | POSITION, NEVER | PLACES),
         (ATTITUDE, NEVER | PLACES | {"velocity", "velocity_body", "acceleration"}),
-        (0, set(TYPES)),
+        (0, set(KINDS)),
     ],
 )
 def test_what_can_be_flown_follows_the_vehicles_own_estimates(jump, flags, impossible):

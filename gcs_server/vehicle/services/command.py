@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from gcs_server.errors import Disconnected, GcsError, InvalidRequest, NoReply, Refused
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
-from gcs_server.vehicle.geodesy import distance_m
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import Facts
 from gcs_server.vehicle.services.checks import home_of, number, position_of
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, Progress, Request, Transaction
+from missions.geodesy import distance_m
 
 GOTO_MAX_DISTANCE_M = 1000.0
 TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0

@@ -16,13 +16,14 @@ from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply
-from gcs_server.vehicle.gimbal_decoder import control_of, quaternion_of, wrap
+from gcs_server.vehicle.gimbal_decoder import control_of
 from gcs_server.vehicle.numbers import rotation
 from gcs_server.vehicle.samples import Gimbal
 from gcs_server.vehicle.services.checks import number
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited, stopped_short
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
+from missions.frames import q_from_euler, wrap_pi
 
 DEADLINE_S = 5.0
 RESEND_S = 0.3
@@ -94,7 +95,7 @@ class GimbalService:
         self._vehicle.require_commandable()
         self._check_limits(pitch_deg, yaw_deg, yaw_lock)
         await self._require_control()
-        yaw_deg = math.degrees(wrap(math.radians(yaw_deg)))
+        yaw_deg = math.degrees(wrap_pi(math.radians(yaw_deg)))
         if roll_deg is not None:
             await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
         else:
@@ -235,7 +236,7 @@ class GimbalService:
         """Roll goes by GIMBAL_MANAGER_SET_ATTITUDE only, which is not acknowledged: it is sent until the
         device's own attitude is there, or moves."""
         vehicle = self._vehicle
-        q = quaternion_of(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+        q = q_from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
         identity = vehicle.identity
         message = d.MAVLink_gimbal_manager_set_attitude_message(
             identity.system_id, identity.component_id, YAW_LOCK if yaw_lock else 0, 0, list(q), NAN, NAN, NAN

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from gcs_server.errors import Disconnected
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.gimbal_decoder import wrap
 from gcs_server.vehicle.samples import Gimbal
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Request
+from missions.frames import wrap_pi
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
 REACHED_DEG = 3.0
@@ -95,7 +95,7 @@ def _apart(a: tuple[float, float | None], b: tuple[float, float | None], more_de
 
 
 def _yaw_apart_deg(a: float | None, b: float | None) -> float:
-    return 0.0 if a is None or b is None else abs(math.degrees(wrap(math.radians(a - b))))
+    return 0.0 if a is None or b is None else abs(math.degrees(wrap_pi(math.radians(a - b))))
 
 
 def _limited(at: tuple[float, float | None], pitch_deg: float, yaw_deg: float) -> GimbalLimited:

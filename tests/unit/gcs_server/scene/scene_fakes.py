@@ -14,10 +14,10 @@ from gcs_server.vehicle.samples import (
     Home,
     LocalPosition,
     Motors,
-    Quaternion,
     Sample,
     Status,
 )
+from missions.frames import Quaternion
 
 
 @dataclass

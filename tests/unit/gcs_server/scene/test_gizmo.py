@@ -10,10 +10,10 @@ import msgspec
 import pytest
 from scene_running import CAMERA, eventually, open_stream
 
-from gcs_server.scene.frames import q_from_yaw
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged, words
 from gcs_server.scene.proxy import understood
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
+from missions.frames import q_from_yaw
 
 pack = msgspec.msgpack.encode
 MOVED = {

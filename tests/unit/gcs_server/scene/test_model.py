@@ -5,13 +5,13 @@ import pytest
 from scene_fakes import flying
 
 from gcs_server.scene import model, strokes
-from gcs_server.scene.frames import IDENTITY, q_from_yaw, rotate
 from gcs_server.scene.palette import PALETTES, lit
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.pose import pose_of
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import MAX_POINTS, Trail
 from gcs_server.scene.views import CAMERAS, WorldPose, in_world, world_pose
+from missions.frames import IDENTITY, q_from_yaw, rotate
 
 SOLIDS = {
     "shell": model.shell(),

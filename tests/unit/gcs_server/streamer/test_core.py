@@ -7,7 +7,8 @@ import pytest
 
 from gcs_server.streamer.core import MODE_ASKS, StreamCore
 from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
+from gcs_server.streamer.order import OnExpiry, Order
+from missions.setpoints import Position, Velocity
 
 SETPOINT, COMMAND = 84, 76
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.5)

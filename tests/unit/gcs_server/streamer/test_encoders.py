@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.streamer import encoders
-from gcs_server.streamer.setpoints import (
+from missions.setpoints import (
     Acceleration,
     Actuators,
     Attitude,

@@ -14,13 +14,13 @@ from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.group_checks import GroupChecks
 from gcs_server.streamer.group_guard import GroupGuard, Seen, moving
 from gcs_server.streamer.group_plan import LONGEST_PLAN_S, Planned, first_conflict, too_near_now
-from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.order import Order
 from gcs_server.streamer.separation import UNSTEADY_M, Moving, closest_m, margin_m, stopping_m
-from gcs_server.streamer.setpoints import (
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
     Attitude,
     Follow,
-    Order,
     Path,
     PathPoint,
     Position,
@@ -34,7 +34,7 @@ HERE = (0.0, 0.0, -10.0)
 
 
 def origin(east_m=0.0):
-    return Origin(47.0, 8.0 + east_m * METRE_EAST_DEG, 500.0)
+    return LocalOrigin(47.0, 8.0 + east_m * METRE_EAST_DEG, 500.0)
 
 
 def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):

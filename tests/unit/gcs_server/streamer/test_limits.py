@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.braking import BRAKE_DELAY_S, BRAKE_M_S2, braking_speed
 from gcs_server.streamer.limits import is_finite, obey
-from gcs_server.streamer.local_frame import Origin
-from gcs_server.streamer.region import Disc, Polygon, Region
-from gcs_server.streamer.resolve import turned
-from gcs_server.streamer.rotation import tilt_of
-from gcs_server.streamer.setpoints import (
+from gcs_server.streamer.space import Here
+from missions.fence import Circle, Polygon, Region
+from missions.frames import ned_from_heading, q_from_euler, tilt_from_q
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
     Acceleration,
     Attitude,
     Position,
@@ -23,8 +23,6 @@ from gcs_server.streamer.setpoints import (
     Velocity,
     VelocityBody,
 )
-from gcs_server.streamer.space import Here
-from gcs_server.vehicle.gimbal_decoder import quaternion_of
 
 number = st.floats(-500, 500)
 vector = st.tuples(number, number, number)
@@ -34,9 +32,9 @@ yaws = st.one_of(
     st.fixed_dictionaries({"yaw_ned_rad": angle}),
     st.fixed_dictionaries({"yaw_rate_ned_rad_s": st.floats(-20, 20)}),
 )
-ORIGIN = Origin(47.4, 8.5, 480.0)
+ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
 L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
-FENCED = Region(-40.0, 0.0, (Disc((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
+FENCED = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
 limit = st.floats(0.5, 15)
 
 
@@ -62,15 +60,13 @@ def bounds(draw, region=FENCED):
 
 
 inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).filter(
-    lambda p: FENCED.ground_breach((p[0], p[1])) is None
+    lambda p: FENCED.breach((p[0], p[1])) is None
 )
 well_inside = inside.filter(
-    lambda p: all(
-        FENCED.ground_breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1))
-    )
+    lambda p: all(FENCED.breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1)))
 )
 heres = st.builds(Here, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
-unit = st.builds(quaternion_of, angle, st.floats(-1.5, 1.5), angle)
+unit = st.builds(q_from_euler, angle, st.floats(-1.5, 1.5), angle)
 orders = st.one_of(
     st.builds(lambda p, y: Position(p, **y), vector, yaws),
     st.builds(lambda v, y: Velocity(v, **y), vector, yaws),
@@ -100,7 +96,7 @@ NEXT_TO = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
 def ground_ok(place, limits):
     """Inside, or on the line but for the last digits."""
     n, e = place
-    return any(limits.region.ground_breach((n + dn, e + de)) is None for dn, de in NEXT_TO)
+    return any(limits.region.breach((n + dn, e + de)) is None for dn, de in NEXT_TO)
 
 
 def speeds_ok(velocity, limits):
@@ -118,7 +114,7 @@ def stoppable(velocity, here, limits):
     at, speed = here.position_ned_m, math.hypot(n, e)
     if speed > 1e-6:
         stop_m = speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2)
-        assert stop_m <= limits.region.way_out_m((at[0], at[1]), (n / speed, e / speed)) + 1e-6
+        assert stop_m <= limits.region.distance_to_edge_m((at[0], at[1]), (n / speed, e / speed)) + 1e-6
     stop_m = abs(d) * 0.6 + d**2 / 2
     left_m = (limits.region.down_max_m - at[2]) if d > 0 else (at[2] - limits.region.down_min_m)
     assert stop_m <= left_m + 1e-6
@@ -143,7 +139,7 @@ def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, d
         speeds_ok(sent.velocity_ned_m_s, limits)
         stoppable(sent.velocity_ned_m_s, here, limits)
     if isinstance(sent, VelocityBody):
-        ned = turned(sent.velocity_frd_m_s, here.yaw_ned_rad)
+        ned = ned_from_heading(sent.velocity_frd_m_s, here.yaw_ned_rad)
         speeds_ok(ned, limits)
         stoppable(ned, here, limits)
     if isinstance(sent, Acceleration):
@@ -153,7 +149,7 @@ def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, d
         assert near(d, limits.acceleration_down_m_s2)
     if isinstance(sent, Attitude):
         assert math.hypot(*sent.q_ned_frd) == pytest.approx(1, abs=1e-6)
-        assert near(tilt_of(sent.q_ned_frd), limits.tilt_rad + 1e-6)
+        assert near(tilt_from_q(sent.q_ned_frd), limits.tilt_rad + 1e-6)
         assert 0 <= sent.thrust <= 1
     if isinstance(sent, Rates):
         for value, most in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
@@ -161,7 +157,7 @@ def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, d
     if isinstance(sent, PositionGlobal):
         place = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
         assert ground_ok(place[:2], limits)
-        assert limits.region.height(place[2]) == place[2]
+        assert limits.region.clamp_down_m(place[2]) == place[2]
     unchanged = sent == wanted
     assert unchanged or obeyed.notes or obeyed.stop, "what is taken away is said"
 
@@ -212,20 +208,20 @@ def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, fall):
     wanted = Velocity((speed * math.cos(course), speed * math.sin(course), fall))
     for now in flight(wanted, limits, Here(start, (0.0, 0.0, 0.0)), 50):
         n, e, d = now.position_ned_m
-        assert FENCED.ground_breach((n, e)) is None
+        assert FENCED.breach((n, e)) is None
         assert -40.0 <= d <= 0.0  # 50 s at this speed are further than the fence is wide
 
 
 def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
     """Along the fence there would be way enough: but the vehicle still flies towards it."""
-    limits = Bounds(region=Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),)))
+    limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = Here((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
     sent = obey(Velocity((0.0, 5.0, 0.0)), limits, here).setpoint
     assert sent.velocity_ned_m_s[:2] == (0.0, 0.0)
 
 
 def test_from_outside_only_the_way_back_is_flown():
-    limits = Bounds(region=Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),)))
+    limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = Here((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     assert obey(Velocity((-3.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s == (-3.0, 0.0, 0.0)
     stopped = obey(Velocity((3.0, 0.0, 0.0)), limits, here)
@@ -235,14 +231,14 @@ def test_from_outside_only_the_way_back_is_flown():
 
 def test_next_to_the_edge_it_is_pushed_back_though_it_is_told_to_stand():
     """PX4's integrator carries it on for seconds after the setpoint has become zero."""
-    limits = Bounds(region=Region(-20.0, math.inf, (Disc((0.0, 0.0), 50.0, "50 m"),)))
+    limits = Bounds(region=Region(-20.0, math.inf, (Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = Here((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
     sent = obey(Velocity((0.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s
     assert sent == pytest.approx((0.0, -0.6, 0.3))
 
 
 def test_from_outside_a_place_beyond_becomes_one_inside():
-    limits = Bounds(region=Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),)))
+    limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = Here((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     (n, e, _) = obey(Position((90.0, 0.0, -10.0)), limits, here).setpoint.position_ned_m
     assert math.hypot(n, e) < 50
@@ -277,20 +273,3 @@ def test_a_far_place_is_approached_at_the_operators_speed():
 def test_from_the_braking_speed_it_stops_in_the_distance(distance_m):
     speed = braking_speed(distance_m, BRAKE_M_S2, BRAKE_DELAY_S)
     assert speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2) == pytest.approx(distance_m, abs=1e-6)
-
-
-@given(inside, st.tuples(number, number))
-def test_on_the_way_towards_any_target_nothing_lies_outside(start, target):
-    here = (start[0], start[1])
-    end = FENCED.towards(here, target)
-    assert ground_ok(end, Bounds(region=FENCED))
-    for step in range(1, 21):
-        part = step / 20
-        between = (here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part)
-        assert ground_ok(between, Bounds(region=FENCED))
-
-
-@given(st.tuples(st.floats(-34, 34), st.floats(-34, 34)))
-def test_a_target_inside_in_a_convex_space_is_left_alone(target):
-    region = Region(discs=(Disc((0.0, 0.0), 50.0, "50 m"),))
-    assert region.towards((0.0, 0.0), target) == target

@@ -11,11 +11,12 @@ from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.isolation import Isolation
 from gcs_server.streamer import offboard
 from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.setpoints import Order, Position
+from gcs_server.streamer.order import Order
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import Asked
+from missions.setpoints import Position
 from tests.jump_time import in_jumps
 from tests.loop_streams import LoopStreams
 

@@ -24,11 +24,12 @@ from gcs_server.mavlink.signing import TICKS_PER_S, FrameSigner, SecretKey, Sign
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.failsafe import Failsafe
 from gcs_server.streamer.group_guard import GroupGuard
-from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.order import OnExpiry, Order
 from gcs_server.streamer.process import StreamProcess
-from gcs_server.streamer.setpoints import Follow, OnExpiry, Order, Position, Velocity
 from gcs_server.streamer.worker import Worker
+from missions.geodesy import LocalOrigin
+from missions.setpoints import Follow, Position, Velocity
 
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 OWN_IDS = (255, 191)
@@ -482,7 +483,7 @@ async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehi
     order, now_s = Order(HOVER, 5.0), time.monotonic()
 
     def known():
-        return replace(snapshot(), bounds=Bounds(origin=Origin(47.0, 8.0, 500.0)))
+        return replace(snapshot(), bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
 
     assert await streams.change("1", order, known())
     streams.watch(

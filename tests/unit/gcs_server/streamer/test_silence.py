@@ -12,10 +12,11 @@ from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.connection import FrameSender
 from gcs_server.streamer.bounds import Bounds
 from gcs_server.streamer.group_guard import GroupGuard
-from gcs_server.streamer.local_frame import Origin
 from gcs_server.streamer.news import Snapshot
+from gcs_server.streamer.order import OnExpiry, Order
 from gcs_server.streamer.rounds import Rounds
-from gcs_server.streamer.setpoints import OnExpiry, Order, Position, Velocity
+from missions.geodesy import LocalOrigin
+from missions.setpoints import Position, Velocity
 
 MSG_SET_POSITION_TARGET_LOCAL_NED = 84
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
@@ -191,7 +192,7 @@ def in_group(bench, *ids):
         start_s=now_s, lasts_s=60.0,
     )  # fmt: skip
     bench.streams.watch(guard)
-    return {v: Bounds(origin=Origin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}
+    return {v: Bounds(origin=LocalOrigin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}
 
 
 def test_one_that_cannot_be_held_does_not_keep_the_others_of_its_group_from_it(monkeypatch):

@@ -9,9 +9,10 @@ import pytest
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import decoders, modes, px4_events, samples
-from gcs_server.vehicle.gimbal_decoder import euler_of, gimbal, quaternion_of
+from gcs_server.vehicle.gimbal_decoder import gimbal
 from gcs_server.vehicle.identity import read_version
 from gcs_server.vehicle.texts import TextJoiner
+from missions.frames import q_from_euler
 
 
 def payloads(*messages):
@@ -80,8 +81,7 @@ def test_ignored_target_axes_are_none():
 
 
 def test_attitude_agrees_between_quaternion_and_angles():
-    q = quaternion_of(0.1, -0.4, 2.5)
-    assert euler_of(q) == pytest.approx((0.1, -0.4, 2.5))
+    q = q_from_euler(0.1, -0.4, 2.5)
     one, _ = decoders.attitude_quaternion(payloads(d.MAVLink_attitude_quaternion_message(1, *q, 1, 2, 3)))
     two, _ = decoders.attitude(payloads(d.MAVLink_attitude_message(1, 0.1, -0.4, 2.5, 1, 2, 3)))
     assert one.q_ned_frd == pytest.approx(two.q_ned_frd, abs=1e-6)
@@ -94,7 +94,7 @@ def test_attitude_agrees_between_quaternion_and_angles():
 )
 def test_the_gimbals_yaw_is_told_in_both_frames(flags, earth):
     device = d.MAVLink_gimbal_device_attitude_status_message(
-        0, 0, 1000, flags, list(quaternion_of(0, -0.5, 1.0)), 0, 0, 0, 0, 0, 0, 1
+        0, 0, 1000, flags, list(q_from_euler(0, -0.5, 1.0)), 0, 0, 0, 0, 0, 0, 1
     )
     heading = d.MAVLink_attitude_message(1000, 0, 0, 0.25, 0, 0, 0)
     value, _ = gimbal(payloads(device, heading))

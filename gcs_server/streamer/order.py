@@ -1,0 +1,34 @@
+"""A setpoint with how long it is valid, what happens afterwards, and whose it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from missions.setpoints import Path, Setpoint
+
+
+@dataclass(frozen=True, slots=True)
+class OnExpiry:
+    """What the stream does by itself when a setpoint has expired."""
+
+    action: str = "hold"
+    """hold, land, stop_stream."""
+    hold_for_s: float = 5.0
+    """With `hold`: how long position setpoints hold the position before PX4's Hold mode is requested."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A setpoint as it was asked for."""
+
+    setpoint: Setpoint
+    valid_for_s: float = 1.0
+    on_expiry: OnExpiry = OnExpiry()
+    client: str = ""
+    client_key: str = ""
+    """Tells the client from others of the same name; empty where there is no client."""
+
+    @property
+    def lasts_s(self) -> float:
+        """Until it expires: the validity of a path starts at its end."""
+        return self.valid_for_s + (self.setpoint.duration_s if isinstance(self.setpoint, Path) else 0.0)

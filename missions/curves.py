@@ -1,0 +1,120 @@
+"""Smooth curves through points in time: position, velocity and acceleration at any moment.
+
+Cubic Hermite pieces. The slope at a point is that of the parabola through the point and its two neighbours;
+it is zero at both ends, so the curve starts and ends at rest. Position and velocity are continuous.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.frames import Vector3, wrap_pi
+from missions.setpoints import Path, Trajectory
+
+
+class PathCurve:
+    """A path, prepared to be sampled.
+
+    Args:
+        path: at least two points, times increasing from 0.
+        yaw_kept_rad: the heading for a path whose points name none.
+    """
+
+    def __init__(self, path: Path, yaw_kept_rad: float | None) -> None:
+        self._times = [point.t_s for point in path.points]
+        self._positions = [point.position_ned_m for point in path.points]
+        self._slopes = _slopes(self._times, self._positions)
+        self._yaws = _unwrapped([point.yaw_ned_rad for point in path.points])
+        self._yaw_kept_rad = yaw_kept_rad
+
+    @property
+    def duration_s(self) -> float:
+        """From the first point to the last."""
+        return self._times[-1]
+
+    def at(self, t_s: float) -> Trajectory:
+        """The setpoint `t_s` after the start; before the start and after the end: that point, at rest."""
+        if not 0.0 < t_s < self._times[-1]:
+            end = 0 if t_s <= 0.0 else -1
+            yaw = self._yaws[end] if self._yaws else self._yaw_kept_rad
+            return Trajectory(self._positions[end], (0.0, 0.0, 0.0), yaw_ned_rad=yaw)
+        index = bisect.bisect_right(self._times, t_s) - 1
+        piece_s = self._times[index + 1] - self._times[index]
+        u = (t_s - self._times[index]) / piece_s
+        start, end = self._positions[index], self._positions[index + 1]
+        slope, next_slope = self._slopes[index], self._slopes[index + 1]
+        position, velocity, acceleration = (
+            _vector(
+                _hermite(order, u, piece_s, *values)
+                for values in zip(start, slope, end, next_slope, strict=True)
+            )
+            for order in range(3)
+        )
+        yaw = self._yaw_kept_rad
+        if self._yaws:
+            yaw = wrap_pi(self._yaws[index] + u * (self._yaws[index + 1] - self._yaws[index]))
+        return Trajectory(position, velocity, acceleration, yaw)
+
+    def many(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions (N, 3) [m] and velocities (N, 3) [m/s] at N times within the path, as `at` has them."""
+        times = np.array(self._times)
+        positions, slopes = np.array(self._positions), np.array(self._slopes)
+        index = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
+        h = (times[index + 1] - times[index])[:, None]
+        u = (times_s[:, None] - times[index][:, None]) / h
+        values = (u, h, positions[index], slopes[index], positions[index + 1], slopes[index + 1])
+        return _hermite(0, *values), _hermite(1, *values)
+
+
+def _slopes(times_s: list[float], positions: list[Vector3]) -> list[Vector3]:
+    """The slope at each point [m/s]; computed for all at once, since a path may have thousands."""
+    spans = np.diff(np.array(times_s))[:, None]
+    steps = np.diff(np.array(positions), axis=0)
+    before, after = spans[:-1], spans[1:]
+    slopes = np.zeros((len(times_s), 3))
+    slopes[1:-1] = (steps[:-1] / before * after + steps[1:] / after * before) / (before + after)
+    return [(n, e, d) for n, e, d in slopes.tolist()]
+
+
+def _hermite(order: int, u: Any, h: Any, p0: Any, m0: Any, p1: Any, m1: Any) -> Any:
+    """A piece's value (order 0), first or second derivative by time; of one moment or of arrays of them.
+
+    Args:
+        order: 0, 1 or 2.
+        u: share of the piece's duration, 0 to 1.
+        h: the piece's duration [s].
+        p0: position at its start.
+        m0: slope at its start.
+        p1: position at its end.
+        m1: slope at its end.
+    """
+    if order == 0:
+        return (
+            (2 * u**3 - 3 * u**2 + 1) * p0
+            + (u**3 - 2 * u**2 + u) * h * m0
+            + (3 * u**2 - 2 * u**3) * p1
+            + (u**3 - u**2) * h * m1
+        )
+    if order == 1:
+        return (6 * u**2 - 6 * u) * (p0 - p1) / h + (3 * u**2 - 4 * u + 1) * m0 + (3 * u**2 - 2 * u) * m1
+    return (12 * u - 6) * (p0 - p1) / h**2 + ((6 * u - 4) * m0 + (6 * u - 2) * m1) / h
+
+
+def _vector(values: Iterable[float]) -> Vector3:
+    x, y, z = values
+    return (x, y, z)
+
+
+def _unwrapped(yaws: list[float | None]) -> list[float]:
+    """The yaws without jumps of a whole turn; empty where the path names none."""
+    unwrapped: list[float] = []
+    for yaw in yaws:
+        if yaw is None:
+            return []
+        unwrapped.append(yaw if not unwrapped else unwrapped[-1] + wrap_pi(yaw - unwrapped[-1]))
+    return unwrapped

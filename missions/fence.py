@@ -1,0 +1,252 @@
+"""Fence geometry: fences on the earth, and the region that a vehicle may be in, in its local NED frame.
+
+Horizontal positions are (north, east) of the local origin [m]. Horizontal and vertical limits are asked
+separately, because a vehicle brakes for each by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.geodesy import LocalOrigin
+
+NorthEast = tuple[float, float]
+"""North, east [m]."""
+INSET_M = 0.5
+"""How far inside the edge a position is placed that replaces one outside."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolygonFence:
+    """An inclusion polygon on the earth."""
+
+    points_deg: tuple[tuple[float, float], ...]
+    """Latitude, longitude of each corner, in order."""
+    kind: str = "polygon"
+
+    def to_local(self, origin: LocalOrigin, name: str) -> Polygon:
+        """The same polygon in a local frame."""
+        corners = [origin.to_ned(lat, lon, 0.0) for lat, lon in self.points_deg]
+        return Polygon(tuple((n, e) for n, e, _ in corners), name)
+
+
+@dataclass(frozen=True, slots=True)
+class CircleFence:
+    """An inclusion circle on the earth."""
+
+    lat_deg: float
+    lon_deg: float
+    radius_m: float
+    kind: str = "circle"
+
+    def to_local(self, origin: LocalOrigin, name: str) -> Circle:
+        """The same circle in a local frame."""
+        n, e, _ = origin.to_ned(self.lat_deg, self.lon_deg, 0.0)
+        return Circle((n, e), self.radius_m, name)
+
+
+Fence = PolygonFence | CircleFence
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """All positions within a radius."""
+
+    center_ne_m: NorthEast
+    radius_m: float
+    name: str
+    """For people: "the operator's fence"."""
+
+
+@dataclass(frozen=True, slots=True)
+class Polygon:
+    """All positions within a closed line; the last corner joins the first."""
+
+    corners_ne_m: tuple[NorthEast, ...]
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Where a vehicle may be: inside all circles and polygons, and between two altitudes."""
+
+    down_min_m: float = -math.inf
+    """The upper limit: down is negative above the origin."""
+    down_max_m: float = math.inf
+    """The lower limit."""
+    circles: tuple[Circle, ...] = ()
+    polygons: tuple[Polygon, ...] = ()
+
+    @property
+    def is_limited_horizontally(self) -> bool:
+        """Whether there is any horizontal limit."""
+        return bool(self.circles or self.polygons)
+
+    @property
+    def is_limited_vertically(self) -> bool:
+        """Whether there is any vertical limit."""
+        return math.isfinite(self.down_min_m) or math.isfinite(self.down_max_m)
+
+    def breach(self, p: NorthEast) -> str | None:
+        """The name of a limit that excludes the position; None where it is inside all."""
+        for circle in self.circles:
+            if math.dist(p, circle.center_ne_m) > circle.radius_m:
+                return circle.name
+        return next((polygon.name for polygon in self.polygons if not _within(p, polygon.corners_ne_m)), None)
+
+    def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """For each of many positions (N, 2): whether `breach` finds a limit that excludes it."""
+        outside = np.zeros(len(positions_ne_m), dtype=bool)
+        north, east = positions_ne_m[:, 0], positions_ne_m[:, 1]
+        for circle in self.circles:
+            center = circle.center_ne_m
+            outside |= np.hypot(north - center[0], east - center[1]) > circle.radius_m
+        for polygon in self.polygons:
+            inside = np.zeros(len(positions_ne_m), dtype=bool)
+            a_beyond = polygon.corners_ne_m[0][1] > east
+            for a, b in _edges(polygon.corners_ne_m):
+                b_beyond = b[1] > east
+                between = np.flatnonzero(a_beyond != b_beyond)  # few: those whose east lies on the edge
+                a_beyond = b_beyond
+                if len(between):
+                    crossing = (b[0] - a[0]) * (east[between] - a[1]) / (b[1] - a[1]) + a[0]
+                    inside[between] ^= north[between] < crossing
+            outside |= ~inside
+        return outside
+
+    def distance_to_edge_m(self, p: NorthEast, direction: NorthEast) -> float:
+        """From a position inside: the distance to the first edge along a direction (of length 1)."""
+        distance = math.inf
+        for circle in self.circles:
+            n, e = p[0] - circle.center_ne_m[0], p[1] - circle.center_ne_m[1]
+            along = n * direction[0] + e * direction[1]
+            inside = along**2 - (n**2 + e**2 - circle.radius_m**2)
+            distance = min(distance, max(0.0, -along + math.sqrt(max(0.0, inside))))
+        for polygon in self.polygons:
+            distance = min(distance, _crossing_m(p, direction, polygon.corners_ne_m))
+        return distance
+
+    def edges(self, p: NorthEast) -> list[tuple[float, NorthEast]]:
+        """For each limit: the distance inside its edge (negative: outside), and the direction outwards."""
+        found: list[tuple[float, NorthEast]] = []
+        for circle in self.circles:
+            out = (p[0] - circle.center_ne_m[0], p[1] - circle.center_ne_m[1])
+            found.append((circle.radius_m - math.hypot(*out), _unit(out)))
+        for polygon in self.polygons:
+            q = _nearest_edge_point(p, polygon.corners_ne_m)
+            distance_m = math.dist(p, q)
+            if _within(p, polygon.corners_ne_m):
+                found.append((distance_m, _unit((q[0] - p[0], q[1] - p[1]))))
+            else:
+                found.append((-distance_m, _unit((p[0] - q[0], p[1] - q[1]))))
+        return found
+
+    def nearest_inside(self, p: NorthEast) -> NorthEast | None:
+        """A position inside all limits, as near as possible; None where none is found."""
+        for _ in range(12):
+            if self.breach(p) is None:
+                return p
+            for circle in self.circles:
+                p = _into_circle(p, circle)
+            for polygon in self.polygons:
+                p = _into_polygon(p, polygon.corners_ne_m)
+        return None
+
+    def last_inside(self, here: NorthEast, target: NorthEast) -> NorthEast | None:
+        """The last position inside on the straight line from `here` to a target.
+
+        From outside: the nearest position inside; None where none is found.
+        """
+        if self.breach(here) is not None:
+            return self.nearest_inside(here)
+        inside = self.nearest_inside(target) or here
+        distance_m = math.dist(here, inside)
+        if distance_m < 1e-6:
+            return inside
+        direction = ((inside[0] - here[0]) / distance_m, (inside[1] - here[1]) / distance_m)
+        edge_m = self.distance_to_edge_m(here, direction)
+        if distance_m <= edge_m:
+            return inside
+        stop_m = max(0.0, edge_m - INSET_M)
+        return (here[0] + direction[0] * stop_m, here[1] + direction[1] * stop_m)
+
+    def clamp_down_m(self, down_m: float) -> float:
+        """The nearest value of down between the two vertical limits."""
+        return min(max(down_m, self.down_min_m), self.down_max_m)
+
+
+def _edges(corners: tuple[NorthEast, ...]) -> zip[tuple[NorthEast, NorthEast]]:
+    return zip(corners, (*corners[1:], corners[0]), strict=True)
+
+
+def _within(p: NorthEast, corners: tuple[NorthEast, ...]) -> bool:
+    """Even-odd rule."""
+    inside = False
+    for a, b in _edges(corners):
+        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]) + a[0]:
+            inside = not inside
+    return inside
+
+
+def _crossing_m(p: NorthEast, u: NorthEast, corners: tuple[NorthEast, ...]) -> float:
+    """Distance along the direction `u` to the first edge."""
+    nearest = math.inf
+    for a, b in _edges(corners):
+        edge = (b[0] - a[0], b[1] - a[1])
+        across = u[0] * edge[1] - u[1] * edge[0]
+        if abs(across) < 1e-12:
+            continue
+        to_a = (a[0] - p[0], a[1] - p[1])
+        along = (to_a[0] * edge[1] - to_a[1] * edge[0]) / across
+        on_edge = (to_a[0] * u[1] - to_a[1] * u[0]) / across
+        if along >= 0.0 and -1e-9 <= on_edge <= 1.0 + 1e-9:
+            nearest = min(nearest, along)
+    return nearest
+
+
+def _into_circle(p: NorthEast, circle: Circle) -> NorthEast:
+    distance_m = math.dist(p, circle.center_ne_m)
+    if distance_m <= circle.radius_m:
+        return p
+    scale = max(circle.radius_m - INSET_M, circle.radius_m / 2) / distance_m
+    c = circle.center_ne_m
+    return (c[0] + (p[0] - c[0]) * scale, c[1] + (p[1] - c[1]) * scale)
+
+
+def _into_polygon(p: NorthEast, corners: tuple[NorthEast, ...]) -> NorthEast:
+    if _within(p, corners):
+        return p
+    q = _nearest_edge_point(p, corners)
+    outside_m = math.dist(p, q)
+    steps = [(q[0] - p[0], q[1] - p[1])] if outside_m > 1e-9 else []
+    steps += [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)]
+    for inset_m in (INSET_M, INSET_M / 10, INSET_M / 1000):
+        for step in steps:
+            step_m = math.hypot(*step)
+            tried = (q[0] + step[0] / step_m * inset_m, q[1] + step[1] / step_m * inset_m)
+            if _within(tried, corners):
+                return tried
+    return q
+
+
+def _unit(vector: NorthEast) -> NorthEast:
+    size = math.hypot(*vector)
+    return (0.0, 0.0) if size < 1e-9 else (vector[0] / size, vector[1] / size)
+
+
+def _nearest_edge_point(p: NorthEast, corners: tuple[NorthEast, ...]) -> NorthEast:
+    points = [_nearest_on(p, a, b) for a, b in _edges(corners)]
+    return min(points, key=lambda point: math.dist(point, p))
+
+
+def _nearest_on(p: NorthEast, a: NorthEast, b: NorthEast) -> NorthEast:
+    edge = (b[0] - a[0], b[1] - a[1])
+    length_2 = edge[0] ** 2 + edge[1] ** 2
+    if length_2 == 0.0:
+        return a
+    t = min(1.0, max(0.0, ((p[0] - a[0]) * edge[0] + (p[1] - a[1]) * edge[1]) / length_2))
+    return (a[0] + edge[0] * t, a[1] + edge[1] * t)

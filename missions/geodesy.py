@@ -1,0 +1,59 @@
+"""Latitude, longitude and the local NED frame: flat about its origin, for the range of one vehicle.
+
+The earth is a sphere of the radius that PX4 projects with (`CONSTANTS_RADIUS_OF_EARTH`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from missions.frames import Vector3
+
+EARTH_RADIUS_M = 6_371_000.0
+
+
+def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
+    """Great-circle distance over the ground (haversine formula)."""
+    lat1, lat2 = math.radians(lat1_deg), math.radians(lat2_deg)
+    half_lat, half_lon = (lat2 - lat1) / 2, math.radians(lon2_deg - lon1_deg) / 2
+    h = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat2) * math.sin(half_lon) ** 2
+    return 2 * EARTH_RADIUS_M * math.asin(min(1.0, math.sqrt(h)))
+
+
+@dataclass(frozen=True, slots=True)
+class LocalOrigin:
+    """The zero of a local NED frame on the earth."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+    @classmethod
+    def from_pair(
+        cls, lat_deg: float, lon_deg: float, alt_amsl_m: float, position_ned_m: Vector3
+    ) -> LocalOrigin:
+        """From one position that is known both on the earth and in the local frame."""
+        lat_0_deg = lat_deg - math.degrees(position_ned_m[0] / EARTH_RADIUS_M)
+        radius_m = EARTH_RADIUS_M * math.cos(math.radians(lat_0_deg))
+        lon_0_deg = lon_deg - math.degrees(position_ned_m[1] / radius_m)
+        return cls(lat_0_deg, lon_0_deg, alt_amsl_m + position_ned_m[2])
+
+    def to_ned(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3:
+        """A position on the earth as north, east, down of the origin [m]."""
+        north = math.radians(lat_deg - self.lat_deg) * EARTH_RADIUS_M
+        delta_lon_deg = math.remainder(lon_deg - self.lon_deg, 360.0)
+        east = math.radians(delta_lon_deg) * EARTH_RADIUS_M * math.cos(math.radians(self.lat_deg))
+        return (north, east, self.alt_amsl_m - alt_amsl_m)
+
+    def to_geodetic(self, position_ned_m: Vector3) -> Vector3:
+        """The inverse of `to_ned`: latitude [deg], longitude [deg], altitude AMSL [m]."""
+        north, east, down = position_ned_m
+        radius_m = EARTH_RADIUS_M * math.cos(math.radians(self.lat_deg))
+        lon_deg = math.remainder(self.lon_deg + math.degrees(east / radius_m), 360.0)
+        return (self.lat_deg + math.degrees(north / EARTH_RADIUS_M), lon_deg, self.alt_amsl_m - down)
+
+    def to_frame_of(self, other: LocalOrigin, position_ned_m: Vector3) -> Vector3:
+        """A position of this frame in the frame of another origin, at most a few kilometres away."""
+        n, e, d = other.to_ned(self.lat_deg, self.lon_deg, self.alt_amsl_m)
+        return (position_ned_m[0] + n, position_ned_m[1] + e, position_ned_m[2] + d)

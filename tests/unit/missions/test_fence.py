@@ -1,0 +1,102 @@
+"""The region of fences: who is inside, how far the edge is, and where the nearest position inside lies."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from missions.fence import Circle, CircleFence, Polygon, PolygonFence, Region
+from missions.geodesy import LocalOrigin
+
+L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
+FENCED = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
+NEXT_TO = [(n, e) for n in (-1e-6, 0.0, 1e-6) for e in (-1e-6, 0.0, 1e-6)]
+metres = st.floats(-100, 100)
+positions = st.tuples(metres, metres)
+corners = st.lists(positions, min_size=3, max_size=8)
+inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(lambda p: FENCED.breach(p) is None)
+
+
+def is_inside(p, region=FENCED):
+    """To a micrometre: a position on the edge counts."""
+    return any(region.breach((p[0] + n, p[1] + e)) is None for n, e in NEXT_TO)
+
+
+@given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))
+def test_many_positions_are_judged_as_each_by_itself(many, corners, radius_m):
+    region = Region(
+        circles=(Circle((3.0, -2.0), radius_m, "a circle"),), polygons=(Polygon(tuple(corners), "a fence"),)
+    )
+    alone = [region.breach(position) is not None for position in many]
+    assert region.are_outside(np.array(many)).tolist() == alone
+
+
+@given(inside, positions)
+def test_nothing_on_the_way_to_the_last_position_inside_is_outside(here, target):
+    end = FENCED.last_inside(here, target)
+    for part in (step / 20 for step in range(21)):
+        assert is_inside((here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part))
+
+
+@given(st.tuples(st.floats(-34, 34), st.floats(-34, 34)))
+def test_a_target_inside_a_convex_region_is_left_unchanged(target):
+    region = Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),))
+    assert region.last_inside((0.0, 0.0), target) == target
+
+
+@given(positions)
+def test_the_nearest_position_inside_is_inside(p):
+    nearest = FENCED.nearest_inside(p)
+    assert nearest is not None
+    assert is_inside(nearest)
+
+
+def test_a_region_without_common_ground_has_no_position_inside():
+    apart = Region(circles=(Circle((0.0, 0.0), 5.0, "one"), Circle((50.0, 0.0), 5.0, "other")))
+    assert apart.nearest_inside((0.0, 0.0)) is None
+
+
+@given(inside, st.floats(-math.pi, math.pi))
+def test_the_edge_lies_where_its_distance_says(p, course):
+    direction = (math.cos(course), math.sin(course))
+    edge_m = FENCED.distance_to_edge_m(p, direction)
+    for distance_m, expected in ((edge_m - 0.01, True), (edge_m + 0.01, False)):
+        if distance_m > 0.0:
+            at = (p[0] + direction[0] * distance_m, p[1] + direction[1] * distance_m)
+            assert is_inside(at) == expected or min(abs(far) for far, _ in FENCED.edges(at)) < 0.02
+
+
+def test_the_limit_that_excludes_a_position_is_named():
+    assert FENCED.breach((30.0, 30.0)) == "the fence"
+    assert FENCED.breach((-60.0, 60.0)) == "70 m"
+    assert FENCED.breach((-10.0, -10.0)) is None
+
+
+def test_distances_to_edges_are_negative_outside():
+    region = Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),))
+    (distance_m, out), (beyond_m, _) = *region.edges((40.0, 0.0)), *region.edges((60.0, 0.0))
+    assert (distance_m, out, beyond_m) == (10.0, (1.0, 0.0), -10.0)
+
+
+@pytest.mark.parametrize(("down_m", "expected_m"), [(-50.0, -40.0), (-10.0, -10.0), (5.0, 0.0)])
+def test_down_is_clamped_to_the_vertical_limits(down_m, expected_m):
+    assert FENCED.clamp_down_m(down_m) == expected_m
+
+
+def test_a_fence_on_the_earth_is_the_same_fence_in_a_local_frame():
+    origin = LocalOrigin(47.4, 8.5, 480.0)
+    corners = [origin.to_geodetic((n, e, 0.0))[:2] for n, e in L_SHAPE]
+    polygon = PolygonFence(tuple(corners)).to_local(origin, "the fence")
+    assert np.array(polygon.corners_ne_m) == pytest.approx(np.array(L_SHAPE), abs=1e-4)
+    circle = CircleFence(*origin.to_geodetic((10.0, -20.0, 0.0))[:2], 30.0).to_local(origin, "a circle")
+    assert circle.center_ne_m == pytest.approx((10.0, -20.0), abs=1e-4)
+    assert (circle.radius_m, circle.name) == (30.0, "a circle")
+
+
+def test_a_region_says_what_it_limits():
+    assert not Region().is_limited_horizontally
+    assert not Region().is_limited_vertically
+    assert FENCED.is_limited_horizontally
+    assert FENCED.is_limited_vertically

@@ -1,0 +1,84 @@
+"""Rotations are right, and limits on an attitude are kept."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from missions import frames
+
+angles = st.floats(-math.pi, math.pi)
+pitches = st.floats(-1.5, 1.5)
+numbers = st.floats(-1e3, 1e3)
+vectors = st.tuples(numbers, numbers, numbers)
+attitudes = st.builds(frames.q_from_euler, angles, pitches, angles)
+
+
+def angle_between(a, b):
+    return 2 * math.acos(min(1.0, abs(sum(x * y for x, y in zip(a, b, strict=True)))))
+
+
+@given(angles, pitches, angles)
+def test_euler_angles_survive_the_quaternion(roll, pitch, yaw):
+    back = frames.euler_from_q(frames.q_from_euler(roll, pitch, yaw))
+    for was, now in zip((roll, pitch, yaw), back, strict=True):
+        assert math.cos(was - now) == pytest.approx(1.0, abs=1e-9)
+
+
+@given(attitudes, attitudes, vectors)
+def test_a_product_rotates_by_its_second_factor_first(a, b, v):
+    together = frames.rotate(frames.multiply(a, b), v)
+    assert together == pytest.approx(frames.rotate(a, frames.rotate(b, v)), abs=1e-6)
+
+
+@given(attitudes, vectors)
+def test_the_conjugate_rotates_back(q, v):
+    assert frames.rotate(frames.conjugate(q), frames.rotate(q, v)) == pytest.approx(v, abs=1e-6)
+
+
+def test_roll_right_puts_the_right_side_down():
+    q = frames.q_from_euler(math.pi / 2, 0.0, 0.0)
+    assert frames.rotate(q, (0.0, 1.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+
+
+@given(angles, vectors)
+def test_the_heading_frame_is_a_rotation_about_down(yaw, v):
+    assert frames.ned_from_heading(v, yaw) == pytest.approx(
+        frames.rotate(frames.q_from_yaw(yaw), v), abs=1e-6
+    )
+
+
+@given(st.floats(-100, 100))
+def test_wrap_pi_keeps_the_angle(angle):
+    wrapped = frames.wrap_pi(angle)
+    assert -math.pi <= wrapped <= math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 1.0)])
+def test_what_is_not_a_rotation_is_none(q):
+    assert frames.normalized(q) is None
+
+
+@given(attitudes, st.floats(0.05, 3.0))
+def test_limit_tilt_keeps_the_direction_of_the_tilt(q, max_rad):
+    limited, changed = frames.limit_tilt(q, max_rad)
+    assert changed == (frames.tilt_from_q(q) > max_rad)
+    assert frames.tilt_from_q(limited) == pytest.approx(min(max_rad, frames.tilt_from_q(q)), abs=1e-6)
+    if 0.01 < frames.tilt_from_q(q) < math.pi - 0.01:
+        was, now = (frames.rotate(each, (0.0, 0.0, 1.0)) for each in (q, limited))
+        assert math.atan2(now[1], now[0]) - math.atan2(was[1], was[0]) == pytest.approx(0.0, abs=1e-5) or (
+            abs(abs(math.atan2(now[1], now[0]) - math.atan2(was[1], was[0])) - math.tau) < 1e-5
+        )
+
+
+@given(attitudes, attitudes, st.floats(0.01, 1.0))
+def test_limit_rotation_turns_the_shorter_way_by_no_more_than_asked(before, wanted, max_rad):
+    limited, short = frames.limit_rotation(before, wanted, max_rad)
+    apart = angle_between(before, wanted)
+    assert angle_between(before, limited) <= min(apart, max_rad) + 1e-5
+    if short:
+        assert angle_between(limited, wanted) == pytest.approx(apart - max_rad, abs=1e-4)
+    else:
+        assert limited == wanted

@@ -1,0 +1,38 @@
+"""The list of setpoint kinds is complete, and each kind is a value."""
+
+import dataclasses
+from typing import get_args
+
+import pytest
+
+from missions import setpoints
+from missions.setpoints import KINDS, Path, PathPoint, Setpoint, complete, zeros_for_none
+
+
+def test_each_kind_stands_in_the_list_under_its_own_name():
+    declared = {
+        value
+        for value in vars(setpoints).values()
+        if dataclasses.is_dataclass(value) and isinstance(getattr(value, "type", None), str)
+    }
+    assert set(get_args(Setpoint)) == declared
+    assert {name: kind.type for name, kind in KINDS.items()} == {name: name for name in KINDS}
+    assert len(KINDS) == len(declared)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.type)
+def test_a_setpoint_cannot_be_changed(kind):
+    field = dataclasses.fields(kind)[0].name
+    value = kind(*[0.0 for f in dataclasses.fields(kind) if f.default is dataclasses.MISSING])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(value, field, 1.0)
+
+
+def test_a_vector_is_complete_only_with_all_its_axes():
+    assert complete((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
+    assert complete((1.0, None, 3.0)) is None
+    assert zeros_for_none((1.0, None, 3.0)) == (1.0, 0.0, 3.0)
+
+
+def test_a_path_lasts_until_its_last_point():
+    assert Path((PathPoint(0.0, (0.0, 0.0, 0.0)), PathPoint(7.5, (1.0, 0.0, 0.0)))).duration_s == 7.5
