@@ -41,7 +41,9 @@ class Supervisor:
 
     def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         """Runs `work` once; a failure is logged, not raised."""
-        return self._own(self._once(name, work), name)
+        task = self._own(self._once(name, work), name)
+        task.add_done_callback(lambda _: work.close())  # a task cancelled before its first step awaits nothing
+        return task
 
     async def close(self) -> None:
         """Cancels everything and waits until it has ended."""

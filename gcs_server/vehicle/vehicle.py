@@ -216,7 +216,8 @@ class Vehicle:
             with contextlib.suppress(GcsError):
                 await work
 
-        self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
+        task = self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
+        task.add_done_callback(lambda _: work.close())  # cancelled before its first step, it awaits nothing
 
     def _fetch_words(self) -> None:
         self.in_background("words for its events", self.health.learn(self.metadata))

@@ -1,6 +1,7 @@
 """Background work is started again, later each time, and does not fill the log."""
 
 import asyncio
+import gc
 import logging
 
 from gcs_server.clock import SystemClock
@@ -56,3 +57,18 @@ def test_close_ends_everything_and_a_failed_single_task_is_logged(caplog):
 
     asyncio.run(story())
     assert "single failed" in caplog.text
+
+
+def test_what_is_cancelled_before_its_first_step_leaves_no_warning(recwarn):
+    async def story():
+        supervisor = Supervisor(SystemClock())
+
+        async def never_begun():
+            raise AssertionError("it was cancelled before")
+
+        supervisor.spawn("single", never_begun())
+        await supervisor.close()
+
+    asyncio.run(story())
+    gc.collect()
+    assert not [str(each.message) for each in recwarn if each.category is RuntimeWarning]
