@@ -4,25 +4,12 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import pytest
 
-from gcs_server.client import SyncGcs, SyncVehicle
+from gcs_server.client import SyncGcs
+from tests.clients.watched import Watched
 from tests.station import free_port, server, vehicle
-
-
-@dataclass(frozen=True)
-class Watched:
-    """Where the client connects, and what the server sees meanwhile."""
-
-    tcp_port: int
-    drone: SyncVehicle
-
-    def history(self, topic: str) -> list[dict[str, object]]:
-        """Every value of a topic that the server remembers, oldest first."""
-        samples = self.drone.request("GET", f"/history?topics={topic}&since_unix_s=0")["samples"]
-        return [sample["value"] for sample in samples]
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.clients.conftest import Watched
+from tests.clients.watched import Watched
 from tests.station import running, wait_until
 
 LAT, LON = 47.3977432, 8.54559422

@@ -14,7 +14,7 @@ import pytest
 from mavsdk import System
 from mavsdk.offboard import PositionNedYaw
 
-from tests.clients.conftest import Watched
+from tests.clients.watched import Watched
 from tests.station import free_port
 
 

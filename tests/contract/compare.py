@@ -17,10 +17,9 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from driver import Answer
-from recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
-from replay_vehicle import Heard
-
+from tests.contract.driver import Answer
+from tests.contract.recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
+from tests.contract.replay_vehicle import Heard
 from vehicle_sim.autopilot.announcer import EVENTS
 
 EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}

@@ -1,13 +1,9 @@
-"""The fake station of the simulator's own tests, and the recorded dialogues."""
+"""The recordings of a real PX4, for tests that compare whole ones."""
 
 import os
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "unit" / "vehicle_sim"))
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from recordings import (
+from tests.contract.recordings import (
     STATE_MESSAGES,
     Dialogue,
     boots,
@@ -19,8 +19,7 @@ from recordings import (
     stored,
     value_of,
 )
-from replay_vehicle import HOLD, Heard, Vehicle
-
+from tests.contract.replay_vehicle import HOLD, Heard, Vehicle
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
 STATE_SAMPLED_S = 1.1

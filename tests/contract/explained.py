@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from compare import Difference
+from tests.contract.compare import Difference
 
 Cell = tuple[str, str, str, str]
 """Session, dialogue, message, field."""

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from recordings import TELEMETRY
-
+from tests.contract.recordings import TELEMETRY
 from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
 from vehicle_sim.autopilot.health import Report, announce
 from vehicle_sim.fleet import VehicleSim

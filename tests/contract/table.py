@@ -1,4 +1,4 @@
-"""Prints the table of differences: `python tests/contract/table.py [group…]`."""
+"""Prints the table of differences: `python -m tests.contract.table [group…]`."""
 
 import os
 import sys
@@ -6,16 +6,13 @@ import time
 from collections import Counter
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
-
-from compare import compare  # noqa: E402
-from driver import Player  # noqa: E402
-from recordings import sessions, tells_of_logs  # noqa: E402
+from tests.contract.compare import compare
+from tests.contract.driver import Player
+from tests.contract.recordings import sessions, tells_of_logs
 
 
 def main() -> None:
-    folder = HERE.parents[2] / "shared" / "px4" / "dialogues"
+    folder = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dialogues"
     rows: Counter[str] = Counter()
     bad: set[str] = set()
     total = 0

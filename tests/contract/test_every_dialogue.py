@@ -1,17 +1,18 @@
 """Every recorded dialogue against the simulated vehicle on a fake clock: the differences are explained ones.
 
 A difference that no row of `explained.tsv` covers fails, and so does a lasting row that covers nothing more.
-`python tests/contract/table.py [session…]` prints the table.
+`python -m tests.contract.table [session…]` prints the table.
 """
 
 import os
 from pathlib import Path
 
 import pytest
-from compare import compare, same
-from driver import Player
-from explained import EXPLAINED, LASTING, Cell, cell_of
-from recordings import Dialogue, sessions, tells_of_logs
+
+from tests.contract.compare import compare, same
+from tests.contract.driver import Player
+from tests.contract.explained import EXPLAINED, LASTING, Cell, cell_of
+from tests.contract.recordings import Dialogue, sessions, tells_of_logs
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 RECORDED = REPOSITORY.parent / "shared" / "px4" / "dialogues"

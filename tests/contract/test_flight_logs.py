@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sim_station import BOTH, EVENT_NAMES, Station
 
 from gcs_server.replay.records import TIME_BYTES
+from tests.unit.vehicle_sim.sim_station import BOTH, EVENT_NAMES, Station
 from vehicle_sim.mavlink.framing import FrameParser
 
 FLIGHTS = {

@@ -4,9 +4,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from driver import Player
-from recordings import load
-from replay_vehicle import Vehicle
+from tests.contract.driver import Player
+from tests.contract.recordings import load
+from tests.contract.replay_vehicle import Vehicle
 
 ANGLE_TOLERANCE_DEG = 1.5
 """The recording reads while the vehicle's heading drifts by a degree or two."""

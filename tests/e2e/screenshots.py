@@ -23,7 +23,7 @@ from playwright.sync_api import Browser, Page
 
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
-from tests.e2e.conftest import FAST
+from tests.e2e.fast_station import FAST
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 

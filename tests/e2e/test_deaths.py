@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import SyncGcs, Unreachable
-from tests.e2e.conftest import FAST
+from tests.e2e.fast_station import FAST, airborne
 from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
@@ -39,15 +39,6 @@ def speed_m_s(drone: Any) -> float:
     """Over ground."""
     north, east, _ = drone.topic("local_position")["velocity_ned_m_s"]
     return float((north**2 + east**2) ** 0.5)
-
-
-def airborne(drone: Any, height_m: float = 10) -> None:
-    """Takes off and waits for Hold at the top."""
-    drone.takeoff(height_m)
-    drone.until(
-        lambda v: v["status"]["mode"] == "hold" and v["status"]["landed_state"] == "in_air",
-        what="the end of the take-off",
-    )
 
 
 def test_a_killed_client_stops_the_vehicle(station: Any) -> None:

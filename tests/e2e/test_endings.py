@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import Gcs, SyncGcs, Unreachable
-from tests.e2e.conftest import FAST
-from tests.e2e.test_deaths import airborne
+from tests.e2e.fast_station import FAST, airborne
 from tests.station import end, free_port, running, server, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from gcs_server.client import Gcs, Invalid, NotInControl, Refused, SyncGcs, setpoints
-from tests.e2e.conftest import FAST, move_aside
+from tests.e2e.fast_station import FAST, move_aside
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime

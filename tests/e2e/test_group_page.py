@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 
 from gcs_server.client import SyncGcs, setpoints
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, number, opened, slide, tab_to
-from tests.e2e.conftest import FAST, move_aside
+from tests.e2e.fast_station import FAST, move_aside
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 

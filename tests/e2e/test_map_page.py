@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncVehicle
 from tests.e2e.browser import REPOSITORY, chromium, opened, scene, serious_violations, slide
-from tests.e2e.conftest import Station
+from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
 from tools import build_page

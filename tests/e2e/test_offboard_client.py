@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import Gcs, Invalid, Refused, setpoints
-from tests.e2e.conftest import Station
-from tests.e2e.test_deaths import airborne
+from tests.e2e.fast_station import Station, airborne
 
 pytestmark = pytest.mark.realtime
 

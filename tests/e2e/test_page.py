@@ -25,7 +25,7 @@ from tests.e2e.browser import (
     slide,
     tab_to,
 )
-from tests.e2e.conftest import FAST, Station
+from tests.e2e.fast_station import FAST, Station
 from tests.station import answers, end, free_port, running, server, server_command, vehicle, wait_until
 from tools import build_page
 

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, slide
-from tests.e2e.conftest import FAST
+from tests.e2e.fast_station import FAST
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 

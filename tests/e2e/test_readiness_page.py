@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, serious_violations
-from tests.e2e.conftest import Station
+from tests.e2e.fast_station import Station
 from tools import build_page
 
 pytestmark = pytest.mark.browser

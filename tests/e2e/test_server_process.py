@@ -16,7 +16,7 @@ import httpx
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.e2e.conftest import FAST
+from tests.e2e.fast_station import FAST
 from tests.station import (
     answers,
     end,

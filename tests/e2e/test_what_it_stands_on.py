@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 from websockets.sync.client import connect
 
-from tests.e2e.conftest import Station
+from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
 

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 
 from gcs_server.api import group_models, group_routes
 from gcs_server.control.client import Client
+from tests.protocol.api_calls import station_of, view
 from tests.protocol.offboard_world import OffboardWorld, seconds
-from tests.protocol.test_authority import view
-from tests.protocol.test_dangerous_calls import station_of
 
 ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
 DEG_M = math.radians(1) * 6_371_000.0

@@ -1,59 +1,27 @@
 """Who may command a vehicle, through the API's own functions: refusals send nothing; some is open to all."""
 
 import contextlib
-import json
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pydantic import TypeAdapter
 
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
-from gcs_server.api.offboard_models import AnyOrder, StartRequest
+from gcs_server.api.offboard_models import AnyOrder
 from gcs_server.control.client import Client
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
+from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, desk, lines, station_of, view
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, order, seconds, silent
-from tests.protocol.test_dangerous_calls import lines, station_of
 from vehicle_sim.mavlink import generated_dialect as sim
 
-ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
-MISSION = 4 << 16 | 4 << 24
-START = StartRequest.model_validate(
-    {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
-)
 ORDER: Any = TypeAdapter(AnyOrder).validate_python(
     {"type": "position", "position_ned_m": [0, 0, -6], "valid_for_s": 60}
 )
-YES = control_models.TakeControl(force=True)
-
-
-def desk(jump, story, *, flying=True, loss=0.0, seed=0):
-    """A flying vehicle and the station's routes, on simulated time."""
-
-    async def run():
-        world = OffboardWorld()
-        pilot = world.offboard_pilot(world.link(), loss=loss, seed=seed)
-        if flying:
-            pilot.fly()
-        try:
-            vehicle = await world.ready()
-            await seconds(1.5)
-            station = station_of(world)
-            station.authority.start()
-            await story(SimpleNamespace(world=world, station=station, vehicle=vehicle, pilot=pilot))
-        finally:
-            await world.close()
-
-    jump(run)
 
 
 def told(vehicle):
     return [(e.data["action"], e.text) for e in vehicle.events.since() if e.kind == "control"]
-
-
-def view(response):
-    return json.loads(response.body)
 
 
 def test_a_command_by_another_is_refused_sends_nothing_and_names_the_holder(jump):

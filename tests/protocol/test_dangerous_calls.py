@@ -2,40 +2,19 @@
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from gcs_server.api import models, offboard_models, offboard_routes, vehicle_routes
-from gcs_server.api.station import Station
-from gcs_server.control.authority import Authority
 from gcs_server.control.client import Client
-from gcs_server.control.journal import Journal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
-from gcs_server.replay.service import Replays
+from tests.protocol.api_calls import lines, station_of
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
 ORDER = TypeAdapter(offboard_models.AnyOrder)
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
-
-
-def station_of(world):
-    journal = Journal(world.clock, None)
-    return Station(
-        clock=world.clock,
-        router=world.router,
-        fleet=world.fleet,
-        hub=None,
-        journal=journal,
-        authority=Authority(world.clock, world.fleet, journal, world.supervisor),
-        started_s=0.0,
-        replays=Replays(world.router, world.fleet, Path("no recordings")),
-        groups=world.streamer.groups,
-        own_ids=(255, 190),
-        maps=Path("no maps"),
-    )
 
 
 def twins(jump, story):
@@ -55,10 +34,6 @@ def twins(jump, story):
             await world.close()
 
     jump(run)
-
-
-def lines(station):
-    return [(e.client, e.command, e.vehicle, e.result) for e in reversed(station.journal.tail(1000))]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 from gcs_server.api import group_routes
 from gcs_server.api import offboard_models as models
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
+from tests.protocol.api_calls import station_of, view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
     ALL_NORTH,
@@ -28,8 +29,6 @@ from tests.protocol.group_world import (
 )
 from tests.protocol.offboard_world import POSITION, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.protocol.test_authority import view
-from tests.protocol.test_dangerous_calls import station_of
 
 
 def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):

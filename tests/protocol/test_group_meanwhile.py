@@ -8,6 +8,7 @@ from gcs_server.api import group_routes, offboard_routes
 from gcs_server.api import offboard_models as models
 from gcs_server.errors import NotTogether, Refused
 from gcs_server.streamer.group_checks import GroupChecks
+from tests.protocol.api_calls import view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
     ALL_NORTH,
@@ -21,7 +22,6 @@ from tests.protocol.group_world import (
     place,
 )
 from tests.protocol.offboard_world import POSITION, asks, seconds
-from tests.protocol.test_authority import view
 
 
 def during_plan(monkeypatch, number, work):

@@ -15,9 +15,9 @@ import pytest
 from gcs_server.streamer.offboard import BEAT_PERIOD_S
 from gcs_server.streamer.order import OnExpiry, Order
 from missions.setpoints import Attitude, Position, Velocity
+from tests.protocol.api_calls import station_of
 from tests.protocol.group_world import ANNA, begin
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.protocol.test_dangerous_calls import station_of
 
 MINIMUM_M = 4.0
 FAR_M = 13.0

@@ -7,6 +7,7 @@ import pytest
 from gcs_server.api import group_routes, offboard_routes, vehicle_routes
 from gcs_server.api import offboard_models as models
 from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, UnknownGroup, UnknownVehicle
+from tests.protocol.api_calls import lines, view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
     ALL_NORTH,
@@ -24,8 +25,6 @@ from tests.protocol.group_world import (
     place,
 )
 from tests.protocol.offboard_world import POSITION, asks, seconds
-from tests.protocol.test_authority import view
-from tests.protocol.test_dangerous_calls import lines
 
 
 def test_all_are_brought_into_offboard_first_and_then_begin_within_one_period(jump):

@@ -17,8 +17,8 @@ from gcs_server.streamer.limit_values import OperatorLimits
 from gcs_server.streamer.offboard import Streamer
 from missions.fence import CircleFence, PolygonFence
 from tests.loop_streams import LoopStreams
+from tests.protocol.api_calls import station_of
 from tests.protocol.offboard_world import OffboardWorld, codes, order, seconds
-from tests.protocol.test_dangerous_calls import station_of
 
 SITL_UID = 0x4954414C44494E4F
 START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_ned_m_s": [9, 0, 0]}})

@@ -11,9 +11,8 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
+from tests.protocol.api_calls import ANNA, BOB, START, YES, desk, lines
 from tests.protocol.offboard_world import seconds
-from tests.protocol.test_authority import ANNA, BOB, START, YES, desk
-from tests.protocol.test_dangerous_calls import lines
 
 WORDS = "link memory closes, vehicle 1 in flight loses its last link"
 

@@ -8,9 +8,9 @@ import pytest
 
 from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
 from gcs_server.control.client import Client
+from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import flight, order, seconds
-from tests.protocol.test_dangerous_calls import station_of
 
 
 class Closed(Exception):

@@ -8,12 +8,12 @@ import pytest
 
 from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
+from tests.protocol.api_calls import MISSION
+from tests.protocol.api_calls import desk as station_desk
 from tests.protocol.fake_autopilot import HOLD
 from tests.protocol.group_world import ANNA, begin, desk, place
 from tests.protocol.offboard_world import flight, order, seconds
 from tests.protocol.one_vehicle import LOSS
-from tests.protocol.test_authority import MISSION
-from tests.protocol.test_authority import desk as station_desk
 
 KILL_PARAM = 21196.0
 GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sim_station import NAN, Station
-
+from tests.unit.vehicle_sim.sim_station import NAN, Station
 from vehicle_sim.geodesy import to_global
 
 MISSION_MODE, TERMINATION = 0x4040000, 0x0A0000

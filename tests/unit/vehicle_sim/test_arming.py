@@ -1,8 +1,8 @@
 """What keeps a vehicle from being armed beside the checks, and what PX4 counts of its flights."""
 
 import pytest
-from sim_station import Station
 
+from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.parameters import Parameters
 
 ARM, SET_MODE, CALIBRATE = 400, 176, 241

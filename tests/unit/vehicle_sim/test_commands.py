@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from plan_station import MISSION_MODE, PlanStation
-from sim_station import HOLD, NAN, POSITION, TAKEOFF
+
+from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
+from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, TAKEOFF
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
 ARM, SET_MODE, REPOSITION, CHANGE_ALTITUDE, CHANGE_SPEED = 400, 176, 192, 186, 178

@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from plan_station import TERMINATION, PlanStation
-from sim_station import EVENT_NAMES, HOLD, LAND, RTL
 
+from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
+from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD, LAND, RTL
 from vehicle_sim.autopilot.demands import Conditions, demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Decision, Demand, Failsafe, Takeover
 from vehicle_sim.autopilot.modes import NavState

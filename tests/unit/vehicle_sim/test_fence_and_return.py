@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from plan_station import PlanStation
-from sim_station import HOLD, LAND, NAN, OFFBOARD, RTL
 
+from tests.unit.vehicle_sim.plan_station import PlanStation
+from tests.unit.vehicle_sim.sim_station import HOLD, LAND, NAN, OFFBOARD, RTL
 from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside
 
 SQUARE = ((-10, -10), (-10, 10), (10, 10), (10, -10))

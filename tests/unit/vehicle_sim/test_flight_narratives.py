@@ -3,7 +3,18 @@
 import math
 
 import pytest
-from sim_station import BOTH, HOLD, LAND, NAN, OFFBOARD, POSITION, RTL, TAKEOFF, Station
+
+from tests.unit.vehicle_sim.sim_station import (
+    BOTH,
+    HOLD,
+    LAND,
+    NAN,
+    OFFBOARD,
+    POSITION,
+    RTL,
+    TAKEOFF,
+    Station,
+)
 
 
 def test_from_power_up_to_the_ground_again() -> None:

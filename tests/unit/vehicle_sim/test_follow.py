@@ -3,7 +3,8 @@
 import math
 
 import pytest
-from sim_station import Station
+
+from tests.unit.vehicle_sim.sim_station import Station
 
 SPEED_M_S = 2.0
 M_PER_DEG = 111_195.0

@@ -4,56 +4,17 @@ import lzma
 
 import pytest
 
+from tests.unit.vehicle_sim.ftp_client import FtpClient
 from vehicle_sim.fleet import VehicleSim
-from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.services import ftp
 from vehicle_sim.storage import metadata
 
 GENERAL = metadata.GENERAL.encode()
 
 
-class Client:
-    """Asks on one link."""
-
-    def __init__(self, sim, link="gcs"):
-        self._sim, self._link = sim, link
-        self._parser = FrameParser()
-        self._sequence = 0
-
-    def ask(
-        self, opcode, data=b"", *, size=None, offset=0, session=0, component=1, sequence=None, wait_s=0.2
-    ):
-        """[(header, data)] of all answers."""
-        self._sequence += 2
-        head = ftp.HEADER.pack(
-            self._sequence if sequence is None else sequence,
-            session, opcode, len(data) if size is None else size, 0, 0, 0, offset,
-        )  # fmt: skip
-        layout, payload = pack(
-            "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=component, payload=head + data
-        )
-        self._sim.feed(0, self._link, frame_v2(layout, payload, 0, 255, 190))
-        answers = []
-        for _ in range(round(wait_s / 0.004)):
-            self._sim.step(0.004)
-            for message in self._parser.feed(self._sim.drain(0, self._link)):
-                if message.name == "FILE_TRANSFER_PROTOCOL":
-                    raw = bytes(message.payload)
-                    header = ftp.HEADER.unpack_from(raw)
-                    answers.append((header, raw[12 : 12 + header[3]]))
-        return answers
-
-    def one(self, opcode, data=b"", **options):
-        """(kind, data) of the only answer."""
-        ((header, answer),) = self.ask(opcode, data, **options)
-        assert header[4] == opcode
-        return header[2], answer
-
-
 @pytest.fixture
 def client():
-    return Client(VehicleSim())
+    return FtpClient(VehicleSim())
 
 
 def test_a_file_is_created_written_read_listed_renamed_and_removed(client):
@@ -107,7 +68,7 @@ def test_there_is_one_session_and_a_directory_can_hold_it(client):
 
 def test_a_session_of_one_link_is_not_anothers():
     sim = VehicleSim()
-    ground, onboard = Client(sim, "gcs"), Client(sim, "api")
+    ground, onboard = FtpClient(sim, "gcs"), FtpClient(sim, "api")
     assert ground.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
     assert onboard.one(ftp.READ, size=10) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
     assert onboard.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK

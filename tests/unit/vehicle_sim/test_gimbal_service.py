@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from plan_station import PlanStation
-from sim_station import NAN, Station
+
+from tests.unit.vehicle_sim.plan_station import PlanStation
+from tests.unit.vehicle_sim.sim_station import NAN, Station
 
 
 def ready() -> Station:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sim_station import BOTH, LAND, NAN, OFFBOARD, Station
 
+from tests.unit.vehicle_sim.sim_station import BOTH, LAND, NAN, OFFBOARD, Station
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.tasks.descent import Descent

@@ -3,9 +3,9 @@
 import random
 
 import pytest
-from sim_station import Station
-from test_ftp import Client
 
+from tests.unit.vehicle_sim.ftp_client import FtpClient
+from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.mavlink.services import ftp
 
 TARGET = {"target_system": 1, "target_component": 1}
@@ -88,7 +88,7 @@ def test_a_download_that_loses_parts_ends_as_what_ftp_reads(station):
     path = sorted((station.sim.files[0].root / "log").rglob("*.ulg"))[0].relative_to(
         station.sim.files[0].root
     )
-    client, read = Client(station.sim), b""
+    client, read = FtpClient(station.sim), b""
     assert client.one(ftp.OPEN_RO, str(path).encode())[0] == ftp.ACK
     while len(read) < len(downloaded):
         answers = client.ask(ftp.BURST, offset=len(read), wait_s=0.4)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plan_station import PlanStation
-from sim_station import RTL
+
+from tests.unit.vehicle_sim.plan_station import PlanStation
+from tests.unit.vehicle_sim.sim_station import RTL
 
 LATER = 0.06
 """Of the time since the start: PX4 itself wanders with its GPS noise, the simulated one is flown without."""

@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from plan_station import MISSION_MODE, PlanStation
-from sim_station import HOLD, NAN, RTL
+
+from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
+from tests.unit.vehicle_sim.sim_station import HOLD, NAN, RTL
 
 WAYPOINT, RETURN, LAND, TAKEOFF, DELAY, JUMP, SPEED = 16, 20, 21, 22, 93, 177, 178
 ROI, ROI_NONE, LOITER_UNLIMITED = 195, 197, 17

@@ -6,8 +6,8 @@ from io import FileIO
 import numpy as np
 import pytest
 from pyulog import ULog
-from sim_station import Station
 
+from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.storage.files import VehicleFiles
 

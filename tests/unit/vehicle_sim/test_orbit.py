@@ -3,7 +3,8 @@
 import math
 
 import pytest
-from sim_station import Station
+
+from tests.unit.vehicle_sim.sim_station import Station
 
 NAN = math.nan
 

@@ -1,7 +1,8 @@
 """SET_GPS_GLOBAL_ORIGIN: the local frame moves, the vehicle and its home do not."""
 
 import pytest
-from sim_station import NAN, Station
+
+from tests.unit.vehicle_sim.sim_station import NAN, Station
 
 LAT, LON, ALT = 473977400, 85455900, 488000
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plan_station import PlanStation
+from tests.unit.vehicle_sim.plan_station import PlanStation
 
 UNSUPPORTED = 3
 

@@ -6,8 +6,8 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_station import BOTH, Station
 
+from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
 from vehicle_sim.topics.arrays import ARRAY_TOPICS

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from sim_station import POSITION, Station
 
+from tests.unit.vehicle_sim.sim_station import POSITION, Station
 from vehicle_sim.geodesy import to_global
 
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000

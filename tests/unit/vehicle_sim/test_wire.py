@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_station import BOTH, Station
 
+from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2

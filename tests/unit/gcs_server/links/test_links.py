@@ -1,6 +1,5 @@
 """Links on real sockets of the loopback, on ports the system chose."""
 
-import asyncio
 import errno
 import gzip
 import os
@@ -21,37 +20,8 @@ from gcs_server.links.tlog import TlogLink
 from gcs_server.links.udp import UdpLink
 from gcs_server.links.url import make_link
 from gcs_server.replay.records import read_tlog
-
-
-class Heard:
-    def __init__(self, link):
-        self.link, self.data, self.peers, self.gone, self.states = link, [], [], [], []
-
-    def start(self):
-        self.link.start(self._bytes, lambda p: self.gone.append(p.name), self._state)
-        return self
-
-    def _bytes(self, data, peer, _received_s):
-        self.data.append(data)
-        self.peers.append(peer)
-
-    def _state(self):
-        self.states.append(self.link.info().state)
-
-    async def until(self, good, patience_s=20.0):
-        async with asyncio.timeout(patience_s):
-            while not good():  # noqa: ASYNC110 a test watches from outside
-                await asyncio.sleep(0.005)
-
-
-def free_port(kind):
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
-
-
-def run(story):
-    asyncio.run(story())
+from tests.station import free_port
+from tests.support.heard import Heard, run
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from gcs_server.links.writer import LinkWriter
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.connection import FrameSender
 from tests.slow_line import Line
-from tests.unit.gcs_server.links.test_links import Heard, run
+from tests.support.heard import Heard, run
 
 PEER = Peer("vehicle")
 SETPOINT, PARAM_READ, COMMAND = 84, 20, 76

@@ -1,15 +1,11 @@
-"""What the tests of the 3D view share: each is imported on its own, so its helpers go on the path."""
+"""What the tests of the 3D view share."""
 
 import asyncio
-import sys
 import threading
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from scene_running import Running, serving
+from tests.unit.gcs_server.scene.scene_running import Running, serving
 
 
 @pytest.fixture(scope="module")

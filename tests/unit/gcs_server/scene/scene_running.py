@@ -9,7 +9,6 @@ import uvicorn
 import viser
 from fastapi import FastAPI
 from fastapi.responses import JSONResponse
-from scene_fakes import FakeFleet, flying
 from websockets.asyncio.client import connect
 
 from gcs_server.clock import SystemClock
@@ -18,6 +17,7 @@ from gcs_server.scene import SceneClick, SceneGizmo
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.scene import Scene
 from gcs_server.supervise import Supervisor
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying
 
 
 class Running:

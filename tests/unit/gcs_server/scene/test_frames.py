@@ -3,10 +3,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scene_fakes import q_from_euler
 
 from gcs_server.scene import frames
 from missions.frames import rotate, yaw_from_q
+from tests.unit.gcs_server.scene.scene_fakes import q_from_euler
 
 angles = st.floats(-math.pi, math.pi)
 pitches = st.floats(-1.5, 1.5)

@@ -8,12 +8,12 @@ import math
 import httpx
 import msgspec
 import pytest
-from scene_running import CAMERA, eventually, open_stream
 
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged, words
 from gcs_server.scene.proxy import understood
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
 from missions.frames import q_from_yaw
+from tests.unit.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
 
 pack = msgspec.msgpack.encode
 MOVED = {

@@ -10,14 +10,14 @@ import httpx
 import msgspec
 import pytest
 from fastapi import FastAPI, HTTPException
-from scene_fakes import FakeFleet, StillClock, flying
-from scene_running import CAMERA, eventually, open_stream
 
 from gcs_server.clock import SystemClock
 from gcs_server.scene.host import SceneError, ViserHost
 from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying
+from tests.unit.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
 
 
 def test_viser_says_nothing_and_leaves_nothing(capfd):

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scene_fakes import flying
 
 from gcs_server.scene import model, strokes
 from gcs_server.scene.palette import PALETTES, lit
@@ -12,6 +11,7 @@ from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import MAX_POINTS, Trail
 from gcs_server.scene.views import CAMERAS, WorldPose, in_world, world_pose
 from missions.frames import IDENTITY, q_from_yaw, rotate
+from tests.unit.gcs_server.scene.scene_fakes import flying
 
 SOLIDS = {
     "shell": model.shell(),

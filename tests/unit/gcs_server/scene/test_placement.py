@@ -1,9 +1,9 @@
 import math
 
 import pytest
-from scene_fakes import FakeVehicle, flying, glob, home, local, status
 
 from gcs_server.scene.placement import STANDING_HEIGHT_M, Placement
+from tests.unit.gcs_server.scene.scene_fakes import FakeVehicle, flying, glob, home, local, status
 
 LAT, LON = 47.397742, 8.545594
 NORTH_100_M = LAT + 100.0 / 111177.0

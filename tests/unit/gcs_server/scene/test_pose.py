@@ -1,7 +1,14 @@
 import math
 
 import pytest
-from scene_fakes import (
+
+from gcs_server.scene.frames import rotate
+from gcs_server.scene.placement import Placement
+from gcs_server.scene.ports import OffboardTarget
+from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
+from gcs_server.vehicle.samples import TargetLocal
+from missions.frames import rotate
+from tests.unit.gcs_server.scene.scene_fakes import (
     FakeIdentity,
     FakeVehicle,
     attitude,
@@ -13,12 +20,6 @@ from scene_fakes import (
     q_from_euler,
     status,
 )
-
-from gcs_server.scene.placement import Placement
-from gcs_server.scene.ports import OffboardTarget
-from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
-from gcs_server.vehicle.samples import TargetLocal
-from missions.frames import rotate
 
 
 def look(vehicle, offboard=None, now_s=0.0):

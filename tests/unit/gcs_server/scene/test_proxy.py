@@ -12,7 +12,6 @@ import httpx
 import msgspec
 import pytest
 import websockets
-from scene_running import CAMERA, PROTOCOL, Running, eventually, open_stream
 from starlette.datastructures import Headers
 from viser import _messages
 from websockets.asyncio.client import unix_connect
@@ -22,6 +21,7 @@ from gcs_server.scene.host import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import understood
 from gcs_server.scene.scene import MAX_VIEWS
+from tests.unit.gcs_server.scene.scene_running import CAMERA, PROTOCOL, Running, eventually, open_stream
 
 
 def types_in(data: bytes) -> list[str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from scene_fakes import FakeFleet, FakeVehicle, StillClock, flying, glob, local
 
 from gcs_server.clock import SystemClock
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.tracks import Track, Tracks
 from gcs_server.vehicle.samples import Sample
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, StillClock, flying, glob, local
 
 
 def points(track: Track) -> list[tuple[float, float, float]]:

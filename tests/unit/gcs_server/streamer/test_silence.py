@@ -270,3 +270,16 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
     for thread in threads:
         thread.join()
     assert numbers == [i & 0xFF for i in range(8000)]
+
+
+@pytest.mark.parametrize(("stall_s", "goes_on"), [(0.4, True), (2.0, False)])
+def test_a_stalled_loop_of_0_4_s_is_nothing_and_of_2_s_ends_the_stream(stall_s, goes_on):
+    bench = Bench()
+    bench.run(1.0, beats=True)
+    bench.run(stall_s, beats=False)
+    bench.run(3.0, beats=True)
+    sending = bench.clock.now_s - bench.sent[-1] < 0.05
+    assert sending == goes_on
+    assert bench.codes() == ([] if goes_on else ["server_silent"])
+    if not goes_on:  # it stopped within the limit, and PX4 fails safe by itself
+        assert bench.clock.now_s - bench.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)

@@ -1,0 +1,66 @@
+"""A server's routes without HTTP: called as functions, over vehicles on simulated time."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+from gcs_server.api import control_models
+from gcs_server.api.offboard_models import StartRequest
+from gcs_server.api.station import Station
+from gcs_server.control.authority import Authority
+from gcs_server.control.client import Client
+from gcs_server.control.journal import Journal
+from gcs_server.replay.service import Replays
+from tests.protocol.offboard_world import OffboardWorld, seconds
+
+ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
+MISSION = 4 << 16 | 4 << 24
+START = StartRequest.model_validate(
+    {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
+)
+YES = control_models.TakeControl(force=True)
+
+
+def station_of(world):
+    journal = Journal(world.clock, None)
+    return Station(
+        clock=world.clock,
+        router=world.router,
+        fleet=world.fleet,
+        hub=None,
+        journal=journal,
+        authority=Authority(world.clock, world.fleet, journal, world.supervisor),
+        started_s=0.0,
+        replays=Replays(world.router, world.fleet, Path("no recordings")),
+        groups=world.streamer.groups,
+        own_ids=(255, 190),
+        maps=Path("no maps"),
+    )
+
+
+def lines(station):
+    return [(e.client, e.command, e.vehicle, e.result) for e in reversed(station.journal.tail(1000))]
+
+
+def view(response):
+    return json.loads(response.body)
+
+
+def desk(jump, story, *, flying=True, loss=0.0, seed=0):
+    """A flying vehicle and the station's routes, on simulated time."""
+
+    async def run():
+        world = OffboardWorld()
+        pilot = world.offboard_pilot(world.link(), loss=loss, seed=seed)
+        if flying:
+            pilot.fly()
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            station = station_of(world)
+            station.authority.start()
+            await story(SimpleNamespace(world=world, station=station, vehicle=vehicle, pilot=pilot))
+        finally:
+            await world.close()
+
+    jump(run)

@@ -1,0 +1,46 @@
+"""How the tests are laid out: what several share lies in plain modules, each test module stands alone."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parent.parent
+
+
+def imported(path: Path) -> Iterator[str]:
+    """The modules that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield node.module
+            yield from (f"{node.module}.{each.name}" for each in node.names if each.name == "conftest")
+
+
+def is_run_by_pytest(module: str) -> bool:
+    """Whether that names a test module or a conftest."""
+    name = module.split(".")[-1]
+    return name == "conftest" or name.startswith("test_")
+
+
+def test_no_module_imports_a_test_module_or_a_conftest() -> None:
+    found = {
+        f"{path.relative_to(TESTS)} imports {name}: move what both use to a plain module beside it"
+        for path in TESTS.rglob("*.py")
+        for name in imported(path)
+        if is_run_by_pytest(name)
+    }
+    assert not found, "\n".join(sorted(found))
+
+
+def test_such_an_import_would_be_seen(tmp_path: Path) -> None:
+    for line in (
+        "from tests.e2e.conftest import FAST",
+        "from tests.e2e.test_page import story",
+        "import tests.e2e.test_page as page",
+        "from test_ftp import Client",
+        "from tests.e2e import conftest",
+        "def later():\n    from tests.e2e.test_page import story",
+    ):
+        (tmp_path / "module.py").write_text(line, encoding="utf-8")
+        assert any(is_run_by_pytest(name) for name in imported(tmp_path / "module.py")), line

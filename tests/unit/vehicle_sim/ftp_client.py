@@ -1,0 +1,43 @@
+"""A client of the vehicle's FTP, on a fake clock."""
+
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.mavlink.services import ftp
+
+
+class FtpClient:
+    """Asks on one link."""
+
+    def __init__(self, sim, link="gcs"):
+        self._sim, self._link = sim, link
+        self._parser = FrameParser()
+        self._sequence = 0
+
+    def ask(
+        self, opcode, data=b"", *, size=None, offset=0, session=0, component=1, sequence=None, wait_s=0.2
+    ):
+        """[(header, data)] of all answers."""
+        self._sequence += 2
+        head = ftp.HEADER.pack(
+            self._sequence if sequence is None else sequence,
+            session, opcode, len(data) if size is None else size, 0, 0, 0, offset,
+        )  # fmt: skip
+        layout, payload = pack(
+            "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=component, payload=head + data
+        )
+        self._sim.feed(0, self._link, frame_v2(layout, payload, 0, 255, 190))
+        answers = []
+        for _ in range(round(wait_s / 0.004)):
+            self._sim.step(0.004)
+            for message in self._parser.feed(self._sim.drain(0, self._link)):
+                if message.name == "FILE_TRANSFER_PROTOCOL":
+                    raw = bytes(message.payload)
+                    header = ftp.HEADER.unpack_from(raw)
+                    answers.append((header, raw[12 : 12 + header[3]]))
+        return answers
+
+    def one(self, opcode, data=b"", **options):
+        """(kind, data) of the only answer."""
+        ((header, answer),) = self.ask(opcode, data, **options)
+        assert header[4] == opcode
+        return header[2], answer
