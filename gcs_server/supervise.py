@@ -42,7 +42,7 @@ class Supervisor:
     def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         """Runs `work` once; a failure is logged, not raised."""
         task = self._own(self._once(name, work), name)
-        task.add_done_callback(lambda _: work.close())  # a task cancelled before its first step awaits nothing
+        task.add_done_callback(lambda _: work.close())  # cancelled before its first step
         return task
 
     async def close(self) -> None:

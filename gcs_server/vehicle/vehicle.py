@@ -217,7 +217,7 @@ class Vehicle:
                 await work
 
         task = self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
-        task.add_done_callback(lambda _: work.close())  # cancelled before its first step, it awaits nothing
+        task.add_done_callback(lambda _: work.close())  # cancelled before its first step
 
     def _fetch_words(self) -> None:
         self.in_background("words for its events", self.health.learn(self.metadata))

@@ -2,7 +2,6 @@ import math
 
 import pytest
 
-from gcs_server.scene.frames import rotate
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
