@@ -12,8 +12,12 @@ from missions.errors import PlanError
 MAX_FILE_BYTES = 8 * 1024 * 1024
 """A plan of 10,000 items, as QGroundControl writes it, has about 5 MB."""
 MAX_DEPTH = 32
-MAX_VALUES = 500_000
-"""Counted as commas and opening brackets outside texts; 10,000 items of QGroundControl have 200,000."""
+MAX_VALUES = 250_000
+"""Counted as commas and opening brackets outside texts; 10,000 items of QGroundControl have 180,000."""
+MAX_KEYS = 1000
+"""Of one object."""
+MAX_LINES = 25_000
+"""Of files with an item a line."""
 _MAX_DIGITS = 40
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = re.compile(r"[^\[\]{}]+")
@@ -36,6 +40,18 @@ def decode(data: str | bytes, what: str = "the file") -> str:
     except UnicodeDecodeError as error:
         reason = f"byte {error.start} is no UTF-8 text"
         raise PlanError(what, reason, "Save the file as UTF-8.") from None
+
+
+def decode_lines(data: str | bytes) -> str:
+    """The text of a file with an item a line, of bounded size.
+
+    Raises:
+        PlanError: It is too large, no UTF-8, or has too many lines.
+    """
+    text = decode(data)
+    if text.count("\n") + text.count("\r") > MAX_LINES:
+        raise PlanError("the file", f"more than {MAX_LINES} lines", "Split the plan into smaller ones.")
+    return text
 
 
 def check_json(data: str | bytes) -> str:
@@ -80,8 +96,8 @@ def load(data: str | bytes) -> Any:
 
 
 def dump(value: Any) -> str:
-    """JSON text that `load` gives back as the same values in the same order."""
-    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    """JSON text that `load` gives back as the same values in the same order; ASCII only."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":"))
 
 
 def _finite(text: str) -> float:
@@ -102,6 +118,8 @@ def _refuse_constant(text: str) -> float:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(pairs) > MAX_KEYS:
+        raise PlanError("the file", f"more than {MAX_KEYS} keys in one object", "Choose another file.")
     found = dict(pairs)
     if len(found) != len(pairs):
         keys = [key for key, _ in pairs]

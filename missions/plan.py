@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 
 from missions import camera_items as c
 from missions import items as i
-from missions.bounded_json import check_json
+from missions.bounded_json import decode, load
 from missions.errors import PlanError, from_validation
 from missions.values import FenceZone, HomePosition, Model, RallyPoint
 
@@ -96,7 +96,8 @@ def read(data: str | bytes) -> Plan:
     Raises:
         PlanError: It is too large, no JSON, or not a plan; says where and what to do.
     """
-    text = check_json(data)
+    text = decode(data)
+    load(text)
     try:
         plan = Plan.model_validate_json(text)
     except ValidationError as error:

@@ -16,7 +16,7 @@ from missions.formats.mavlink_items import WireItem
 from missions.items import CommandItem, Waypoint
 from missions.plan import TYPED_ITEMS, Plan
 from missions.values import Altitude
-from tests.plan_strategies import plans
+from tests.support.plan_strategies import plans
 
 
 def test_constants_are_those_of_the_dialect() -> None:

@@ -1,0 +1,169 @@
+"""Plans as a table: CSV with one item a row, its columns named as the item's fields.
+
+`kind` may be left out (waypoint); `altitude_m` and `altitude_reference` are the altitude; an empty cell is
+the field's default, "none" is no value. Comma, semicolon or tab separate; the first row names the columns.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from missions.bounded_json import decode_lines
+from missions.errors import PlanError, field_path
+from missions.formats.results import Imported, ImportOptions, Written, lost
+from missions.items import CommandItem
+from missions.plan import MAX_ITEMS, TYPED_ITEMS, Plan, SimpleItem
+
+_ITEM: TypeAdapter[SimpleItem] = TypeAdapter(SimpleItem)
+_ALTITUDE = {
+    "altitude_m": "value_m",
+    "altitude_reference": "reference",
+    "altitude_resolved_amsl_m": "resolved_amsl_m",
+}
+_FIRST = ("kind", "lat_deg", "lon_deg", *_ALTITUDE)
+_FIELDS = frozenset(
+    {name for cls in (*TYPED_ITEMS, CommandItem) for name in cls.model_fields} - {"original", "altitude"}
+) | set(_ALTITUDE)
+_TEXTS = frozenset({"kind", "altitude_reference"})
+
+
+def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
+    """The items of a table.
+
+    Raises:
+        PlanError: It is too large, or a value is wrong; says line and column.
+    """
+    text = decode_lines(data)
+    csv.field_size_limit(10_000)
+    separator = max(",;\t", key=text.partition("\n")[0].count)
+    items: list[SimpleItem] = []
+    rows = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
+    names: list[str] | None = None
+    try:
+        for cells in rows:
+            if not any(cell.strip() for cell in cells):
+                continue
+            if names is None:
+                names = _names([cell.strip().lower() for cell in cells])
+                continue
+            if len(items) >= MAX_ITEMS:
+                raise PlanError(
+                    "the file", f"more than {MAX_ITEMS} items", "Split the plan into smaller ones."
+                )
+            items.append(_item(rows.line_num, names, cells, options or ImportOptions()))
+    except csv.Error as error:
+        raise PlanError(
+            f"line {rows.line_num}", f"no valid CSV ({error})", "Export the table again."
+        ) from None
+    if names is None:
+        raise PlanError("the file", "it has no rows", "The first row names the columns: lat_deg, lon_deg.")
+    return Imported(Plan(items=tuple(items)))
+
+
+def _names(names: list[str]) -> list[str]:
+    for name in names:
+        if name not in _FIELDS:
+            fix = "Name it as a field of a mission item: lat_deg, lon_deg, altitude_m, altitude_reference."
+            raise PlanError(f"line 1, column {name[:40]!r}", "no item has such a field", fix)
+        if names.count(name) > 1:
+            raise PlanError(f"line 1, column {name!r}", "it stands twice", "Remove one of them.")
+    return names
+
+
+def _item(line: int, names: list[str], cells: list[str], options: ImportOptions) -> SimpleItem:
+    if len(cells) > len(names):
+        raise PlanError(
+            f"line {line}", f"{len(cells)} cells, but {len(names)} columns", "Remove what is too much."
+        )
+    fields: dict[str, Any] = {"kind": "waypoint"}
+    altitude: dict[str, Any] = {}
+    for name, cell in zip(names, cells, strict=False):
+        if not cell.strip():
+            continue
+        value = _value(line, name, cell.strip())
+        if name in _ALTITUDE:
+            altitude[_ALTITUDE[name]] = value
+        else:
+            fields[name] = value
+    if altitude:
+        fields["altitude"] = altitude
+    elif "lat_deg" in fields:
+        if options.altitude is None:
+            fix = "Add altitude_m and altitude_reference, or give an altitude for the import."
+            raise PlanError(f"line {line}, column altitude_m", "the point has no altitude", fix)
+        fields["altitude"] = options.altitude.model_dump()
+    try:
+        return _ITEM.validate_json(json.dumps(fields))
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        parts = list(first["loc"])[1:]
+        column = field_path(parts).replace("altitude.value_m", "altitude_m").replace("altitude.", "altitude_")
+        reason = str(first["msg"])[:300]
+        raise PlanError(f"line {line}, column {column or 'kind'}", reason, "Correct this value.") from None
+
+
+def _value(line: int, name: str, cell: str) -> Any:
+    if name in _TEXTS:
+        return cell.lower()
+    if cell.lower() in ("none", "true", "false"):
+        return {"none": None, "true": True, "false": False}[cell.lower()]
+    try:
+        if name in ("params", "spare_params"):
+            return json.loads(cell, parse_constant=_no_constant)
+        return int(cell) if cell.lstrip("-").isdigit() and len(cell) < 20 else _number(cell)
+    except (ValueError, RecursionError):
+        place = f"line {line}, column {name}"
+        raise PlanError(place, f"{cell[:30]!r} is no finite number", "Write a number.") from None
+
+
+def _number(cell: str) -> float:
+    value = float(cell)
+    if not abs(value) <= 1e9:
+        raise ValueError(cell)
+    return value
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(text)
+
+
+def write(plan: Plan) -> Written:
+    """The plan's items as a table with those columns that are needed; complex items as their items."""
+    rows: list[dict[str, str]] = []
+    for _, item in plan.simple_items():
+        fields = item.model_dump(mode="json", exclude={"original"})
+        defaults = {
+            name: info.default for name, info in type(item).model_fields.items() if not info.is_required()
+        }
+        kept = {name: value for name, value in fields.items() if name == "kind" or name not in defaults
+                or value != _plain(defaults[name])}  # fmt: skip
+        altitude = kept.pop("altitude", {})
+        for column, name in _ALTITUDE.items():
+            if altitude.get(name) is not None:
+                kept[column] = altitude[name]
+        rows.append({name: _cell(value) for name, value in kept.items()})
+    used = {name for row in rows for name in row}
+    columns = [name for name in _FIRST if name in used or name not in _ALTITUDE]
+    columns += sorted(used - set(columns))
+    out = io.StringIO()
+    table = csv.DictWriter(out, columns, restval="", lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return Written(out.getvalue().encode(), lost(plan, "A table"))
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, list):
+        return json.dumps(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,171 @@
+"""A plan as geographic features: what GeoJSON and KML have in common.
+
+Each placed item, fence zone, rally point and home is a feature with a geometry, each other item one
+without. The properties are the item's fields, so that our own files come back whole. A feature of
+another program has no `role`: its points and lines become waypoints, its areas are handed over as areas.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from missions.errors import PlanError, from_validation
+from missions.formats.results import Area, Imported, ImportOptions, Written, count, lost
+from missions.items import PlacedItem, Waypoint
+from missions.plan import MAX_FENCE_ZONES, MAX_ITEMS, MAX_RALLY_POINTS, Plan, SimpleItem
+from missions.values import Altitude, FenceZone, HomePosition, Point, RallyPoint
+
+Geometry = Literal["none", "point", "line", "area"]
+Coordinate = tuple[float, float, float | None]
+"""Longitude and latitude in degrees, altitude in metres or None."""
+ROLES = ("item", "fence", "rally", "home")
+_ITEM: TypeAdapter[SimpleItem] = TypeAdapter(SimpleItem)
+_ZONE: TypeAdapter[FenceZone] = TypeAdapter(FenceZone)
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """One feature of a file."""
+
+    geometry: Geometry
+    rings: tuple[tuple[Coordinate, ...], ...] = ()
+    """One ring for a point or line; for an area the outer one, then its holes. Rings are not closed."""
+    properties: dict[str, Any] = field(default_factory=dict[str, Any])
+    name: str = ""
+    altitude: Altitude | None = None
+    """What the coordinates' altitude means, where the format says it."""
+
+
+def of_plan(plan: Plan) -> list[Feature]:
+    """The features of a plan."""
+    found: list[Feature] = []
+    if plan.planned_home is not None:
+        home = plan.planned_home
+        found.append(_point_feature("home", home, {"alt_amsl_m": home.alt_amsl_m}, home.alt_amsl_m, "Home"))
+    home_amsl_m = plan.planned_home.alt_amsl_m if plan.planned_home else None
+    for number, (_, item) in enumerate(plan.simple_items(), start=1):
+        properties = _fields(item)
+        name = f"{number} {item.kind.replace('_', ' ')}"
+        if isinstance(item, PlacedItem):
+            found.append(_point_feature("item", item, properties, item.altitude.amsl_m(home_amsl_m), name))
+        else:
+            found.append(Feature("none", properties={"role": "item", **properties}, name=name))
+    for zone in plan.fence:
+        side = "inclusion" if zone.inclusion else "exclusion"
+        if zone.shape == "circle":
+            properties = {"shape": "circle", "inclusion": zone.inclusion, "radius_m": zone.radius_m}
+            found.append(_point_feature("fence", zone.center, properties, None, f"Geofence {side}"))
+        else:
+            ring = tuple((point.lon_deg, point.lat_deg, None) for point in zone.polygon)
+            properties = {"role": "fence", "shape": "polygon", "inclusion": zone.inclusion}
+            found.append(Feature("area", (ring,), properties, f"Geofence {side}"))
+    for number, rally in enumerate(plan.rally_points, start=1):
+        amsl_m = rally.altitude.amsl_m(home_amsl_m)
+        found.append(_point_feature("rally", rally, _fields(rally), amsl_m, f"Rally point {number}"))
+    return found
+
+
+def written(data: bytes, plan: Plan, name: str) -> Written:
+    """The file, with what it does not hold."""
+    return Written(data, lost(plan, name, fence=True, rally=True, home=True))
+
+
+def _fields(model: BaseModel) -> dict[str, Any]:
+    kept = model.model_dump(mode="json", exclude={"lat_deg", "lon_deg", "original"}, exclude_defaults=True)
+    return {"kind": getattr(model, "kind"), **kept} if hasattr(model, "kind") else kept  # noqa: B009
+
+
+def _point_feature(
+    role: str, place: Any, properties: dict[str, Any], amsl_m: float | None, name: str
+) -> Feature:
+    altitude = None if amsl_m is None else Altitude(value_m=amsl_m, reference="amsl")
+    return Feature(
+        "point", (((place.lon_deg, place.lat_deg, amsl_m),),), {"role": role, **properties}, name, altitude
+    )
+
+
+def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> Imported:
+    """The plan of a file's features.
+
+    Raises:
+        PlanError: A value is wrong, a point has no altitude, or there are too many; says which feature.
+    """
+    items: list[SimpleItem] = []
+    fence: list[FenceZone] = []
+    rally: list[RallyPoint] = []
+    areas: list[Area] = []
+    home: HomePosition | None = None
+    for number, feature in enumerate(features, start=1):
+        place = f"feature {number}" + (f" ({feature.name[:40]})" if feature.name else "")
+        try:
+            match feature.properties.get("role"):
+                case "item":
+                    items.append(_ITEM.validate_json(_document(feature)))
+                case "fence":
+                    fence.append(_zone(feature))
+                case "rally":
+                    rally.append(RallyPoint.model_validate_json(_document(feature)))
+                case "home":
+                    home = HomePosition.model_validate_json(_document(feature))
+                case _:
+                    _foreign(feature, options, items, areas)
+        except ValidationError as error:
+            found = from_validation(error)
+            raise PlanError(f"{place}, {found.place}", found.reason, found.fix) from None
+        except PlanError as error:
+            raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
+        _check_counts(items, fence, rally)
+    plan = Plan(items=tuple(items), fence=tuple(fence), rally_points=tuple(rally), planned_home=home)
+    note = (f"{what} has {count(len(areas), 'area')}: choose what each is for.",) if areas else ()
+    return Imported(plan, tuple(areas), note)
+
+
+def _check_counts(items: Sequence[Any], fence: Sequence[Any], rally: Sequence[Any]) -> None:
+    if len(items) > MAX_ITEMS or len(fence) > MAX_FENCE_ZONES or len(rally) > MAX_RALLY_POINTS:
+        most = (
+            f"{MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, {MAX_RALLY_POINTS} rally points are the most"
+        )
+        raise PlanError("the file", most, "Split the plan into smaller ones.")
+
+
+def _document(feature: Feature) -> str:
+    fields = {key: value for key, value in feature.properties.items() if key != "role"}
+    if feature.geometry == "point":
+        lon, lat, _ = feature.rings[0][0]
+        fields |= {"lat_deg": lat, "lon_deg": lon}
+    return json.dumps(fields)
+
+
+def _zone(feature: Feature) -> FenceZone:
+    fields = {key: value for key, value in feature.properties.items() if key != "role"}
+    points = [{"lat_deg": lat, "lon_deg": lon} for lon, lat, _ in feature.rings[0]] if feature.rings else []
+    if fields.get("shape") == "circle":
+        fields["center"] = points[0] if points else None
+    else:
+        fields["polygon"] = points
+    return _ZONE.validate_json(json.dumps(fields))
+
+
+def _foreign(feature: Feature, options: ImportOptions, items: list[SimpleItem], areas: list[Area]) -> None:
+    if len(items) + sum(map(len, feature.rings)) > MAX_ITEMS:
+        raise PlanError("its line or area", f"more than {MAX_ITEMS} points", "Simplify it.")
+    if feature.geometry == "area":
+        rings = [tuple(Point(lat_deg=lat, lon_deg=lon) for lon, lat, _ in ring) for ring in feature.rings]
+        if any(len(ring) < 3 for ring in rings):
+            raise PlanError("its area", "it has fewer than 3 corners", "Correct the area.")
+        areas.append(Area(feature.name[:100], rings[0], tuple(rings[1:])))
+        return
+    for lon, lat, z in feature.rings[0] if feature.rings else ():
+        altitude = options.altitude
+        if feature.altitude is not None and z is not None:
+            altitude = feature.altitude.model_copy(update={"value_m": z})
+        if altitude is None:
+            reason = "the file does not say above what its altitude counts"
+            raise PlanError("its altitude", reason, "Give an altitude with its reference for the import.")
+        checked = Altitude.model_validate(altitude.model_dump())
+        items.append(Waypoint(lat_deg=lat, lon_deg=lon, altitude=checked))

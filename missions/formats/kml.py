@@ -1,0 +1,237 @@
+"""Plans as KML and KMZ (OGC 12-007r2): for maps and Google Earth, and back.
+
+Foreign files are bounded before they are parsed; entities and document types are refused (defusedxml), a KMZ
+is unpacked only as far as its one KML document, and that no further than the bound of all files.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Iterator
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import XMLParser
+
+from missions.bounded_json import MAX_DEPTH, MAX_FILE_BYTES, MAX_VALUES, decode
+from missions.bounded_json import load as load_json
+from missions.errors import PlanError
+from missions.formats import features
+from missions.formats.features import Coordinate, Feature
+from missions.formats.geojson import open_ring
+from missions.formats.results import Imported, ImportOptions, Written
+from missions.plan import MAX_ITEMS, Plan
+from missions.values import Altitude
+
+NAMESPACE = "http://www.opengis.net/kml/2.2"
+_DATA = "offboard-gcs"
+_REFERENCE = {"absolute": "amsl", "relativeToGround": "terrain"}
+MAX_ZIP_ENTRIES = 1000
+_PIECE = 64 * 1024
+
+
+def read(data: bytes, options: ImportOptions | None = None) -> Imported:
+    """The plan of a KML or KMZ file.
+
+    An altitude counts as its `altitudeMode` says: absolute above mean sea level, relativeToGround above
+    terrain; one that is clamped to the ground is none.
+
+    Raises:
+        PlanError: It is too large, no KML, has entities, a value is wrong, or a point has no altitude.
+    """
+    text = decode(_unpacked(data) if data[:2] == b"PK" else data)
+    root = _parse(text)
+    found = [feature for placemark in _all(root, "Placemark") for feature in _placemark(placemark)]
+    return features.to_plan(found, options or ImportOptions(), "The KML file")
+
+
+def _unpacked(data: bytes) -> bytes:
+    if len(data) > MAX_FILE_BYTES:
+        decode(data, "the KMZ file")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = archive.infolist()
+            if len(entries) > MAX_ZIP_ENTRIES:
+                raise PlanError(
+                    "the KMZ file", f"more than {MAX_ZIP_ENTRIES} entries", "Choose another file."
+                )
+            names = [entry for entry in entries if entry.filename.lower().endswith(".kml")]
+            if not names:
+                raise PlanError("the KMZ file", "it has no KML document", "Choose another file.")
+            with archive.open(names[0]) as file:
+                pieces: list[bytes] = []
+                while piece := file.read(_PIECE):
+                    pieces.append(piece)
+                    if len(pieces) * _PIECE > MAX_FILE_BYTES + _PIECE:
+                        limit_mib = MAX_FILE_BYTES // 2**20
+                        reason = f"its KML document is larger than {limit_mib} MiB"
+                        raise PlanError("the KMZ file", reason, "Split the plan into smaller ones.")
+                return b"".join(pieces)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+        raise PlanError("the KMZ file", f"it cannot be unpacked ({error})", "Export it again.") from None
+
+
+class _Bounded:
+    """Builds the tree, and stops where it gets deeper or larger than any plan."""
+
+    def __init__(self) -> None:
+        self.root: Element | None = None
+        self._open: list[Element] = []
+        self._pieces: list[str] = []
+        self._count = 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1 + len(attributes)
+        if len(self._open) >= MAX_DEPTH or self._count > MAX_VALUES:
+            raise PlanError("the KML file", "more elements or deeper ones than any plan has", "Split it.")
+        element = Element(tag, attributes) if not self._open else SubElement(self._open[-1], tag, attributes)
+        self.root = self.root if self.root is not None else element
+        self._open.append(element)
+        self._pieces.clear()
+
+    def end(self, tag: str) -> None:
+        element = self._open.pop()
+        if len(element) == 0:
+            element.text = "".join(self._pieces)
+        self._pieces.clear()
+
+    def data(self, text: str) -> None:
+        self._pieces.append(text)
+
+    def close(self) -> Element:
+        if self.root is None:
+            raise ParseError("no element")
+        return self.root
+
+
+def _parse(text: str) -> Element:
+    if text.count("<") + text.count("=") > 2 * MAX_VALUES:
+        raise PlanError("the KML file", "more elements than any plan has", "Split it.")
+    parser = XMLParser(target=_Bounded(), forbid_dtd=True)
+    try:
+        parser.feed(text)
+        return parser.close()
+    except ParseError as error:
+        line, column = getattr(error, "position", (1, 0))
+        place = f"line {line}, column {column + 1}"
+        raise PlanError(
+            place, f"no valid XML ({str(error).partition(':')[0]})", "Export the file again."
+        ) from None
+    except DefusedXmlException:
+        raise PlanError("the KML file", "it has entities or a document type", "Remove them.") from None
+
+
+def _name(element: Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _all(element: Element, name: str) -> Iterator[Element]:
+    return (each for each in element.iter() if _name(each) == name)
+
+
+def _text(element: Element, name: str) -> str:
+    return next(((each.text or "").strip() for each in element if _name(each) == name), "")
+
+
+def _placemark(placemark: Element) -> Iterator[Feature]:
+    name = _text(placemark, "name")[:100]
+    properties = _properties(placemark)
+    some = False
+    for geometry in placemark.iter():
+        match _name(geometry):
+            case "Point" | "LineString":
+                some = True
+                kind = "point" if _name(geometry) == "Point" else "line"
+                ring = _coordinates(geometry, name)
+                if kind == "point" and len(ring) != 1:
+                    raise PlanError(f"placemark {name!r}", "its point has no place", "Correct it.")
+                yield Feature(kind, (ring,), properties, name, _altitude(geometry))
+            case "Polygon":
+                some = True
+                outer = [_coordinates(each, name) for each in _all(geometry, "outerBoundaryIs")]
+                holes = [_coordinates(each, name) for each in _all(geometry, "innerBoundaryIs")]
+                if len(outer) != 1:
+                    raise PlanError(f"placemark {name!r}", "its area has no corners", "Correct it.")
+                yield Feature("area", tuple(open_ring(ring) for ring in (*outer, *holes)), properties, name)
+            case _:
+                pass
+    if not some and properties:
+        yield Feature("none", properties=properties, name=name)
+
+
+def _altitude(geometry: Element) -> Altitude | None:
+    reference = _REFERENCE.get(_text(geometry, "altitudeMode"))
+    return None if reference is None else Altitude(value_m=0.0, reference=reference)  # type: ignore[arg-type]
+
+
+def _properties(placemark: Element) -> dict[str, Any]:
+    for data in _all(placemark, "Data"):
+        if data.get("name") == _DATA:
+            found = load_json(_text(data, "value"))
+            return found if isinstance(found, dict) else {}
+    return {}
+
+
+def _coordinates(geometry: Element, name: str) -> tuple[Coordinate, ...]:
+    text = next(((each.text or "") for each in _all(geometry, "coordinates")), "")
+    words = text.split()
+    if len(words) > MAX_ITEMS:
+        raise PlanError(f"placemark {name!r}", f"more than {MAX_ITEMS} coordinates", "Simplify it.")
+    return tuple(_coordinate(each, name) for each in words)
+
+
+def _coordinate(text: str, name: str) -> Coordinate:
+    try:
+        values = [float(value) for value in text.split(",")]
+    except ValueError:
+        values = []
+    if not 2 <= len(values) <= 3 or not all(math.isfinite(value) and abs(value) <= 1e9 for value in values):
+        reason = f"{text[:40]!r} is no longitude, latitude, altitude"
+        raise PlanError(f"placemark {name!r}", reason, "Correct this coordinate.")
+    return (values[0], values[1], values[2] if len(values) == 3 else None)
+
+
+def write(plan: Plan) -> Written:
+    """The plan as KML: a placemark for each item, fence zone, rally point and home."""
+    root = Element("kml", {"xmlns": NAMESPACE})
+    document = SubElement(root, "Document")
+    for feature in features.of_plan(plan):
+        placemark = SubElement(document, "Placemark")
+        SubElement(placemark, "name").text = feature.name
+        data = SubElement(SubElement(placemark, "ExtendedData"), "Data", {"name": _DATA})
+        SubElement(data, "value").text = json.dumps(feature.properties, allow_nan=False)
+        _write_geometry(placemark, feature)
+    text = b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8")
+    return features.written(text + b"\n", plan, "A KML file")
+
+
+def write_kmz(plan: Plan) -> Written:
+    """The same as `write`, compressed, as a KMZ file."""
+    result = write(plan)
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(zipfile.ZipInfo("doc.kml"), result.data, zipfile.ZIP_DEFLATED)
+    return Written(out.getvalue(), result.notes)
+
+
+def _write_geometry(placemark: Element, feature: Feature) -> None:
+    if feature.geometry == "none":
+        return
+    if feature.geometry == "point":
+        point = SubElement(placemark, "Point")
+        if feature.altitude is not None:
+            SubElement(point, "altitudeMode").text = "absolute"
+        SubElement(point, "coordinates").text = _to_text(feature.rings[0])
+        return
+    polygon = SubElement(placemark, "Polygon")
+    ring = SubElement(SubElement(polygon, "outerBoundaryIs"), "LinearRing")
+    SubElement(ring, "coordinates").text = _to_text((*feature.rings[0], feature.rings[0][0]))
+
+
+def _to_text(ring: tuple[Coordinate, ...]) -> str:
+    return " ".join(",".join(repr(value) for value in each if value is not None) for each in ring)

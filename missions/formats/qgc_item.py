@@ -1,0 +1,150 @@
+"""One SimpleItem of a .plan file ↔ one mission item."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pydantic import ValidationError
+
+from missions import bounded_json
+from missions.errors import PlanError, from_validation
+from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_of, params_of
+from missions.items import CommandItem, PlacedItem
+from missions.plan import SimpleItem
+from missions.values import Altitude, Reference
+
+_RELATIVE, _ABSOLUTE, _CALCULATED_ABOVE_TERRAIN, _TERRAIN_FRAME = 1, 2, 3, 4
+"""QGroundControl's AltitudeMode."""
+_MODE: dict[Reference, int] = {"home": _RELATIVE, "amsl": _ABSOLUTE, "terrain": _TERRAIN_FRAME}
+_MAV_FRAME_GLOBAL = 0
+
+
+def an_object(raw: Any, place: str) -> dict[str, Any]:
+    """The value, where it is a JSON object.
+
+    Raises:
+        PlanError: It is not.
+    """
+    if not isinstance(raw, dict):
+        raise PlanError(place, "it is missing or no object", "Export the plan again.")
+    return raw
+
+
+def a_list(raw: Any, place: str) -> list[Any]:
+    """The value, where it is a JSON list.
+
+    Raises:
+        PlanError: It is not.
+    """
+    if not isinstance(raw, list):
+        raise PlanError(place, "it is missing or no list", "Export the plan again.")
+    return raw
+
+
+def number(raw: Any, place: str) -> float:
+    """The value, where it is a finite number.
+
+    Raises:
+        PlanError: It is not.
+    """
+    if isinstance(raw, bool) or not isinstance(raw, int | float):
+        raise PlanError(place, "it is missing or no number", "Write a number.")
+    if not math.isfinite(raw) or abs(raw) > 1e9:
+        raise PlanError(place, "it is too large to be anything", "Correct this value.")
+    return float(raw)
+
+
+def _integer(part: dict[str, Any], key: str, place: str) -> int:
+    value = number(part.get(key), f"{place}, field {key}")
+    if not value.is_integer():
+        raise PlanError(f"{place}, field {key}", "it is not a whole number", "Write a whole number.")
+    return int(value)
+
+
+def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
+    """A SimpleItem; the target of a jump stays the file's doJumpId.
+
+    Raises:
+        PlanError: A value is wrong; `place` is put before the field's name.
+    """
+    command, frame = _integer(part, "command", place), _integer(part, "frame", place)
+    raws = a_list(part.get("params"), f"{place}, field params")
+    if len(raws) != 7:
+        raise PlanError(f"{place}, field params", f"it has {len(raws)} values, not 7", "Write seven values.")
+    params = tuple(
+        None if raw is None else number(raw, f"{place}, field params[{n}]") for n, raw in enumerate(raws)
+    )
+    autocontinue = part.get("autoContinue", True)
+    if not isinstance(autocontinue, bool):
+        raise PlanError(
+            f"{place}, field autoContinue", "it is neither true nor false", "Write true or false."
+        )
+    try:
+        item = item_of(command, frame, params, autocontinue=autocontinue, original=bounded_json.dump(part))
+    except PlanError as error:
+        raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
+    height = part.get("Altitude")
+    if (
+        isinstance(item, PlacedItem)
+        and part.get("AltitudeMode") == _CALCULATED_ABOVE_TERRAIN
+        and item.altitude.reference == "amsl"
+        and height is not None
+    ):
+        return item.model_copy(update={"altitude": _above_terrain(height, item.altitude.value_m, place)})
+    return item
+
+
+def _above_terrain(height: Any, amsl_m: float, place: str) -> Altitude:
+    try:
+        value_m = number(height, f"{place}, field Altitude")
+        return Altitude(value_m=value_m, reference="terrain", resolved_amsl_m=amsl_m)
+    except ValidationError as error:
+        found = from_validation(error)
+        raise PlanError(f"{place}, field Altitude", found.reason, found.fix) from None
+
+
+def jump_id(part: dict[str, Any], index: int) -> int:
+    """The doJumpId of an item; QGroundControl numbers from 1."""
+    found = part.get("doJumpId")
+    return found if isinstance(found, int) and not isinstance(found, bool) else index + 1
+
+
+def own_jump_id(item: SimpleItem) -> int | None:
+    """The doJumpId that an item's file had for it."""
+    if item.original is None:
+        return None
+    found = an_object(bounded_json.load(item.original), "field original").get("doJumpId")
+    return found if isinstance(found, int) and not isinstance(found, bool) else None
+
+
+def simple_object(item: SimpleItem, own_id: int) -> dict[str, Any]:
+    """A SimpleItem as QGroundControl writes it."""
+    params = [_tidy(value) for value in params_of(item)]
+    frame = frame_of(item, FILE_FRAME)
+    command = item.command if isinstance(item, CommandItem) else item.COMMAND
+    altitude: dict[str, Any] = {}
+    if isinstance(item, PlacedItem):
+        amsl_m = item.altitude.resolved_amsl_m
+        mode = _MODE[item.altitude.reference]
+        if amsl_m is not None:
+            frame, mode, params[6] = _MAV_FRAME_GLOBAL, _CALCULATED_ABOVE_TERRAIN, _tidy(amsl_m)
+        altitude = {
+            "AMSLAltAboveTerrain": None if amsl_m is None else _tidy(amsl_m),
+            "Altitude": _tidy(item.altitude.value_m),
+            "AltitudeMode": mode,
+        }
+    return {
+        **altitude,
+        "autoContinue": item.autocontinue,
+        "command": command,
+        "doJumpId": own_id,
+        "frame": frame,
+        "params": params,
+        "type": "SimpleItem",
+    }
+
+
+def _tidy(value: float | None) -> float | int | None:
+    """Whole numbers without a decimal point."""
+    return int(value) if value is not None and float(value).is_integer() else value

@@ -1,0 +1,399 @@
+"""QGroundControl's .plan files, read and written back without loss.
+
+What is not modelled stays with the part it belongs to (`original`) and is written back in its place, in its
+order. A part that was changed here keeps its unknown keys. The format:
+https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from missions import bounded_json
+from missions.errors import PlanError, from_validation
+from missions.formats import qgc_item
+from missions.formats.qgc_item import a_list, an_object, number
+from missions.formats.results import Imported, Written
+from missions.items import CommandItem, Jump
+from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_count
+from missions.values import Altitude, FenceCircle, FencePolygon, FenceZone, HomePosition, Point, RallyPoint
+
+_VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
+_SPEEDS: Final = {"cruiseSpeed": "cruise_speed_m_s", "hoverSpeed": "hover_speed_m_s"}
+_PX4, _QUADROTOR = 12, 2
+
+
+def read(data: bytes | str) -> Imported:
+    """The plan of a .plan file.
+
+    Raises:
+        PlanError: It is too large, no JSON, no plan, or a value is wrong; says item, field and fix.
+    """
+    document = an_object(bounded_json.load(data), "the file")
+    if document.get("fileType") != "Plan":
+        raise PlanError("field fileType", 'it is not "Plan"', "Choose a .plan file.")
+    for part, version in _VERSIONS.items():
+        if part in document:
+            _check_version(an_object(document[part], f"field {part}"), part, version)
+    mission = an_object(document.get("mission"), "field mission")
+    items, notes = _read_items(a_list(mission.get("items"), "field mission.items"))
+    fence = an_object(document.get("geoFence", {}), "field geoFence")
+    rally = an_object(document.get("rallyPoints", {}), "field rallyPoints")
+    try:
+        plan = Plan(
+            items=items,
+            fence=_read_fence(fence),
+            rally_points=tuple(_rally(n, raw) for n, raw in enumerate(_part(rally, "points", "rallyPoints"))),
+            planned_home=_home(mission),
+            original=bounded_json.dump(_template(document)),
+            cruise_speed_m_s=_speed(mission, "cruiseSpeed"),
+            hover_speed_m_s=_speed(mission, "hoverSpeed"),
+        )
+    except ValidationError as error:
+        raise from_validation(error) from None
+    return Imported(check_count(plan), notes=notes)
+
+
+def write(plan: Plan) -> Written:
+    """The plan as a .plan file for PX4 multicopters; a plan that `read` gave and nobody changed as it was.
+
+    Raises:
+        PlanError: A rally point's altitude cannot be said above home.
+    """
+    document = _checked(plan.original) if plan.original else _empty()
+    mission = document["mission"]
+    mission["items"] = _write_items(plan)
+    if plan.planned_home != _home(mission):
+        mission["plannedHomePosition"] = None
+        if plan.planned_home is not None:
+            home = plan.planned_home
+            mission["plannedHomePosition"] = [home.lat_deg, home.lon_deg, home.alt_amsl_m]
+    for key, field in _SPEEDS.items():
+        if getattr(plan, field) != _speed(mission, key):
+            mission[key] = getattr(plan, field)
+    _write_fence(document, plan.fence)
+    _write_rally(document, plan)
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
+    if any("\ud800" <= letter <= "\udfff" for letter in text):
+        text = json.dumps(document, allow_nan=False, indent=4) + "\n"
+    notes = () if plan.planned_home else ("QGroundControl opens only plans with a home position.",)
+    return Written(text.encode(), notes)
+
+
+# --- the whole ----------------------------------------------------------------------------------------
+
+
+def _check_version(part: dict[str, Any], name: str, version: int) -> None:
+    if part.get("version") != version:
+        reason = f"version {str(part.get('version'))[:20]} is not known, {version} is"
+        raise PlanError(f"field {name}.version", reason, "Save the file with a current QGroundControl.")
+
+
+def _empty() -> dict[str, Any]:
+    return {
+        "fileType": "Plan",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "groundStation": "QGroundControl",
+        "mission": {
+            "firmwareType": _PX4,
+            "globalPlanAltitudeMode": 0,
+            "items": [],
+            "vehicleType": _QUADROTOR,
+            "version": 2,
+        },
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    }
+
+
+def _checked(original: str) -> dict[str, Any]:
+    """The kept document; a person may have changed it in our own JSON."""
+    document = an_object(bounded_json.load(original), "field original")
+    for key in ("mission", *(key for key in ("geoFence", "rallyPoints") if key in document)):
+        an_object(document.get(key), f"field original, field {key}")
+    _part(document.get("rallyPoints", {}), "points", "original.rallyPoints")
+    return document
+
+
+def _template(document: dict[str, Any]) -> dict[str, Any]:
+    """The document without what the items and zones themselves keep."""
+    kept = dict(document)
+    kept["mission"] = {**document["mission"], "items": []}
+    if "geoFence" in document:
+        fence = document["geoFence"]
+        kept["geoFence"] = {**fence, **{key: [] for key in ("circles", "polygons") if key in fence}}
+    return kept
+
+
+def _part(parent: dict[str, Any], key: str, name: str) -> list[Any]:
+    return a_list(parent.get(key, []), f"field {name}.{key}")
+
+
+def _home(mission: dict[str, Any]) -> HomePosition | None:
+    raw = mission.get("plannedHomePosition")
+    if raw is None:
+        return None
+    place = "field mission.plannedHomePosition"
+    values = a_list(raw, place)
+    if len(values) != 3:
+        raise PlanError(place, f"it has {len(values)} numbers, not 3", "Write latitude, longitude, altitude.")
+    lat, lon, alt = (number(value, f"{place}[{n}]") for n, value in enumerate(values))
+    try:
+        return HomePosition(lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+    except ValidationError as error:
+        raise from_validation(error, ("planned_home",)) from None
+
+
+def _speed(mission: dict[str, Any], key: str) -> float | None:
+    """A planned speed in m/s; QGroundControl writes 0 or null where there is none."""
+    raw = mission.get(key)
+    if raw is None:
+        return None
+    value = number(raw, f"field mission.{key}")
+    return value if value > 0.0 else None
+
+
+# --- items --------------------------------------------------------------------------------------------
+
+
+def _read_items(raws: list[Any]) -> tuple[tuple[PlanItem, ...], tuple[str, ...]]:
+    items: list[PlanItem] = []
+    ids: list[int] = []
+    notes: list[str] = []
+    for n, each in enumerate(raws, start=1):
+        part = an_object(each, f"item {n}")
+        if part.get("type") == "SimpleItem":
+            items.append(qgc_item.read_simple(part, f"item {n}"))
+            ids.append(qgc_item.jump_id(part, len(ids)))
+            continue
+        item, inner = _read_complex(part, n)
+        items.append(item)
+        ids += [qgc_item.jump_id(raw, len(ids) + k) for k, raw in enumerate(inner)]
+        if not inner:
+            name = f"Item {n} ({item.complex_type})"
+            notes.append(f"{name} holds no mission items: it is kept, but cannot be flown.")
+    index_of = {each_id: index for index, each_id in reversed(list(enumerate(ids)))}
+    return tuple(_with_targets(item, index_of) for item in items), tuple(notes)
+
+
+def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[str, Any]]]:
+    """A pattern and the items inside it, where the file has them."""
+    name = part.get("complexItemType", part.get("type"))
+    inner: list[dict[str, Any]] = []
+    holder = part.get("TransectStyleComplexItem")
+    if isinstance(holder, dict) and "Items" in holder:
+        place = f"item {n}, field TransectStyleComplexItem.Items"
+        inner = [an_object(raw, f"{place}[{k}]") for k, raw in enumerate(a_list(holder["Items"], place))]
+    items = tuple(qgc_item.read_simple(each, f"item {n}, part {k}") for k, each in enumerate(inner, start=1))
+    original = bounded_json.dump(_without_items(part))
+    try:
+        return ComplexItem(complex_type=str(name)[:100], items=items, original=original), inner
+    except ValidationError as error:
+        raise from_validation(error, ("items", n - 1)) from None
+
+
+def _without_items(part: dict[str, Any]) -> dict[str, Any]:
+    holder = part.get("TransectStyleComplexItem")
+    if not isinstance(holder, dict) or "Items" not in holder:
+        return part
+    return {**part, "TransectStyleComplexItem": {**holder, "Items": []}}
+
+
+def _with_targets(item: PlanItem, index_of: dict[int, int]) -> PlanItem:
+    """A jump names another item by its doJumpId in the file, by its index in the document."""
+    if isinstance(item, ComplexItem):
+        return item.model_copy(update={"items": tuple(_with_targets(each, index_of) for each in item.items)})
+    if not isinstance(item, Jump):
+        return item
+    index = index_of.get(item.target_index)
+    if index is not None:
+        return item.model_copy(update={"target_index": index})
+    params = (float(item.target_index), float(item.repeat), 0.0, 0.0, 0.0, 0.0, 0.0)
+    return CommandItem(
+        command=item.COMMAND, frame=2, params=params, autocontinue=item.autocontinue, original=item.original
+    )
+
+
+def _write_items(plan: Plan) -> list[Any]:
+    simple = [item for _, item in plan.simple_items()]
+    ids = _jump_ids(simple)
+    index_of = {each: index for index, each in enumerate(ids)}
+    position = 0
+    written: list[Any] = []
+    for item in plan.items:
+        count = len(item.items) if isinstance(item, ComplexItem) else 1
+        parts = [_write_simple(simple[k], ids[k], ids, index_of) for k in range(position, position + count)]
+        position += count
+        if not isinstance(item, ComplexItem):
+            written += parts
+            continue
+        raw = an_object(bounded_json.load(item.original), "the complex item")
+        holder = raw.get("TransectStyleComplexItem")
+        if isinstance(holder, dict) and "Items" in holder:
+            holder["Items"] = parts
+        written.append(raw)
+    return written
+
+
+def _jump_ids(items: Sequence[SimpleItem]) -> list[int]:
+    """A doJumpId for each item: the file's own where it has one that is unique, else a new one."""
+    own: list[int | None] = []
+    taken: set[int] = set()
+    for item in items:
+        found = qgc_item.own_jump_id(item)
+        own.append(None if found in taken else found)
+        if found is not None:
+            taken.add(found)
+    last = 0
+    ids: list[int] = []
+    for found in own:
+        if found is None:
+            last += 1
+            while last in taken:
+                last += 1
+            taken.add(last)
+        ids.append(last if found is None else found)
+    return ids
+
+
+def _write_simple(item: SimpleItem, own_id: int, ids: list[int], index_of: dict[int, int]) -> dict[str, Any]:
+    fresh = qgc_item.simple_object(item, own_id)
+    if isinstance(item, Jump):
+        target = item.target_index
+        fresh["params"][0] = ids[target] if target < len(ids) else max(ids) + 1
+    if item.original is None:
+        return fresh
+    raw = an_object(bounded_json.load(item.original), "the item")
+    before = _with_targets(qgc_item.read_simple(raw, "the item"), index_of)
+    if before != item:
+        return {**raw, **fresh}
+    if "doJumpId" in raw:
+        raw["doJumpId"] = own_id
+    return raw
+
+
+# --- fence and rally points ---------------------------------------------------------------------------
+
+
+def _read_fence(fence: dict[str, Any]) -> tuple[FenceZone, ...]:
+    polygons = [_polygon(n, raw) for n, raw in enumerate(_part(fence, "polygons", "geoFence"))]
+    circles = [_circle(n, raw) for n, raw in enumerate(_part(fence, "circles", "geoFence"))]
+    return (*polygons, *circles)
+
+
+def _polygon(n: int, raw: Any) -> FencePolygon:
+    place = f"geofence polygon {n + 1}"
+    part = an_object(raw, place)
+    corners = a_list(part.get("polygon"), f"{place}, field polygon")
+    points = tuple(_point(each, f"{place}, field polygon[{k}]") for k, each in enumerate(corners))
+    try:
+        return FencePolygon(
+            inclusion=_inclusion(part, place), polygon=points, original=bounded_json.dump(raw)
+        )
+    except ValidationError as error:
+        raise _at(place, error) from None
+
+
+def _circle(n: int, raw: Any) -> FenceCircle:
+    place = f"geofence circle {n + 1}"
+    part = an_object(raw, place)
+    circle = an_object(part.get("circle"), f"{place}, field circle")
+    center = _point(circle.get("center"), f"{place}, field circle.center")
+    radius_m = number(circle.get("radius"), f"{place}, field circle.radius")
+    try:
+        return FenceCircle(
+            inclusion=_inclusion(part, place),
+            center=center,
+            radius_m=radius_m,
+            original=bounded_json.dump(raw),
+        )
+    except ValidationError as error:
+        raise _at(place, error) from None
+
+
+def _at(place: str, error: ValidationError) -> PlanError:
+    found = from_validation(error)
+    return PlanError(f"{place}, {found.place}", found.reason, found.fix)
+
+
+def _inclusion(part: dict[str, Any], place: str) -> bool:
+    value = part.get("inclusion")
+    if not isinstance(value, bool):
+        raise PlanError(f"{place}, field inclusion", "it is neither true nor false", "Write true or false.")
+    return value
+
+
+def _point(raw: Any, place: str) -> Point:
+    values = a_list(raw, place)
+    if len(values) < 2:
+        raise PlanError(place, "it has no latitude and longitude", "Write [latitude, longitude].")
+    lat, lon = (number(value, f"{place}[{n}]") for n, value in enumerate(values[:2]))
+    try:
+        return Point(lat_deg=lat, lon_deg=lon)
+    except ValidationError as error:
+        raise _at(place, error) from None
+
+
+def _write_fence(document: dict[str, Any], zones: Sequence[FenceZone]) -> None:
+    if not zones and "geoFence" not in document:
+        return
+    fence = document.setdefault("geoFence", {"version": 2})
+    for key, shape in (("circles", "circle"), ("polygons", "polygon")):
+        found = [_write_zone(zone) for zone in zones if zone.shape == shape]
+        if found or key in fence:
+            fence[key] = found
+
+
+def _write_zone(zone: FenceZone) -> dict[str, Any]:
+    raw: dict[str, Any] = bounded_json.load(zone.original) if zone.original else {"version": 1}
+    if isinstance(zone, FenceCircle):
+        if zone.original and _circle(0, raw).model_copy(update={"original": zone.original}) == zone:
+            return raw
+        center = [zone.center.lat_deg, zone.center.lon_deg]
+        return {**raw, "circle": {**raw.get("circle", {}), "center": center, "radius": zone.radius_m},
+                "inclusion": zone.inclusion}  # fmt: skip
+    if zone.original and _polygon(0, raw).model_copy(update={"original": zone.original}) == zone:
+        return raw
+    corners = [[point.lat_deg, point.lon_deg] for point in zone.polygon]
+    return {**raw, "inclusion": zone.inclusion, "polygon": corners}
+
+
+def _rally(n: int, raw: Any) -> RallyPoint:
+    place = f"rally point {n + 1}"
+    point = _point(raw, place)
+    if len(raw) < 3:
+        raise PlanError(place, "it has no altitude", "Write [latitude, longitude, altitude above home].")
+    try:
+        altitude = Altitude(value_m=number(raw[2], f"{place}[2]"), reference="home")
+    except ValidationError as error:
+        raise _at(place, error) from None
+    return RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude)
+
+
+def _write_rally(document: dict[str, Any], plan: Plan) -> None:
+    if not plan.rally_points and "rallyPoints" not in document:
+        return
+    part = document.setdefault("rallyPoints", {"version": 2})
+    before = part.get("points", [])
+    points: list[Any] = []
+    for n, rally in enumerate(plan.rally_points):
+        if n < len(before) and _rally(n, before[n]) == rally:
+            points.append(before[n])
+        else:
+            points.append([rally.lat_deg, rally.lon_deg, _above_home_m(rally, n, plan.planned_home)])
+    if points or "points" in part:
+        part["points"] = points
+
+
+def _above_home_m(rally: RallyPoint, n: int, home: HomePosition | None) -> float:
+    if rally.altitude.reference == "home":
+        return rally.altitude.value_m
+    amsl_m = rally.altitude.amsl_m(None)
+    if home is None or amsl_m is None:
+        reason = "a .plan file holds altitudes of rally points above home only"
+        raise PlanError(f"rally point {n + 1}, field altitude", reason, "Set its altitude above home.")
+    return amsl_m - home.alt_amsl_m
