@@ -21,8 +21,10 @@ from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
 from gcs_server.api.offboard_models import LimitsRequest
+from gcs_server.api.permission import bind_commands, command_of
+from gcs_server.api.principals import principal_of
 from gcs_server.api.schema import bare_app
-from gcs_server.api.station import Station, client_of
+from gcs_server.api.station import Station
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
@@ -247,11 +249,9 @@ def create_app(
 
     def note_invalid(request: Request, detail: str) -> None:
         if request.method in ("POST", "PUT"):
-            vehicle = request.path_params.get("v")
-            command = request.url.path.partition(f"/vehicles/{vehicle}/")[2] or request.url.path
-            server.station.journal.add(
-                client_of(request), command, vehicle, {}, "invalid_request", detail, 0.0
-            )
+            vehicle, command = request.path_params.get("v"), command_of(request).name
+            caller = principal_of(request).name
+            server.station.journal.add(caller, command, vehicle, {}, "invalid_request", detail, 0.0)
 
     app.state.note_invalid = note_invalid
     in_control = server.station.authority.controls_any
@@ -275,4 +275,5 @@ def create_app(
         async def no_page() -> PlainTextResponse:
             return PlainTextResponse(NO_PAGE, status_code=503)
 
+    bind_commands(app)
     return app

@@ -8,6 +8,7 @@
     ├── UnknownRecording         no recording, or no replay, of that name
     ├── RecordingUnusable        a recording in which nothing can be read
     ├── InvalidRequest           what was asked is not well-formed; names the field
+    ├── NotPermitted             the caller's role does not include the command
     ├── Refused                  not sent: our own check says no, with the reason and the remedy
     │   ├── NotVerified          this autopilot or airframe is shown, not commanded
     │   ├── NotInControl         another client holds control of the vehicle
@@ -95,6 +96,22 @@ class InvalidRequest(GcsError):
 
     def details(self) -> dict[str, object]:
         return {"field": self.field}
+
+
+class NotPermitted(GcsError):
+    """The caller may not do this at all, whoever has control."""
+
+    code = "not_permitted"
+
+    def __init__(self, caller: str, command: str, permission: str) -> None:
+        super().__init__(
+            f"{caller} may not use {command!r}: its role does not include {permission!r}. Nothing was sent.",
+            remedy="Ask somebody whose role includes it.",
+        )
+        self.permission = permission
+
+    def details(self) -> dict[str, object]:
+        return {"permission": self.permission}
 
 
 class Refused(GcsError):

@@ -17,8 +17,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gcs_server.api import refusals
 from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
+from gcs_server.api.principals import principal_of
 from gcs_server.api.refusals import LimitRefusal
-from gcs_server.api.station import client_of
 
 Kind = Literal["http", "websocket"]
 CLOSE_TRY_AGAIN = 1013
@@ -92,7 +92,7 @@ class Admission:
         if kind not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        key = client_of(HTTPConnection(scope)).key
+        key = principal_of(HTTPConnection(scope)).key
         address = scope["client"][0] if scope.get("client") else ""
         connection: Connection | None = (scope.get("extensions") or {}).get(SCOPE_KEY)
         status = self._connections.let_in(connection, key) if connection is not None else 0

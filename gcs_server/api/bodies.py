@@ -17,8 +17,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs_server.api import refusals
 from gcs_server.api.admission import refused
+from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
-from gcs_server.api.station import client_of
 from gcs_server.api.turns import Turns
 
 DEEPEST = 32
@@ -89,7 +89,7 @@ class Bodies:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        client = client_of(HTTPConnection(scope))
+        client = principal_of(HTTPConnection(scope))
         if scope["type"] == "websocket" or scope["method"] in ("GET", "HEAD", "OPTIONS"):
             await self._turns.wait(client)
             await self._app(scope, receive, send)

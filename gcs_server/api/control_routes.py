@@ -6,98 +6,106 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import control_models as models
 from gcs_server.api import responses
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, StationDep, noted
+from gcs_server.api.station import StationDep
 from gcs_server.control.authority import ControlStatus, VehicleControl
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 
 router = APIRouter(tags=["control"], responses=RESPONSES)
 
 
 @router.get("/me", response_model=responses.Me)
-async def me(station: StationDep, client: ClientDep) -> Response:
+async def me(station: StationDep, principal: PrincipalDep) -> Response:
     """Who the caller is to this server, and what it controls."""
-    return answer({"name": str(client), "key": client.key, "controls": station.authority.held_by(client)})
+    return answer(
+        {"name": principal.name, "key": principal.key, "controls": station.authority.held_by(principal)}
+    )
 
 
 @router.post("/me/leave", response_model=responses.Me)
-async def leave(station: StationDep, client: ClientDep) -> Response:
+async def leave(station: StationDep, principal: PrincipalDep) -> Response:
     """The caller is done: releases every vehicle that it controls, which changes nothing in their flight."""
-    for vehicle_id in station.authority.held_by(client):
-        with noted(station, client, "control/release", vehicle_id, {}):
-            station.authority.control(vehicle_id).lease.release(client)
-    return await me(station, client)
+    for vehicle_id in station.authority.held_by(principal):
+        with authorized_command(station, principal, "control/release", vehicle_id, {}):
+            station.authority.control(vehicle_id).lease.release(principal)
+    return await me(station, principal)
 
 
 @router.get("/vehicles/{v}/control", response_model=responses.ControlView)
-async def show(v: str, station: StationDep, client: ClientDep) -> Response:
+async def show(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Who holds control, since when, who asks for it, and who makes the vehicle fly its mode."""
-    return _view(station.authority.control(v), client)
+    return _view(station.authority.control(v), principal)
 
 
 @router.post("/vehicles/{v}/control/take", response_model=responses.ControlView)
 async def take(
-    v: str, station: StationDep, client: ClientDep, body: models.TakeControl | None = None
+    v: str, station: StationDep, principal: PrincipalDep, body: models.TakeControl | None = None
 ) -> Response:
     """Takes control that nobody holds; with `force` from another, who was asked first where it can be.
 
     The first command of a vehicle that nobody holds does the same.
     """
     wanted = body or models.TakeControl()
-    with noted(station, client, "control/take", v, wanted.model_dump(exclude_none=True)):
+    with authorized_command(station, principal, "control/take", v, wanted.model_dump(exclude_none=True)):
         control = station.authority.control(v)
-        control.lease.take(client, force=wanted.force, on_expiry=wanted.on_expiry)
-        return _view(control, client)
+        control.lease.take(principal, force=wanted.force, on_expiry=wanted.on_expiry)
+        return _view(control, principal)
 
 
 @router.post("/vehicles/{v}/control/request", response_model=responses.ControlView)
 async def request(
-    v: str, station: StationDep, client: ClientDep, body: models.RequestControl | None = None
+    v: str, station: StationDep, principal: PrincipalDep, body: models.RequestControl | None = None
 ) -> Response:
     """Asks the holder, who sees by whom and why; what nobody holds is taken at once."""
     reason = body.reason if body is not None else None
-    with noted(station, client, "control/request", v, {"reason": reason} if reason else {}):
+    with authorized_command(station, principal, "control/request", v, {"reason": reason} if reason else {}):
         control = station.authority.control(v)
-        control.lease.request(client, reason)
-        return _view(control, client)
+        control.lease.request(principal, reason)
+        return _view(control, principal)
 
 
 @router.post("/vehicles/{v}/control/grant", response_model=responses.ControlView)
-async def grant(v: str, body: models.AnswerControl, station: StationDep, client: ClientDep) -> Response:
+async def grant(v: str, body: models.AnswerControl, station: StationDep, principal: PrincipalDep) -> Response:
     """The holder hands control to one who asks; the vehicle flies on as it does."""
-    with noted(station, client, "control/grant", v, body.model_dump(exclude_none=True)):
+    with authorized_command(station, principal, "control/grant", v, body.model_dump(exclude_none=True)):
         control = station.authority.control(v)
-        control.lease.grant(client, body.client)
-        return _view(control, client)
+        control.lease.grant(principal, body.client)
+        return _view(control, principal)
 
 
 @router.post("/vehicles/{v}/control/deny", response_model=responses.ControlView)
-async def deny(v: str, body: models.DenyControl, station: StationDep, client: ClientDep) -> Response:
+async def deny(v: str, body: models.DenyControl, station: StationDep, principal: PrincipalDep) -> Response:
     """The holder keeps control; the one who asked may then take it by force."""
-    with noted(station, client, "control/deny", v, body.model_dump(exclude_none=True)):
+    with authorized_command(station, principal, "control/deny", v, body.model_dump(exclude_none=True)):
         control = station.authority.control(v)
-        control.lease.deny(client, body.client, body.reason)
-        return _view(control, client)
+        control.lease.deny(principal, body.client, body.reason)
+        return _view(control, principal)
 
 
 @router.post("/vehicles/{v}/control/release", response_model=responses.ControlView)
-async def release(v: str, station: StationDep, client: ClientDep) -> Response:
+async def release(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Gives control up, or takes a request back; otherwise nothing happens."""
-    with noted(station, client, "control/release", v, {}):
+    with authorized_command(station, principal, "control/release", v, {}):
         control = station.authority.control(v)
-        control.lease.release(client)
-        return _view(control, client)
+        control.lease.release(principal)
+        return _view(control, principal)
 
 
 @router.post("/vehicles/{v}/control/renew", response_model=responses.ControlView)
-async def renew(v: str, station: StationDep, client: ClientDep) -> Response:
+async def renew(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Keeps control for another `lease_s`, as every request of the holder does; takes nothing."""
-    return _view(station.authority.control(v), client)
+    return _view(station.authority.control(v), principal)
 
 
-def _view(control: VehicleControl, client: Client) -> Response:
+def _view(control: VehicleControl, principal: Principal) -> Response:
     status: ControlStatus = control.status()
     return answer(
-        {**responses.fields_of(status), "yours": status.holder_key == client.key, "your_key": client.key}
+        {
+            **responses.fields_of(status),
+            "yours": status.holder_key == principal.key,
+            "your_key": principal.key,
+        }
     )

@@ -5,9 +5,10 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 
 from gcs_server.api import models, responses
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, StationDep, VehicleDep
+from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.vehicle_routes import carry_out
 from gcs_server.vehicle.samples import Gimbal
 
@@ -31,26 +32,26 @@ async def show(vehicle: VehicleDep, station: StationDep) -> Response:
 
 
 @router.post("/take", response_model=responses.CommandDone)
-async def take(v: str, station: StationDep, client: ClientDep) -> Response:
+async def take(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Becomes primary control."""
-    return await carry_out(station, client, "gimbal/take", v, {}, lambda x: x.gimbal.take_control())
+    return await carry_out(station, principal, "gimbal/take", v, {}, lambda x: x.gimbal.take_control())
 
 
 @router.post("/release", response_model=responses.CommandDone)
-async def release(v: str, station: StationDep, client: ClientDep) -> Response:
+async def release(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Gives control back where it is ours."""
-    return await carry_out(station, client, "gimbal/release", v, {}, lambda x: x.gimbal.release_control())
+    return await carry_out(station, principal, "gimbal/release", v, {}, lambda x: x.gimbal.release_control())
 
 
 @router.post("/angles", response_model=responses.GimbalPointed)
-async def angles(v: str, body: models.GimbalAngles, station: StationDep, client: ClientDep) -> Response:
+async def angles(v: str, body: models.GimbalAngles, station: StationDep, principal: PrincipalDep) -> Response:
     """Points the camera; answers once it is there or has stopped: `limited` says where it stopped short.
 
     Without `wait` it answers once the vehicle has acknowledged.
     """
     return await carry_out(
         station,
-        client,
+        principal,
         "gimbal/angles",
         v,
         body.model_dump(exclude_none=True),
@@ -62,11 +63,11 @@ async def angles(v: str, body: models.GimbalAngles, station: StationDep, client:
 
 
 @router.post("/rates", response_model=responses.CommandDone)
-async def rates(v: str, body: models.GimbalRates, station: StationDep, client: ClientDep) -> Response:
+async def rates(v: str, body: models.GimbalRates, station: StationDep, principal: PrincipalDep) -> Response:
     """Turns the camera steadily; zero stops both axes."""
     return await carry_out(
         station,
-        client,
+        principal,
         "gimbal/rates",
         v,
         body.model_dump(),
@@ -75,11 +76,11 @@ async def rates(v: str, body: models.GimbalRates, station: StationDep, client: C
 
 
 @router.post("/roi", response_model=responses.CommandDone)
-async def roi(v: str, body: models.GimbalRoi, station: StationDep, client: ClientDep) -> Response:
+async def roi(v: str, body: models.GimbalRoi, station: StationDep, principal: PrincipalDep) -> Response:
     """Keeps looking at a place."""
     return await carry_out(
         station,
-        client,
+        principal,
         "gimbal/roi",
         v,
         body.model_dump(),
@@ -88,6 +89,6 @@ async def roi(v: str, body: models.GimbalRoi, station: StationDep, client: Clien
 
 
 @router.post("/roi/clear", response_model=responses.CommandDone)
-async def clear_roi(v: str, station: StationDep, client: ClientDep) -> Response:
+async def clear_roi(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops looking at a place."""
-    return await carry_out(station, client, "gimbal/roi/clear", v, {}, lambda x: x.gimbal.clear_roi())
+    return await carry_out(station, principal, "gimbal/roi/clear", v, {}, lambda x: x.gimbal.clear_roi())

@@ -12,7 +12,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.control.client import key_of
+from gcs_server.control.principal import Principal
 from gcs_server.streamer import group_status as status
 from gcs_server.streamer.group_checks import GroupOrder
 from gcs_server.streamer.order import OnExpiry
@@ -90,15 +90,15 @@ class StartGroup(_Together):
         _once([member.vehicle for member in self.members], "members")
         return self
 
-    def to_order(self, client: str) -> GroupOrder:
+    def to_order(self, principal: Principal) -> GroupOrder:
         """The streamer's own value."""
         return GroupOrder(
             setpoints={member.vehicle: member.setpoint.to_setpoint() for member in self.members},
             minimum_separation_m=self.minimum_separation_m,
             valid_for_s=self.valid_for_s,
             on_expiry=self.expiry(),
-            client=client,
-            client_key=key_of(client),
+            client=principal.name,
+            client_key=principal.key,
             rate_hz=self.rate_hz,
             start_at_unix_s=self.start_at_unix_s,
             others_go_on=self.others_go_on,

@@ -9,17 +9,20 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from gcs_server.api import group_models as models
+from gcs_server.api.authorized import authorized_command
 from gcs_server.api.offboard_stream import arguments_of
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, Station, StationDep, journaled, noted
+from gcs_server.api.station import Station, StationDep
+from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl
 
 router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 
 
 @router.post("", response_model=models.GroupModel, status_code=201)
-async def start(body: models.StartGroup, station: StationDep, client: ClientDep) -> Response:
+async def start(body: models.StartGroup, station: StationDep, principal: PrincipalDep) -> Response:
     """Brings all members, in flight, into Offboard where they are, and lets them begin at one instant.
 
     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
@@ -28,8 +31,8 @@ async def start(body: models.StartGroup, station: StationDep, client: ClientDep)
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
-    with together(station, client, "group/start", arguments):
-        status = await station.groups.start(body.to_order(client))
+    with together(station, principal, "group/start", arguments):
+        status = await station.groups.start(body.to_order(principal))
         return answer(status, status_code=201)
 
 
@@ -46,7 +49,9 @@ async def show(g: str, station: StationDep) -> Response:
 
 
 @router.post("/{g}/setpoints", response_model=models.GroupModel)
-async def setpoints(g: str, body: models.GroupSetpoints, station: StationDep, client: ClientDep) -> Response:
+async def setpoints(
+    g: str, body: models.GroupSetpoints, station: StationDep, principal: PrincipalDep
+) -> Response:
     """New setpoints for some members or all, sent at one instant; refused where two would come too near."""
     members = station.groups.members(g)
     for index, member in enumerate(body.setpoints):
@@ -58,44 +63,39 @@ async def setpoints(g: str, body: models.GroupSetpoints, station: StationDep, cl
         vehicle: {"group": g, "valid_for_s": body.valid_for_s, **named.get(vehicle, {})}
         for vehicle in members
     }
-    with together(station, client, "offboard/setpoint", arguments):
+    with together(station, principal, "offboard/setpoint", arguments):
         orders = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
         status = await station.groups.setpoints(
-            g, orders, body.valid_for_s, body.expiry(), client, client.key
+            g, orders, body.valid_for_s, body.expiry(), principal.name, principal.key
         )
         return answer(status)
 
 
 @router.post("/{g}/hold", response_model=models.GroupModel)
-async def hold(g: str, station: StationDep, client: ClientDep) -> Response:
+async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Puts all members into Hold at once, by anybody; one that has left the group is not touched."""
-    with together(station, client, "hold", {v: {"group": g} for v in station.groups.members(g)}):
-        return answer(await station.groups.hold(g, client))
+    with together(station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}):
+        return answer(await station.groups.hold(g, principal.name))
 
 
 @contextmanager
 def together(
-    station: Station, client: str, command: str, arguments: dict[str, dict[str, Any]]
+    station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
 ) -> Generator[None]:
     """The seam for several vehicles: a line for each, and control of none is taken where one's is refused.
 
     Raises:
         NotInControl: another client holds control of a member; names which.
     """
-    refused = station.authority.refusal(client, command, arguments)
+    refused = station.authority.refusal(principal, command, arguments)
     with ExitStack() as lines:
         for vehicle_id, each in arguments.items():
+            line = authorized_command(station, principal, command, vehicle_id, each, refused=refused)
             if refused is None:
-                lines.enter_context(journaled(station, client, command, vehicle_id, each))
+                lines.enter_context(line)
             else:
-                _refuse(station, client, command, vehicle_id, each, refused)
+                with suppress(NotInControl), line:
+                    pass
         if refused is not None:
             raise refused
         yield
-
-
-def _refuse(
-    station: Station, client: str, command: str, vehicle_id: str, each: dict[str, Any], why: NotInControl
-) -> None:
-    with suppress(NotInControl), noted(station, client, command, vehicle_id, each):
-        raise why

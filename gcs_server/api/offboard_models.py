@@ -24,7 +24,7 @@ from gcs_server.api.setpoint_models import (
     VelocitySetpoint,
 )
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.control.client import key_of
+from gcs_server.control.principal import Principal
 from gcs_server.streamer import limit_values as values
 from gcs_server.streamer.order import OnExpiry, Order
 from missions.fence import CircleFence, Fence, PolygonFence
@@ -67,12 +67,12 @@ class _Lasting(StrictBody):
         description="What the server does by itself when the setpoint has become too old.",
     )
 
-    def order(self, setpoint: SetpointBody, client: str) -> Order:
+    def order(self, setpoint: SetpointBody, principal: Principal) -> Order:
         """The streamer's own value."""
         expiry = self.on_expiry
         hold_for_s = expiry.hold_for_s if isinstance(expiry, HoldOnExpiry) else 0.0
         on_expiry = OnExpiry(expiry.action, hold_for_s)
-        return Order(setpoint.to_setpoint(), self.valid_for_s, on_expiry, client, key_of(client))
+        return Order(setpoint.to_setpoint(), self.valid_for_s, on_expiry, principal.name, principal.key)
 
 
 class StartRequest(_Lasting):
@@ -83,15 +83,15 @@ class StartRequest(_Lasting):
         default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second [Hz]."
     )
 
-    def to_order(self, client: str) -> Order:
+    def to_order(self, principal: Principal) -> Order:
         """The streamer's own value."""
-        return self.order(self.setpoint, client)
+        return self.order(self.setpoint, principal)
 
 
 class _OrderBody(_Lasting, SetpointBody):
-    def to_order(self, client: str) -> Order:
+    def to_order(self, principal: Principal) -> Order:
         """The streamer's own value."""
-        return self.order(self, client)
+        return self.order(self, principal)
 
 
 class PositionOrder(PositionSetpoint, _OrderBody):

@@ -8,10 +8,12 @@ from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from gcs_server.api import offboard_models as models
 from gcs_server.api import offboard_views as views
+from gcs_server.api.authorized import authorized_command
 from gcs_server.api.offboard_stream import OrderSocket, apply, arguments_of
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
-from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
+from gcs_server.api.station import StationDep, VehicleDep
 
 router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
 
@@ -31,28 +33,28 @@ async def show(vehicle: VehicleDep) -> Response:
 
 
 @router.post("/start", response_model=views.OffboardStarted)
-async def start(v: str, body: models.StartRequest, station: StationDep, client: ClientDep) -> Response:
+async def start(v: str, body: models.StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Streams the setpoint, asks for Offboard, and answers once the vehicle reports it.
 
     `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop, `limits`
     what its setpoints are held to, and whether the operator's limits were restored after a restart.
     """
-    with journaled(station, client, "offboard/start", v, arguments_of(body)):
+    with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
         vehicle = station.fleet.get(v)
-        status = await vehicle.offboard.start(body.to_order(client), body.rate_hz)
+        status = await vehicle.offboard.start(body.to_order(principal), body.rate_hz)
         return answer(fields_of(status) | {"limits": vehicle.offboard.limits()})
 
 
 @router.post("/setpoint", response_model=views.OffboardModel)
-async def setpoint(v: str, body: models.AnyOrder, station: StationDep, client: ClientDep) -> Response:
+async def setpoint(v: str, body: models.AnyOrder, station: StationDep, principal: PrincipalDep) -> Response:
     """A new target, sent at once; refused (409) where no stream runs."""
-    return answer(await apply(station, client, v, body))
+    return answer(await apply(station, principal, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)
-async def stop(v: str, station: StationDep, client: ClientDep) -> Response:
+async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Puts the vehicle into Hold, waits for its own word, then stops; without a stream it does nothing."""
-    with journaled(station, client, "offboard/stop", v, {}):
+    with authorized_command(station, principal, "offboard/stop", v, {}):
         return answer(await station.fleet.get(v).offboard.stop())
 
 
@@ -64,35 +66,37 @@ async def show_limits(vehicle: VehicleDep) -> Response:
 
 
 @router.put("/limits", response_model=views.LimitsModel)
-async def set_limits(v: str, body: models.LimitsRequest, station: StationDep, client: ClientDep) -> Response:
+async def set_limits(
+    v: str, body: models.LimitsRequest, station: StationDep, principal: PrincipalDep
+) -> Response:
     """Replaces the operator's limits, for the stream that runs too; what is left out is no limit.
 
     They are kept for this vehicle across restarts of the server; `origin.kept` and `origin.warning` say so.
     """
-    with journaled(station, client, "offboard/limits", v, body.model_dump(exclude_none=True)):
+    with authorized_command(station, principal, "offboard/limits", v, body.model_dump(exclude_none=True)):
         offboard = station.fleet.get(v).offboard
-        await offboard.operator.set(body.to_limits(), by=str(client))  # in force before it is kept
+        await offboard.operator.set(body.to_limits(), by=principal.name)  # in force before it is kept
         await offboard.ensure_parameters()
         return answer(offboard.limits())
 
 
 @router.put("/failsafe", response_model=views.FailsafeModel)
 async def set_failsafe(
-    v: str, body: models.FailsafeRequest, station: StationDep, client: ClientDep
+    v: str, body: models.FailsafeRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
     """Sets what the vehicle does by itself when the stream stops, each parameter verified."""
-    with journaled(station, client, "offboard/failsafe", v, body.model_dump(exclude_none=True)):
+    with authorized_command(station, principal, "offboard/failsafe", v, body.model_dump(exclude_none=True)):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         return answer(await vehicle.offboard.set_failsafe(body.action, body.after_s))
 
 
 @router.websocket("/stream")
-async def stream(socket: WebSocket, v: str, station: StationDep, client: ClientDep) -> None:
+async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
     """Orders in, what was applied out; see "Offboard stream" in docs/api.md."""
     await socket.accept()
     try:
-        with station.authority.connected(client):
-            await OrderSocket(station.clock, station, client, v, socket).serve()
+        with station.authority.connected(principal):
+            await OrderSocket(station.clock, station, principal, v, socket).serve()
     except* (WebSocketDisconnect, RuntimeError):
         pass  # the client went; RuntimeError is what a send to a closed socket raises

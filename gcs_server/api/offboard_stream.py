@@ -16,11 +16,12 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gcs_server.api import offboard_models as models
+from gcs_server.api.authorized import authorized_command
 from gcs_server.api.bodies import json_fault
 from gcs_server.api.problems import validation_errors
-from gcs_server.api.station import Station, journaled
+from gcs_server.api.station import Station
 from gcs_server.clock import Clock
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError
 from gcs_server.streamer.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
@@ -56,15 +57,17 @@ class OrderSocket:
     Args:
         clock: the server's.
         station: what the orders work on.
-        client: whose they are.
+        principal: whose they are.
         vehicle_id: to whom.
         socket: accepted.
     """
 
-    def __init__(self, clock: Clock, station: Station, client: str, vehicle_id: str, socket: Socket) -> None:
+    def __init__(
+        self, clock: Clock, station: Station, principal: Principal, vehicle_id: str, socket: Socket
+    ) -> None:
         self._clock = clock
         self._station = station
-        self._client = client
+        self._principal = principal
         self._vehicle_id = vehicle_id
         self._socket = socket
         self._backlog: deque[str] = deque()
@@ -115,7 +118,7 @@ class OrderSocket:
                     self._answer(_superseded(text))
                 else:
                     if len(text) > LARGE:
-                        await self._station.turns.wait(Client.named(self._client))
+                        await self._station.turns.wait(self._principal)
                     answer = await self._take(text)
                     applied = "error" not in answer
                     self._answer(answer)
@@ -158,17 +161,19 @@ class OrderSocket:
             }
             return {**head, "error": wrong}
         try:
-            status = await apply(self._station, self._client, self._vehicle_id, body)
+            status = await apply(self._station, self._principal, self._vehicle_id, body)
         except GcsError as error:
             refused = {"code": error.code, "detail": error.message, "remedy": error.remedy, **error.details()}
             return {**head, "error": {name: value for name, value in refused.items() if value is not None}}
         return {**head, "applied": status.setpoint, "limited": status.limited}
 
 
-async def apply(station: Station, client: str, vehicle_id: str, body: models.AnyOrder) -> OffboardStatus:
+async def apply(
+    station: Station, principal: Principal, vehicle_id: str, body: models.AnyOrder
+) -> OffboardStatus:
     """One order, by whichever way it came."""
-    with journaled(station, client, "offboard/setpoint", vehicle_id, arguments_of(body)):
-        return await station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(client))
+    with authorized_command(station, principal, "offboard/setpoint", vehicle_id, arguments_of(body)):
+        return await station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(principal))
 
 
 def arguments_of(body: BaseModel) -> dict[str, object]:

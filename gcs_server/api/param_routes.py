@@ -8,10 +8,12 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, StationDep, VehicleDep, journaled
+from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.param_facts import Choice, ParamFacts, is_default
@@ -133,7 +135,7 @@ async def get_param(vehicle: VehicleDep, name: str) -> Response:
 
 @router.put("/{v}/params/{name}", response_model=ParameterView)
 async def set_param(
-    v: str, name: str, body: ParamRequest, station: StationDep, client: ClientDep
+    v: str, name: str, body: ParamRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
     """Writes one parameter; answers what the vehicle then reports.
 
@@ -143,6 +145,6 @@ async def set_param(
     arguments: dict[str, object] = {"name": name, "value": body.value}
     if body.force:
         arguments["force"] = True
-    with journaled(station, client, "param", v, arguments):
+    with authorized_command(station, principal, "param", v, arguments):
         vehicle = station.fleet.get(v)
         return answer(_view(vehicle, await vehicle.params.set(name, body.value, force=body.force)))

@@ -18,6 +18,7 @@ from gcs_server.errors import (
     LinkError,
     NoReply,
     NotInControl,
+    NotPermitted,
     RecordingUnusable,
     Refused,
     Rejected,
@@ -47,6 +48,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
     (InvalidRequest, 422, "Not possible as asked"),
+    (NotPermitted, 403, "Not permitted"),
     (Rejected, 409, "The vehicle refused"),
     (NotInControl, 409, "Not in control"),
     (Refused, 409, "Not sent"),
@@ -85,6 +87,7 @@ class Problem(BaseModel):
     vehicle: str | None = Field(default=None, description="The vehicle's id, where it is unknown.")
     holder: str | None = Field(default=None, description="With `not_in_control`: who has control.")
     holder_key: str | None = Field(default=None, description="Tells holders of one name apart.")
+    permission: str | None = Field(default=None, description="With `not_permitted`: what the role lacks.")
     vehicles: list[str] | None = Field(
         default=None, description="With `not_together`: on whose account the group does not fly."
     )

@@ -10,9 +10,11 @@ from fastapi import APIRouter, Response
 from starlette.responses import StreamingResponse
 
 from gcs_server.api import models, responses
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, StationDep, journaled
+from gcs_server.api.station import StationDep
 
 PIECE_BYTES = 1 << 16
 
@@ -51,9 +53,9 @@ async def list_replays(station: StationDep) -> Response:
 
 
 @router.post("/replays", response_model=responses.ReplayModel, status_code=201)
-async def open_replay(body: models.ReplayRequest, station: StationDep, client: ClientDep) -> Response:
+async def open_replay(body: models.ReplayRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Plays a recording; one that is open already goes on as it is."""
-    with journaled(station, client, "replays/open", None, body.model_dump()):
+    with authorized_command(station, principal, "replays/open", None, body.model_dump()):
         opened = await station.replays.open(body.recording, speed=body.speed, playing=body.playing)
         return answer(opened, 201)
 
@@ -80,9 +82,9 @@ async def index_replay(name: str, station: StationDep) -> Response:
 
 
 @router.delete("/replays/{name}", status_code=204)
-async def close_replay(name: str, station: StationDep, client: ClientDep) -> Response:
+async def close_replay(name: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Its vehicles go with it; the file stays."""
-    with journaled(station, client, "replays/close", None, {"name": name}):
+    with authorized_command(station, principal, "replays/close", None, {"name": name}):
         await station.replays.close(name)
     return Response(status_code=204)
 

@@ -25,10 +25,10 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.api.described import describe_refusals
+from gcs_server.api.permission import permitted
 from gcs_server.api.station import heard
+from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
-
-API = "/api/v1"
 
 
 def api_router() -> APIRouter:
@@ -64,6 +64,9 @@ class _Described(FastAPI):
                 }
             }
             described["security"] = [{"token": []}, {}]  # on loopback nobody is asked unless a token was set
+            for path, operations in described["paths"].items():
+                for method, operation in operations.items():
+                    operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].described()
             describe_refusals(described)
         assert self.openapi_schema is not None
         return self.openapi_schema
@@ -72,6 +75,7 @@ class _Described(FastAPI):
 def bare_app() -> FastAPI:
     """The application's description and routes, without a station behind them."""
     app = _Described(
+        dependencies=[Depends(permitted)],
         title="Offboard GCS",
         version=__version__,
         description=(

@@ -8,9 +8,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 
 from gcs_server.api import models, responses
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.principals import PrincipalDep, names_itself, principal_of
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, Station, StationDep, client_of, journaled, names_itself
+from gcs_server.api.station import Station, StationDep
 from gcs_server.control.link_guard import LinkGuard
 from gcs_server.links.names import shown_url
 from gcs_server.links.url import make_link
@@ -49,17 +51,17 @@ async def list_links(station: StationDep) -> Response:
 
 
 @router.post("/links", response_model=responses.LinkModel, status_code=201, responses=RESPONSES)
-async def add_link(body: models.LinkRequest, station: StationDep, client: ClientDep) -> Response:
+async def add_link(body: models.LinkRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Opens a link; one that cannot be opened yet tries again by itself and says why.
 
     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
     control of a vehicle: that station could command it.
     """
     arguments: dict[str, object] = {**body.model_dump(exclude_none=True), "url": shown_url(body.url)}
-    with journaled(station, client, "links/add", None, arguments):
+    with authorized_command(station, principal, "links/add", None, arguments):
         link = make_link(body.url, body.name)
         if link.forward:
-            _guard(station).may_forward(client)
+            _guard(station).may_forward(principal)
         return answer(station.router.add(link), 201)
 
 
@@ -67,7 +69,7 @@ async def add_link(body: models.LinkRequest, station: StationDep, client: Client
 async def remove_link(
     name: str,
     station: StationDep,
-    client: ClientDep,
+    principal: PrincipalDep,
     confirm: Annotated[
         str | None,
         Query(
@@ -83,8 +85,8 @@ async def remove_link(
     a vehicle that is armed or flown by setpoints, and `confirm` does not say so.
     """
     arguments: dict[str, object] = {"name": name} if confirm is None else {"name": name, "confirm": confirm}
-    with journaled(station, client, "links/remove", None, arguments):
-        _guard(station).may_close(name, client, confirm)
+    with authorized_command(station, principal, "links/remove", None, arguments):
+        _guard(station).may_close(name, principal, confirm)
         await station.router.remove_link(name)
     return Response(status_code=204)
 
@@ -112,7 +114,7 @@ async def telemetry(socket: WebSocket) -> None:
     """See "WebSocket telemetry" in docs/architecture.md."""
     station: Station = socket.app.state.station
     await socket.accept()
-    here = station.authority.connected(client_of(socket)) if names_itself(socket) else nullcontext()
+    here = station.authority.connected(principal_of(socket)) if names_itself(socket) else nullcontext()
     try:
         with here:
             await station.hub.serve(socket)

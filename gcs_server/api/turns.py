@@ -12,7 +12,7 @@ import asyncio
 from collections import OrderedDict, deque
 from collections.abc import Callable
 
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 
 KNOWN_AFTER_S = 2.0
 """A client counts as one that was there before so long after its first request."""
@@ -28,7 +28,7 @@ class _Lane:
     def __init__(self) -> None:
         self._addresses: OrderedDict[str, OrderedDict[str, Waiting]] = OrderedDict()
 
-    def push(self, client: Client, future: asyncio.Future[None]) -> None:
+    def push(self, client: Principal, future: asyncio.Future[None]) -> None:
         clients = self._addresses.setdefault(client.address, OrderedDict())
         clients.setdefault(client.key, deque()).append(future)
 
@@ -60,7 +60,7 @@ class Turns:
         self._seen: dict[str, tuple[float, float]] = {}
         """By client's key: when it was first and last here."""
 
-    async def wait(self, client: Client) -> None:
+    async def wait(self, client: Principal) -> None:
         """Returns when it is this client's turn: at once where nobody else had the present one."""
         loop = asyncio.get_running_loop()
         known = self._note(client.key, loop.time())

@@ -9,9 +9,13 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gcs_server.api import control_models, models, responses
+from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
-from gcs_server.api.station import ClientDep, Station, StationDep, VehicleDep, journaled, progress_to
+from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.control.commands import BY_NAME
+from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.samples import TOPICS, Sample
 from gcs_server.vehicle.services.command import GOTO_MAX_DISTANCE_M
@@ -24,7 +28,7 @@ router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 
 async def carry_out(
     station: Station,
-    client: str,
+    principal: Principal,
     command: str,
     vehicle_id: str,
     arguments: dict[str, object],
@@ -36,7 +40,7 @@ async def carry_out(
 
     `result_as` names the field of the answer that holds what `work` returned.
     """
-    with journaled(station, client, command, vehicle_id, arguments) as outcome:
+    with authorized_command(station, principal, command, vehicle_id, arguments) as outcome:
         vehicle = station.fleet.get(vehicle_id)
         result = await work(vehicle)
     body: dict[str, object] = {
@@ -63,16 +67,16 @@ async def show_vehicle(vehicle: VehicleDep) -> Response:
 
 
 @router.delete("/{v}", status_code=204)
-async def remove_vehicle(v: str, station: StationDep, client: ClientDep) -> Response:
+async def remove_vehicle(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Forgets a vehicle that is not heard any more; 409 while it is heard, streamed to or another's.
 
     Heard again it is there again, as a new one.
     """
-    with journaled(station, client, "vehicles/remove", None, {"vehicle": v}):
-        refused = station.authority.refusal(client, "remove", [v])
+    with authorized_command(station, principal, "vehicles/remove", None, {"vehicle": v}):
+        refused = station.authority.refusal(principal, "vehicles/remove", [v])
         if refused is not None:
             raise refused
-        station.fleet.remove(v, str(client))
+        station.fleet.remove(v, principal.name)
     return Response(status_code=204)
 
 
@@ -113,93 +117,99 @@ async def messages(
 
 
 @router.post("/{v}/arm", response_model=responses.CommandDone, tags=["commands"])
-async def arm(v: str, station: StationDep, client: ClientDep) -> Response:
+async def arm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Starts the motors."""
     return await carry_out(
-        station, client, "arm", v, {}, lambda x: x.command.arm(progress=progress_to(x, client, "arm"))
+        station, principal, "arm", v, {}, lambda x: x.command.arm(progress=progress_to(x, principal, "arm"))
     )
 
 
 @router.post("/{v}/disarm", response_model=responses.CommandDone, tags=["commands"])
-async def disarm(v: str, station: StationDep, client: ClientDep) -> Response:
+async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops the motors on the ground."""
     return await carry_out(
         station,
-        client,
+        principal,
         "disarm",
         v,
         {},
-        lambda x: x.command.disarm(progress=progress_to(x, client, "disarm")),
+        lambda x: x.command.disarm(progress=progress_to(x, principal, "disarm")),
     )
 
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
-async def hold(v: str, station: StationDep, client: ClientDep) -> Response:
+async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops and stays, whoever has control; ends a setpoint stream."""
     return await carry_out(
         station,
-        client,
+        principal,
         "hold",
         v,
         {},
-        lambda x: x.command.hold(by=client, progress=progress_to(x, client, "hold")),
+        lambda x: x.command.hold(by=principal.name, progress=progress_to(x, principal, "hold")),
     )
 
 
 @router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
-async def land(v: str, station: StationDep, client: ClientDep) -> Response:
+async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Lands where it is; answers once it is landing."""
     return await carry_out(
         station,
-        client,
+        principal,
         "land",
         v,
         {},
-        lambda x: x.command.land(by=client, progress=progress_to(x, client, "land")),
+        lambda x: x.command.land(by=principal.name, progress=progress_to(x, principal, "land")),
     )
 
 
 @router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
-async def rtl(v: str, station: StationDep, client: ClientDep) -> Response:
+async def rtl(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Returns to the launch position; answers once it is under way."""
     return await carry_out(
         station,
-        client,
+        principal,
         "rtl",
         v,
         {},
-        lambda x: x.command.rtl(by=client, progress=progress_to(x, client, "rtl")),
+        lambda x: x.command.rtl(by=principal.name, progress=progress_to(x, principal, "rtl")),
     )
 
 
 @router.post("/{v}/takeoff", response_model=responses.CommandDone, tags=["commands"])
-async def takeoff(v: str, body: models.TakeoffRequest, station: StationDep, client: ClientDep) -> Response:
+async def takeoff(
+    v: str, body: models.TakeoffRequest, station: StationDep, principal: PrincipalDep
+) -> Response:
     """Arms where needed and climbs; answers once it is taking off."""
     return await carry_out(
         station,
-        client,
+        principal,
         "takeoff",
         v,
         body.model_dump(),
-        lambda x: x.command.takeoff(body.alt_home_m, by=client, progress=progress_to(x, client, "takeoff")),
+        lambda x: x.command.takeoff(
+            body.alt_home_m, by=principal.name, progress=progress_to(x, principal, "takeoff")
+        ),
     )
 
 
 @router.post("/{v}/mode", response_model=responses.CommandDone, tags=["commands"])
-async def mode(v: str, body: models.ModeRequest, station: StationDep, client: ClientDep) -> Response:
+async def mode(v: str, body: models.ModeRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Asks for a flight mode; answers once the vehicle reports it."""
     return await carry_out(
         station,
-        client,
+        principal,
         "mode",
         v,
         body.model_dump(),
-        lambda x: x.command.set_mode(body.mode, by=client, progress=progress_to(x, client, "mode")),
+        lambda x: x.command.set_mode(
+            body.mode, by=principal.name, progress=progress_to(x, principal, "mode")
+        ),
     )
 
 
 @router.post("/{v}/goto", response_model=responses.CommandDone, tags=["commands"])
-async def goto(v: str, body: models.GotoRequest, station: StationDep, client: ClientDep) -> Response:
+async def goto(v: str, body: models.GotoRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Flies to a place in Hold; answers once under way."""
 
     async def work(vehicle: Vehicle) -> None:
@@ -210,46 +220,35 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, client: Cl
             alt_home_m=body.alt_home_m,
             yaw_ned_deg=body.yaw_ned_deg,
             max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
-            by=client,
-            progress=progress_to(vehicle, client, "goto"),
+            by=principal.name,
+            progress=progress_to(vehicle, principal, "goto"),
         )
 
-    return await carry_out(station, client, "goto", v, body.model_dump(exclude_none=True), work)
+    return await carry_out(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
 
 
 @router.post("/{v}/land_now", response_model=responses.CommandDone, tags=["commands"])
 async def land_now(
-    v: str, body: control_models.LandNowRequest, station: StationDep, client: ClientDep
+    v: str, body: control_models.LandNowRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
     """Lands where it is, whoever has control; answers once it is landing. The holder keeps control."""
-    wanted = f"vehicle {v} lands now"
 
     async def work(vehicle: Vehicle) -> None:
-        _confirmed(body.confirm, wanted)
-        await vehicle.command.land(by=client, progress=progress_to(vehicle, client, "land_now"))
+        BY_NAME["land_now"].require_words(body.confirm, vehicle=v)
+        await vehicle.command.land(by=principal.name, progress=progress_to(vehicle, principal, "land_now"))
 
-    return await carry_out(station, client, "land_now", v, body.model_dump(), work)
+    return await carry_out(station, principal, "land_now", v, body.model_dump(), work)
 
 
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
-async def kill(v: str, body: models.KillRequest, station: StationDep, client: ClientDep) -> Response:
+async def kill(v: str, body: models.KillRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops the motors at once, in flight too, whoever has control: the vehicle falls.
 
     Sent until the vehicle reports to be disarmed, 6 s at most; until then all other commands are refused.
     """
-    wanted = f"motors stop, vehicle {v} falls"
 
     async def work(vehicle: Vehicle) -> None:
-        _confirmed(body.confirm, wanted)
-        await vehicle.command.kill(by=client, progress=progress_to(vehicle, client, "kill"))
+        BY_NAME["kill"].require_words(body.confirm, vehicle=v)
+        await vehicle.command.kill(by=principal.name, progress=progress_to(vehicle, principal, "kill"))
 
-    return await carry_out(station, client, "kill", v, body.model_dump(), work)
-
-
-def _confirmed(said: str, wanted: str) -> None:
-    if said != wanted:
-        raise InvalidRequest(
-            "confirm",
-            "The confirmation does not name this vehicle; nothing was sent.",
-            remedy=f"Send exactly {wanted!r}.",
-        )
+    return await carry_out(station, principal, "kill", v, body.model_dump(), work)

@@ -13,9 +13,10 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
 from gcs_server.clock import Clock
-from gcs_server.control.client import Client
+from gcs_server.control.commands import BY_NAME, Command
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import Change, ControlRequest, Lease, OnControlLost, Terms
+from gcs_server.control.principal import Principal
 from gcs_server.control.requests import MOST_REQUESTS
 from gcs_server.errors import GcsError, NotInControl, Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
@@ -26,8 +27,6 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 
-OPEN_TO_ALL = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}
-"""Commands that need no control: who sees danger stops it."""
 SETTLE_PERIOD_S = 0.5
 FLYING = ("in_air", "taking_off", "landing")
 ON_ITS_WAY = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
@@ -119,7 +118,7 @@ class Authority:
     # --- who is there ---------------------------------------------------------------------------
 
     @contextmanager
-    def connected(self, client: Client) -> Generator[None]:
+    def connected(self, client: Principal) -> Generator[None]:
         """For as long as a client's telemetry socket is open."""
         self._connected[client.key] += 1
         try:
@@ -129,13 +128,13 @@ class Authority:
             self._connected[client.key] -= 1
             self._connected += Counter()  # forgets who is at 0
 
-    def heard(self, client: Client) -> None:
+    def heard(self, client: Principal) -> None:
         """The client made a request, of whatever kind: its leases begin anew."""
         for lease in self._leases():
             lease.settle()
             lease.heard(client)
 
-    def held_by(self, client: Client) -> list[str]:
+    def held_by(self, client: Principal) -> list[str]:
         """Vehicles that it controls."""
         found: list[str] = []
         for vehicle in self._fleet.all():
@@ -164,32 +163,36 @@ class Authority:
 
     # --- the seam -------------------------------------------------------------------------------
 
-    def admit(self, client: str, command: str, vehicle_id: str) -> None:
+    def admit(self, principal: Principal, command: Command, vehicle_id: str) -> None:
         """Before each command: lets it pass, takes what nobody holds, or refuses.
 
         Raises:
-            NotInControl: another client holds control and the command is none of `OPEN_TO_ALL`.
+            NotInControl: another client holds control, and the command needs it.
         """
+        if command.control != "lease":
+            return
         lease = self._lease(vehicle_id)
-        if lease is not None and command not in OPEN_TO_ALL:
-            lease.command(Client.named(client))
+        if lease is not None:
+            lease.command(principal)
 
-    def refusal(self, client: str, command: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
-        """Before a command of several vehicles: whose control is refused; takes none."""
-        if command in OPEN_TO_ALL:
+    def refusal(self, principal: Principal, name: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
+        """Before a command that concerns several vehicles: whose control is refused; takes none."""
+        if BY_NAME[name].control not in ("lease", "not_anothers"):
             return None
         for vehicle_id in vehicle_ids:
             lease = self._lease(vehicle_id)
-            refused = None if lease is None else lease.refusal(Client.named(client))
+            refused = None if lease is None else lease.refusal(principal)
             if refused is not None:
                 return refused
         return None
 
-    def carried_out(self, client: str, command: str, vehicle_id: str) -> None:
-        """After each command that succeeded: a holder hears of what others did."""
+    def carried_out(self, principal: Principal, command: Command, vehicle_id: str) -> None:
+        """After each command that succeeded: a holder hears of what others did without control."""
+        if command.control != "open":
+            return
         lease = self._lease(vehicle_id)
-        if lease is not None and command in OPEN_TO_ALL:
-            lease.intervened(Client.named(client), OPEN_TO_ALL[command])
+        if lease is not None:
+            lease.intervened(principal, command.label)
 
     def control(self, vehicle_id: str) -> VehicleControl:
         """For the routes of control.

@@ -42,6 +42,7 @@ NOT_SENT = frozenset(
         "refused",
         "not_verified",
         "not_in_control",
+        "not_permitted",
         "not_together",
         "unknown_vehicle",
         "unknown_link",

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gcs_server.clock import Clock
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from gcs_server.control.requests import MOST_REQUESTS, REQUEST_LIVES_S, Asking, make_room
 from gcs_server.errors import NotInControl, Refused
 
@@ -36,16 +36,16 @@ class Change:
 
     action: str
     """taken, requested, granted, denied, withdrawn, forced, released, expired, intervened."""
-    client: Client
+    client: Principal
     """Who did it, or whose control ran out."""
     text: str
-    holder: Client | None
+    holder: Principal | None
     """Afterwards."""
-    previous: Client | None = None
+    previous: Principal | None = None
     """The holder before, where it changed."""
     reason: str | None = None
     on_expiry: OnControlLost = "nothing"
-    to: Client | None = None
+    to: Principal | None = None
     """Whom it answers."""
 
 
@@ -66,7 +66,7 @@ class ControlRequest:
 
 @dataclass(slots=True)
 class _Holding:
-    client: Client
+    client: Principal
     since_unix_s: float
     heard_s: float
     on_expiry: OnControlLost
@@ -88,7 +88,7 @@ class Lease:
     clock: Clock
     vehicle_id: str
     terms: Terms
-    reachable: Callable[[Client], bool]
+    reachable: Callable[[Principal], bool]
     tell: Callable[[Change], None]
     _holding: _Holding | None = None
     _asking: dict[str, Asking] = field(default_factory=dict[str, Asking])
@@ -96,7 +96,7 @@ class Lease:
     # --- what there is --------------------------------------------------------------------------
 
     @property
-    def holder(self) -> Client | None:
+    def holder(self) -> Principal | None:
         """Who commands; None: whoever commands first."""
         self.settle()
         return None if self._holding is None else self._holding.client
@@ -138,7 +138,7 @@ class Lease:
 
     # --- the holder -----------------------------------------------------------------------------
 
-    def command(self, client: Client) -> None:
+    def command(self, client: Principal) -> None:
         """A command of this client's: it holds control, or takes what nobody holds.
 
         Raises:
@@ -159,7 +159,7 @@ class Lease:
         else:
             raise self._not_in_control(self._holding)
 
-    def refusal(self, client: Client) -> NotInControl | None:
+    def refusal(self, client: Principal) -> NotInControl | None:
         """What a command of this client's would be refused with; changes nothing."""
         self.settle()
         holding = self._holding
@@ -167,12 +167,12 @@ class Lease:
             return None
         return self._not_in_control(holding)
 
-    def heard(self, client: Client) -> None:
+    def heard(self, client: Principal) -> None:
         """The client made a request: where it is the holder, its time begins anew."""
         if self._holding is not None and self._holding.client.key == client.key:
             self._holding.heard_s = self.clock.monotonic_s()
 
-    def take(self, client: Client, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
+    def take(self, client: Principal, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
         """Takes what nobody holds, or by force what another does.
 
         Args:
@@ -206,7 +206,7 @@ class Lease:
         if on_expiry is not None:
             self._holding.on_expiry = on_expiry
 
-    def grant(self, client: Client, to: str) -> None:
+    def grant(self, client: Principal, to: str) -> None:
         """Hands control to somebody who asks.
 
         Args:
@@ -222,7 +222,7 @@ class Lease:
         text = f"{holding.client} has given control of vehicle {self.vehicle_id} to {asking.client}."
         self._give(asking.client, "granted", client, text)
 
-    def deny(self, client: Client, to: str, reason: str | None = None) -> None:
+    def deny(self, client: Principal, to: str, reason: str | None = None) -> None:
         """Keeps control; the one who asks may then take it by force. Raises as `grant`."""
         holding = self._own(client)
         asking = self._who_asks(to)
@@ -233,7 +233,7 @@ class Lease:
         )
         self.tell(Change("denied", client, text, holding.client, reason=reason, to=asking.client))
 
-    def release(self, client: Client) -> None:
+    def release(self, client: Principal) -> None:
         """Gives control up (the first who asks gets it), or takes a request back; else nothing happens."""
         self.settle()
         asking = self._asking.pop(client.key, None)
@@ -247,7 +247,7 @@ class Lease:
 
     # --- the others -----------------------------------------------------------------------------
 
-    def request(self, client: Client, reason: str | None = None) -> None:
+    def request(self, client: Principal, reason: str | None = None) -> None:
         """Asks the holder; what nobody holds is taken at once."""
         self.settle()
         holding = self._holding
@@ -268,7 +268,7 @@ class Lease:
         text = f"{client} asks {holding.client} for control of vehicle {self.vehicle_id}{why}."
         self.tell(Change("requested", client, text, holding.client, reason=reason))
 
-    def intervened(self, client: Client, what: str) -> None:
+    def intervened(self, client: Principal, what: str) -> None:
         """A client used one of the actions that are open to all."""
         self.settle()
         holding = self._holding
@@ -299,7 +299,7 @@ class Lease:
 
     # --- the parts ------------------------------------------------------------------------------
 
-    def _give(self, client: Client, action: str, by: Client, text: str) -> None:
+    def _give(self, client: Principal, action: str, by: Principal, text: str) -> None:
         previous = None if self._holding is None else self._holding.client
         now_s = self.clock.monotonic_s()
         self._holding = _Holding(client, self.clock.unix_s(), now_s, "nothing", asked_for=action != "taken")
@@ -322,7 +322,7 @@ class Lease:
         """A holder that nobody could tell from another at its address, and that never asked to be one."""
         return not (holding.asked_for or holding.client.identified or self.reachable(holding.client))
 
-    def _own(self, client: Client) -> _Holding:
+    def _own(self, client: Principal) -> _Holding:
         self.settle()
         if self._holding is None:
             raise Refused(f"Nobody controls vehicle {self.vehicle_id}.", remedy="Take control of it first.")
@@ -349,7 +349,7 @@ class Lease:
             return 0.0
         return max(0.0, asking.asked_s + self.terms.answer_s - self.clock.monotonic_s())
 
-    def _may_force(self, client: Client, holding: _Holding) -> None:
+    def _may_force(self, client: Principal, holding: _Holding) -> None:
         if not self.can_be_asked:
             return
         asking = self._asking.get(client.key)

@@ -9,11 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from gcs_server.control.authority import Authority
+from gcs_server.control.commands import BY_NAME
+from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 from gcs_server.mavlink.router import Router
 from gcs_server.vehicle.endpoint import SILENT_AFTER_S
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.vehicle import Vehicle
+
+ADD, CLOSE = "links/add", "links/remove"
+"""Their rows in `commands.py`."""
 
 
 class LinkGuard:
@@ -30,12 +35,12 @@ class LinkGuard:
         self._fleet = fleet
         self._authority = authority
 
-    def may_close(self, name: str, client: str, confirm: str | None) -> None:
+    def may_close(self, name: str, principal: Principal, confirm: str | None) -> None:
         """Before a link is closed.
 
         Args:
             name: the link's.
-            client: who asks.
+            principal: who asks.
             confirm: what it says will happen, where a flying vehicle would lose its last link.
 
         Raises:
@@ -47,10 +52,10 @@ class LinkGuard:
         if link.replay:
             return
         if link.forward:
-            self._refuse_unless_ours(client, [v for v in self._live() if is_flown(v)])
+            self._refuse_unless_ours(principal, CLOSE, [v for v in self._live() if is_flown(v)])
             return
         heard_there = [v for v in self._live() if name in v.known_links]
-        self._refuse_unless_ours(client, heard_there)
+        self._refuse_unless_ours(principal, CLOSE, heard_there)
         last = [v.id for v in heard_there if is_flown(v) and not self._heard_elsewhere(v, name)]
         if last and confirm != (wanted := words(name, last)):
             many = len(last) > 1
@@ -60,19 +65,19 @@ class LinkGuard:
                 remedy=f"To close it all the same, send confirm={wanted!r}.",
             )
 
-    def may_forward(self, client: str) -> None:
+    def may_forward(self, principal: Principal) -> None:
         """Before another ground station is let in.
 
         Raises:
             NotInControl: another client controls a vehicle, which that station could command.
         """
-        self._refuse_unless_ours(client, self._live())
+        self._refuse_unless_ours(principal, ADD, self._live())
 
     def _live(self) -> list[Vehicle]:
         return [v for v in self._fleet.all() if not v.identity.replayed]
 
-    def _refuse_unless_ours(self, client: str, vehicles: Iterable[Vehicle]) -> None:
-        refused = self._authority.refusal(client, "links", [v.id for v in vehicles])
+    def _refuse_unless_ours(self, principal: Principal, command: str, vehicles: Iterable[Vehicle]) -> None:
+        refused = self._authority.refusal(principal, command, [v.id for v in vehicles])
         if refused is not None:
             raise refused
 
@@ -91,4 +96,4 @@ def is_flown(vehicle: Vehicle) -> bool:
 
 def words(name: str, vehicle_ids: list[str]) -> str:
     """What a client must say to close a flying vehicle's last link."""
-    return f"link {name} closes, vehicle {' and '.join(vehicle_ids)} in flight loses its last link"
+    return BY_NAME[CLOSE].confirm_words(link=name, vehicles=" and ".join(vehicle_ids))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 
 MOST_REQUESTS = 20
@@ -18,7 +18,7 @@ REQUEST_LIVES_S = 120.0
 class Asking:
     """One client that asks."""
 
-    client: Client
+    client: Principal
     reason: str | None
     since_unix_s: float
     asked_s: float
@@ -27,7 +27,7 @@ class Asking:
     denied: bool = False
 
 
-def make_room(asking: dict[str, Asking], client: Client, vehicle_id: str) -> None:
+def make_room(asking: dict[str, Asking], client: Principal, vehicle_id: str) -> None:
     """Forgets the oldest request that was denied, where there are too many for one more.
 
     Raises:

@@ -58,7 +58,7 @@ class ViewRequest(BaseModel):
     )
 
 
-class _CameraMessage(
+class CameraMessage(
     msgspec.Struct, tag_field="type", tag="ViewerCameraMessage", frozen=True, forbid_unknown_fields=True
 ):
     """Where a browser's camera is: viser's ViewerCameraMessage, and all that viser gets to hear."""
@@ -74,7 +74,7 @@ class _CameraMessage(
     up_direction: tuple[float, float, float]
 
 
-_decoder = msgspec.msgpack.Decoder(_CameraMessage | MovedMessage | ReleasedMessage)
+_decoder = msgspec.msgpack.Decoder(CameraMessage | MovedMessage | ReleasedMessage)
 
 BRIDGE_KEY = "bridge"
 """In what viser is asked: which bridge its client came by."""
@@ -117,10 +117,10 @@ def understood(data: bytes) -> bytes | Drag | None:
         message = _decoder.decode(data)
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None
-    return _camera(message) if isinstance(message, _CameraMessage) else drag_of(message)
+    return _camera(message) if isinstance(message, CameraMessage) else drag_of(message)
 
 
-def _camera(message: _CameraMessage) -> bytes | None:
+def _camera(message: CameraMessage) -> bytes | None:
     """Not finite or without a direction, a camera would make viser raise whenever we set one later."""
     values = (*message.wxyz, *message.position, *message.look_at, *message.up_direction)
     if not all(map(math.isfinite, (*values, message.fov, message.near, message.far))):

@@ -196,4 +196,4 @@ def test_what_routes_depend_on_runs_in_the_event_loop_not_in_other_threads(clien
 
     monkeypatch.setattr(client.app.state.station.authority, "heard", heard)
     assert client.get("/api/v1/me", headers={"X-Client": "anna"}).json()["name"] == "anna"
-    assert seen == ["anna"]
+    assert [principal.name for principal in seen] == ["anna"]

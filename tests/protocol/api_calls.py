@@ -8,12 +8,12 @@ from gcs_server.api import control_models
 from gcs_server.api.offboard_models import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
-from gcs_server.control.client import Client
 from gcs_server.control.journal import Journal
+from gcs_server.control.principal import Principal
 from gcs_server.replay.service import Replays
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
-ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
+ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
 MISSION = 4 << 16 | 4 << 24
 START = StartRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}

@@ -4,11 +4,11 @@ import math
 from types import SimpleNamespace
 
 from gcs_server.api import group_models, group_routes
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of, view
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
-ANNA, BOB = Client.of("anna", "anna's tab"), Client.of("bob", "bob's tab")
+ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
 DEG_M = math.radians(1) * 6_371_000.0
 STREAM_PERIOD_S = 0.02
 

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.offboard_models import AnyOrder
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, desk, lines, station_of, view
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
@@ -334,7 +334,7 @@ def test_a_setpoint_stream_outlives_its_clients_control_by_its_own_validity_only
 
 
 def test_a_stream_says_by_key_which_of_two_clients_of_one_name_has_set_it(jump):
-    first, second = Client.of("anna", "one tab"), Client.of("anna", "another tab")
+    first, second = Principal.of("anna", "one tab"), Principal.of("anna", "another tab")
 
     async def story(at):
         await offboard_routes.start("1", START, at.station, first)

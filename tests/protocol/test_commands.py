@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from gcs_server.api.station import progress_to
-from gcs_server.control.client import Client
+from gcs_server.api.authorized import progress_to
+from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
 from tests.protocol.one_vehicle import LOSS, flight
 
@@ -192,7 +192,7 @@ def test_progress_prolongs_the_wait(kit, jump):
         heard = []
         vehicle.events.subscribe(heard.append)
 
-        client = Client.of("page-1", "a tab")
+        client = Principal.of("page-1", "a tab")
 
         def progress(what, fraction):
             told.append(fraction)

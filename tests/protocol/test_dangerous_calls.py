@@ -7,13 +7,14 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from gcs_server.api import models, offboard_models, offboard_routes, vehicle_routes
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import lines, station_of
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
 ORDER = TypeAdapter(offboard_models.AnyOrder)
+ME, ANNA, BERT, CARLA = (Principal.of(name, name) for name in ("me", "anna", "bert", "carla"))
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 
@@ -51,7 +52,7 @@ def twins(jump, story):
 def test_kill_with_another_text_sends_nothing_to_anybody(jump, vehicle_id, confirm):
     async def story(world, station, first, second):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
-            await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, "me")
+            await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         await seconds(1)
         for pilot in (first, second):
             assert pilot.armed
@@ -65,7 +66,7 @@ def test_kill_with_another_text_sends_nothing_to_anybody(jump, vehicle_id, confi
 def test_kill_hits_the_vehicle_that_it_names_and_not_its_twin(jump, vehicle_id):
     async def story(world, station, first, second):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
-        await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, "me")
+        await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         meant, other = (first, second) if vehicle_id == "1" else (second, first)
         assert not meant.armed
         assert other.armed
@@ -79,10 +80,10 @@ def test_kill_is_sent_to_a_vehicle_that_is_not_heard(jump):
         first.send_raw = lambda raw: None
         await seconds(4)
         with pytest.raises(Disconnected):
-            await vehicle_routes.land("1", station, "me")
+            await vehicle_routes.land("1", station, ME)
         with pytest.raises((NoReply, Disconnected)):
             confirm = "motors stop, vehicle 1 falls"
-            await vehicle_routes.kill("1", models.KillRequest(confirm=confirm), station, "me")
+            await vehicle_routes.kill("1", models.KillRequest(confirm=confirm), station, ME)
         assert not first.armed
         assert second.armed
 
@@ -93,7 +94,7 @@ def test_kill_of_a_vehicle_that_is_not_there_is_unknown(jump):
     async def story(world, station, first, second):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
-            await vehicle_routes.kill("3", body, station, "me")
+            await vehicle_routes.kill("3", body, station, ME)
         assert lines(station) == [("me", "kill", "3", "unknown_vehicle")]
 
     twins(jump, story)
@@ -122,24 +123,24 @@ def test_a_vehicle_that_turns_out_to_be_another_loses_its_stream_with_a_word(jum
 def test_two_clients_that_hand_over_stand_both_in_the_journal(jump):
     async def story(world, station, first, second):
         body = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
-        await offboard_routes.start("1", body, station, "anna")
+        await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
             target = {"type": "position", "position_ned_m": [number, 0, -5], "valid_for_s": 60}
-            client, other = ("anna", "bert") if number < 15 else ("bert", "anna")
+            client, other = (ANNA, BERT) if number < 15 else (BERT, ANNA)
             if number == 15:
                 lease = station.authority.control("1").lease
-                lease.request(Client.named("bert"))
-                lease.grant(Client.named("anna"), "bert")
+                lease.request(BERT)
+                lease.grant(ANNA, "bert")
             done = await offboard_routes.setpoint("1", ORDER.validate_python(target), station, client)
-            assert json.loads(done.body)["client"] == client
+            assert json.loads(done.body)["client"] == client.name
             with pytest.raises(NotInControl, match=f"{client} has control"):
                 await offboard_routes.setpoint("1", ORDER.validate_python(target), station, other)
             await seconds(0.1)
         with pytest.raises(NotInControl, match="bert has control"):
-            await offboard_routes.stop("1", station, "carla")
-        await offboard_routes.stop("1", station, "bert")
+            await offboard_routes.stop("1", station, CARLA)
+        await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
-            await offboard_routes.setpoint("1", ORDER.validate_python(PLACE), station, "bert")
+            await offboard_routes.setpoint("1", ORDER.validate_python(PLACE), station, BERT)
         said = lines(station)
         assert said[0] == ("anna", "offboard/start", "1", "ok")
         setpoints = {(who, result) for who, command, _, result in said if command == "offboard/setpoint"}
@@ -159,9 +160,9 @@ def test_two_clients_that_hand_over_stand_both_in_the_journal(jump):
 def test_hold_by_another_client_ends_the_stream_and_nothing_more_is_sent(jump):
     async def story(world, station, first, second):
         body = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
-        await offboard_routes.start("1", body, station, "anna")
+        await offboard_routes.start("1", body, station, ANNA)
         assert first.mode == OFFBOARD
-        await vehicle_routes.hold("1", station, "bert")
+        await vehicle_routes.hold("1", station, BERT)
         await seconds(0.15)
         sent = len(first.setpoints)
         await seconds(3)
@@ -215,12 +216,12 @@ def test_places_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, pl
         far = {"type": "position", "position_ned_m": place}
         with pytest.raises(Refused, match="at most 1000 m"):
             body = offboard_models.StartRequest.model_validate({"setpoint": far})
-            await offboard_routes.start("1", body, station, "me")
+            await offboard_routes.start("1", body, station, ME)
         assert not first.setpoints
         start = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
-        await offboard_routes.start("1", start, station, "me")
+        await offboard_routes.start("1", start, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
-            await offboard_routes.setpoint("1", ORDER.validate_python(far), station, "me")
+            await offboard_routes.setpoint("1", ORDER.validate_python(far), station, ME)
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 

@@ -237,7 +237,7 @@ def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_abov
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
             # each by itself: past the group's look ahead, so that only the guard of the flight can know
             order = models.VelocityOrder.model_validate({**velocity(0, towards), "valid_for_s": 60})
-            await vehicle.offboard.setpoint(order.to_order("anna"))
+            await vehicle.offboard.setpoint(order.to_order(ANNA))
         nearest_m, fastest_m_s = math.inf, 0.0
         for _ in range(120):
             await seconds(0.1)

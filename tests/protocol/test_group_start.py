@@ -234,7 +234,7 @@ def test_a_member_steered_alone_before_the_instant_moves_nobody(jump):
     async def story(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
-        await at.vehicles["1"].offboard.setpoint(alone.to_order("anna"))
+        await at.vehicles["1"].offboard.setpoint(alone.to_order(ANNA))
         await seconds(12)
         assert set(modes(at).values()) == {HOLD}
         nobody_moved(at)

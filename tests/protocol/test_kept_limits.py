@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from gcs_server.api import offboard_routes
 from gcs_server.api.offboard_models import LimitsRequest, StartRequest
+from gcs_server.control.principal import Principal
 from gcs_server.storage.records import MOST_BYTES, Records
 from gcs_server.streamer.limit_store import LimitRecord, LimitStore, VehicleKey
 from gcs_server.streamer.limit_values import OperatorLimits
@@ -81,7 +82,9 @@ def test_limits_come_back_after_a_restart_and_are_told(jump, tmp_path, uid, know
         assert origin.set_unix_s > 0
         assert "restored after a restart, set by anna" in origin.text
         assert codes(vehicle) == ["limits_restored"]
-        answer = json.loads((await offboard_routes.start("1", START, station_of(world), "bob")).body)
+        answer = json.loads(
+            (await offboard_routes.start("1", START, station_of(world), Principal.of("bob"))).body
+        )
         assert answer["limits"]["operator"]["speed_max_m_s"] == 4.0
         told = answer["limits"]["origin"]
         assert (told["restored"], told["set_by"], told["set_unix_s"]) == (True, "anna", origin.set_unix_s)

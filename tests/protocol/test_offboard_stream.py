@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 
 from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import flight, order, seconds
@@ -54,7 +54,7 @@ def streamed(jump, story, *, start=True):
         if start:
             await vehicle.offboard.start(order())
         socket = FakeSocket()
-        server = OrderSocket(world.clock, station, Client.named("pad"), vehicle.id, socket)
+        server = OrderSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
         serving = asyncio.ensure_future(server.serve())
         try:
             await story(vehicle, pilot, socket)

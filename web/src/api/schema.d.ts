@@ -5033,6 +5033,11 @@ export interface components {
              */
             holder_key?: string | null;
             /**
+             * Permission
+             * @description With `not_permitted`: what the role lacks.
+             */
+            permission?: string | null;
+            /**
              * Vehicles
              * @description With `not_together`: on whose account the group does not fly.
              */
@@ -6833,7 +6838,7 @@ export interface components {
                 "text/html": string;
             };
         };
-        /** @description A page of another site, a foreign name, or a cookie without its page's Origin. */
+        /** @description A page of another site, a foreign name, a cookie without its page's Origin, or a role that lacks the permission. */
         Refused403: {
             headers: {
                 [name: string]: unknown;

@@ -4,12 +4,12 @@ import asyncio
 import itertools
 
 from gcs_server.api.turns import KNOWN_AFTER_S, MOST_KNOWN, Turns
-from gcs_server.control.client import Client
+from gcs_server.control.principal import Principal
 from tests.jump_time import in_jumps
 
 
 def client(name, address="1.1.1.1"):
-    return Client.of(name, name, address)
+    return Principal.of(name, name, address)
 
 
 def served(callers, in_control=()):

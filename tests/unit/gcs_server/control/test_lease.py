@@ -2,12 +2,12 @@
 
 import pytest
 
-from gcs_server.control.client import Client
 from gcs_server.control.lease import Lease, Terms
+from gcs_server.control.principal import Principal
 from gcs_server.control.requests import MOST_REQUESTS, MOST_REQUESTS_BY_ADDRESS, REQUEST_LIVES_S
 from gcs_server.errors import NotInControl, Refused
 
-ANNA, BOB, CARL = (Client.of(name, name * 3) for name in ("anna", "bob", "carl"))
+ANNA, BOB, CARL = (Principal.of(name, name * 3) for name in ("anna", "bob", "carl"))
 
 
 class Clock:
@@ -51,22 +51,22 @@ def desk():
 
 
 def test_two_tabs_of_one_name_are_two_clients():
-    one, other = Client.of("page", "a"), Client.of("page", "b")
-    assert one == other
+    one, other = Principal.of("page", "a"), Principal.of("page", "b")
+    assert str(one) == str(other)
     assert one.key != other.key
-    assert Client.of("page", "a", "10.0.0.1").key == Client.of("renamed", "a", "10.0.0.2").key
+    assert Principal.of("page", "a", "10.0.0.1").key == Principal.of("renamed", "a", "10.0.0.2").key
 
 
 def test_without_an_id_a_client_is_its_name_at_its_address():
-    assert Client.of("script", "", "10.0.0.1").key == Client.of("script", "", "10.0.0.1").key
-    assert Client.of("script", "", "10.0.0.1").key != Client.of("script", "", "10.0.0.2").key
-    assert Client.of("script", "", "10.0.0.1").key != Client.of("other", "", "10.0.0.1").key
-    assert Client.of("", "", "10.0.0.1") == "10.0.0.1"
+    assert Principal.of("script", "", "10.0.0.1").key == Principal.of("script", "", "10.0.0.1").key
+    assert Principal.of("script", "", "10.0.0.1").key != Principal.of("script", "", "10.0.0.2").key
+    assert Principal.of("script", "", "10.0.0.1").key != Principal.of("other", "", "10.0.0.1").key
+    assert Principal.of("", "", "10.0.0.1").name == "10.0.0.1"
 
 
 def test_an_id_is_never_shown():
-    client = Client.of("anna", "very secret")
-    assert "secret" not in client.key + client
+    client = Principal.of("anna", "very secret")
+    assert "secret" not in client.key + client.name
 
 
 # --- holding --------------------------------------------------------------------------------------
@@ -84,11 +84,11 @@ def test_a_command_takes_what_nobody_holds_and_others_are_refused_in_words(desk)
 
 
 def test_a_call_from_a_shell_holds_nobody_up_unless_it_asked_for_control(desk):
-    shell, other = Client.of("", "", "127.0.0.1"), Client.of("script", "", "127.0.0.1")
+    shell, other = Principal.of("", "", "127.0.0.1"), Principal.of("script", "", "127.0.0.1")
     desk.lease.command(shell)
-    assert desk.lease.holder == "127.0.0.1"
+    assert desk.lease.holder.name == "127.0.0.1"
     desk.lease.command(other)
-    assert desk.lease.holder == "script"
+    assert desk.lease.holder.name == "script"
     desk.lease.command(ANNA)
     for client in (shell, other):
         with pytest.raises(NotInControl):
@@ -246,7 +246,7 @@ def test_a_request_is_taken_back_and_an_old_one_is_forgotten(desk):
 
 def test_of_two_of_one_name_the_key_says_which(desk):
     desk.sits_down(ANNA)
-    first, second = Client.of("page", "one"), Client.of("page", "two")
+    first, second = Principal.of("page", "one"), Principal.of("page", "two")
     desk.lease.command(ANNA)
     desk.lease.request(first)
     desk.lease.request(second)
@@ -274,7 +274,7 @@ def test_the_holder_hears_what_others_did_by_the_actions_open_to_all(desk):
 def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
     desk.sits_down(ANNA)
     desk.lease.take(ANNA)
-    crowd = [Client.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MOST_REQUESTS + 1)]
+    crowd = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MOST_REQUESTS + 1)]
     for client in crowd[:MOST_REQUESTS]:
         desk.lease.request(client)
     assert desk.lease.has_most_requests
@@ -292,11 +292,11 @@ def test_one_address_cannot_keep_the_others_from_asking(desk):
     desk.sits_down(ANNA)
     desk.lease.take(ANNA)
     for n in range(MOST_REQUESTS_BY_ADDRESS):
-        desk.lease.request(Client.of("hostile", f"id {n}", "6.6.6.6"))
+        desk.lease.request(Principal.of("hostile", f"id {n}", "6.6.6.6"))
     for n in range(3000):
         with pytest.raises(Refused, match="at your address"):
-            desk.lease.request(Client.of("hostile", f"other id {n}", "6.6.6.6"))
+            desk.lease.request(Principal.of("hostile", f"other id {n}", "6.6.6.6"))
     assert len(desk.lease.requests()) == MOST_REQUESTS_BY_ADDRESS
-    bob = Client.of("bob", "bob", "10.0.0.7")
+    bob = Principal.of("bob", "bob", "10.0.0.7")
     desk.lease.request(bob)
     assert [r.key for r in desk.lease.requests()][-1] == bob.key

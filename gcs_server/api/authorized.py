@@ -1,0 +1,116 @@
+"""How a command is carried out: admitted by its row of the table, timed, noted in the journal."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from gcs_server.api.station import Station
+from gcs_server.control.commands import BY_NAME
+from gcs_server.control.principal import Principal
+from gcs_server.errors import GcsError, NotInControl
+from gcs_server.telemetry.wire import plain
+from gcs_server.vehicle.services.transaction import Progress
+from gcs_server.vehicle.vehicle import Vehicle
+
+SETPOINT_LINE_PERIOD_S = 1.0
+SETPOINT_LINES_KEPT = 1000
+SETPOINT = "offboard/setpoint"
+DEBUG = 7
+"""MAV_SEVERITY: of no interest once it is over."""
+
+
+def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> Progress:
+    """Tells everybody who listens how far a command is, and whose it is; kept in no history."""
+
+    def tell(text: str, fraction: float | None) -> None:
+        data: dict[str, object] = {
+            "command": command,
+            "client": principal.name,
+            "client_key": principal.key,
+            "fraction": fraction,
+        }
+        vehicle.events.add("progress", vehicle.clock.unix_s(), text, severity=DEBUG, data=data, kept=False)
+
+    return tell
+
+
+class Outcome:
+    """How long a command took, known after its block."""
+
+    duration_s: float = 0.0
+
+
+@contextmanager
+def authorized_command(
+    station: Station,
+    principal: Principal,
+    name: str,
+    vehicle_id: str | None,
+    arguments: dict[str, object],
+    *,
+    refused: NotInControl | None = None,
+) -> Generator[Outcome]:
+    """The seam of all commands: asks for control as the table says, and notes whatever happens.
+
+    Args:
+        station: what it works on.
+        principal: who commands.
+        name: the command's row in `control/commands.py`.
+        vehicle_id: None where no single vehicle is commanded.
+        arguments: for the journal.
+        refused: why it is not admitted, where that was asked for several vehicles at once.
+
+    Raises:
+        NotInControl: another client holds control of the vehicle.
+    """
+    command = BY_NAME[name]
+    began_s = station.clock.monotonic_s()
+    outcome = Outcome()
+    result, detail = "ok", None
+    try:
+        if refused is not None:
+            raise refused
+        if vehicle_id is not None:
+            station.authority.admit(principal, command, vehicle_id)
+        yield outcome
+        if vehicle_id is not None:
+            station.authority.carried_out(principal, command, vehicle_id)
+    except GcsError as error:
+        result, detail = error.code, str(error)
+        raise
+    except asyncio.CancelledError:
+        result, detail = "cancelled", "The client went away or the server ended."
+        raise
+    except Exception as error:
+        result, detail = "internal", f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        outcome.duration_s = station.clock.monotonic_s() - began_s
+        end = (result, detail, outcome.duration_s)
+        if name == SETPOINT and result in ("ok", "not_in_control"):
+            _note_setpoint(station, principal, vehicle_id or "", arguments, end)
+        else:
+            station.journal.add(principal.name, name, vehicle_id, plain(arguments), *end)
+
+
+def _note_setpoint(
+    station: Station,
+    principal: Principal,
+    vehicle_id: str,
+    arguments: dict[str, object],
+    end: tuple[str, str | None, float],
+) -> None:
+    """A stream of setpoints becomes a line a second with the newest one and their number."""
+    now_s = station.clock.monotonic_s()
+    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:  # by callers that name themselves anew each time
+        station.setpoints_noted.clear()
+    key = (principal.key, vehicle_id, end[0])
+    last_s, count = station.setpoints_noted.get(key, (float("-inf"), 0))
+    if now_s - last_s < SETPOINT_LINE_PERIOD_S:
+        station.setpoints_noted[key] = (last_s, count + 1)
+        return
+    station.setpoints_noted[key] = (now_s, 0)
+    arguments = {**plain(arguments), "setpoints_since_last_line": count + 1}
+    station.journal.add(principal.name, SETPOINT, vehicle_id, arguments, *end)

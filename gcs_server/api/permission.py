@@ -1,0 +1,78 @@
+"""Whether a caller may call a route at all, by `control/commands.py`: asked before every route."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.routing import iter_route_contexts
+from starlette.exceptions import WebSocketException
+from starlette.requests import HTTPConnection
+
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.control.commands import BY_CALL, Command
+from gcs_server.control.principal import Principal
+from gcs_server.errors import NotPermitted
+
+POLICY_VIOLATION = 1008
+
+
+def calls_of(app: FastAPI) -> Iterator[tuple[str, Callable[..., Any] | None]]:
+    """(`METHOD /path`, endpoint) of every route; `WS` for a WebSocket, no endpoint for mounted files."""
+    for route in iter_route_contexts(app.routes):
+        if route.endpoint is None:
+            yield f"GET {route.path or '/'}", None
+            continue
+        for method in sorted(route.methods - {"HEAD"}) if route.methods else ("WS",):
+            yield f"{method} {route.path_format or route.path}", route.endpoint
+
+
+def bind_commands(app: FastAPI) -> None:
+    """Finds each route's row of the table; called once all routes are there.
+
+    Raises:
+        RuntimeError: a route has no row.
+    """
+    commands: dict[Callable[..., Any], Command] = {}
+    for call, endpoint in calls_of(app):
+        command = BY_CALL.get(call)
+        if command is None:
+            raise RuntimeError(f"{call} has no row in control/commands.py: say what it needs.")
+        if endpoint is not None and commands.setdefault(endpoint, command) is not command:
+            raise RuntimeError(f"{call}: its function serves {commands[endpoint].name}, too.")
+    app.state.commands = commands
+
+
+def command_of(connection: HTTPConnection) -> Command:
+    """What the matched route does."""
+    return connection.app.state.commands[connection.scope["endpoint"]]
+
+
+def require_permission(principal: Principal, command: Command) -> None:
+    """Before anything else is asked.
+
+    Raises:
+        NotPermitted: the caller's role does not include the command.
+    """
+    if command.permission is not None and command.permission not in principal.permissions:
+        raise NotPermitted(str(principal), command.name, command.permission)
+
+
+async def permitted(connection: HTTPConnection, principal: PrincipalDep) -> None:
+    """Dependency of every route; a refused command leaves its line in the journal.
+
+    Raises:
+        NotPermitted: the caller's role does not include the command.
+    """
+    command = command_of(connection)
+    try:
+        require_permission(principal, command)
+    except NotPermitted as error:
+        if command.journaled:
+            vehicle = connection.path_params.get("v")
+            journal = connection.app.state.station.journal
+            journal.add(principal.name, command.name, vehicle, {}, error.code, str(error), 0.0)
+        if connection.scope["type"] == "websocket":  # closed before it is accepted
+            raise WebSocketException(POLICY_VIOLATION, error.code) from error
+        raise

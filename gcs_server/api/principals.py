@@ -1,0 +1,47 @@
+"""Who asks: the one place that makes a `Principal` of a request or WebSocket."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends
+from starlette.requests import HTTPConnection
+
+from gcs_server.control.principal import Principal
+
+SCOPE_KEY = "gcs.principal"
+
+
+def principal_of(connection: HTTPConnection) -> Principal:
+    """The caller, by `X-Client` and `X-Client-Id`, else by its address; made once a request.
+
+    WebSockets of browsers carry no headers: they give `?client=` and `&client_id=`.
+    """
+    known = connection.scope.get(SCOPE_KEY)
+    if known is None:
+        name, own_id = _says_of_itself(connection)
+        address = connection.client.host if connection.client is not None else ""
+        known = connection.scope[SCOPE_KEY] = Principal.of(name, own_id, address)
+    return known
+
+
+def names_itself(connection: HTTPConnection) -> bool:
+    """Whether it is more than somebody at an address."""
+    return any(_says_of_itself(connection))
+
+
+def _says_of_itself(connection: HTTPConnection) -> tuple[str, str]:
+    headers = connection.headers
+    query = connection.query_params if connection.scope["type"] == "websocket" else {}
+    return (
+        headers.get("x-client") or query.get("client", ""),
+        headers.get("x-client-id") or query.get("client_id", ""),
+    )
+
+
+async def get_principal(connection: HTTPConnection) -> Principal:
+    """Dependency: who asks. A coroutine, for FastAPI would call a plain function in another thread."""
+    return principal_of(connection)
+
+
+PrincipalDep = Annotated[Principal, Depends(get_principal)]

@@ -1,0 +1,264 @@
+"""What each command needs: permission, control, confirmation, and whether the journal notes it. One table.
+
+Routes, WebSocket messages, journal, `docs/authority.md` and the OpenAPI description (`x-authority`) follow
+from it; a route without a row stops the server from starting.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from gcs_server.errors import InvalidRequest
+
+API = "/api/v1"
+
+Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay"]
+"""What a role may be given. `view`: everything that is shown; `control`: taking and giving up control;
+`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Kill; `payload`: the gimbal; `configure`: parameters,
+limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings."""
+PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
+
+Control = Literal["none", "lease", "open", "not_anothers", "changes"]
+"""`none`: it commands no vehicle. `lease`: the caller must have control; it takes what nobody has. `open`: no
+control is needed; who has it keeps it and is told. `not_anothers`: refused while another client has control;
+takes none. `changes`: it is about control itself."""
+
+CONTROL_IN_WORDS: dict[Control, str] = {
+    "none": "none",
+    "lease": "the caller needs it; takes what nobody has",
+    "open": "none; who has it is told",
+    "not_anothers": "refused while another client has it; takes none",
+    "changes": "by the rules of [safety.md](safety.md)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One row: what callers need in order to do one thing."""
+
+    name: str
+    """As the journal writes it."""
+    permission: Permission | None
+    """None: everybody who is let in by the token."""
+    calls: tuple[str, ...]
+    """`METHOD /path`, below `/api/v1` unless it begins with `//`; of a message of a WebSocket
+    `WS /path message`."""
+    control: Control = "none"
+    vehicles: str = ""
+    """Control of which vehicles."""
+    confirmed: bool = False
+    """Whether the page has a person confirm it."""
+    words: str | None = None
+    """What `confirm` of the request must say, with the names of what it concerns filled in."""
+    journaled: bool = True
+    label: str = ""
+    """For people, where the holder is told of it."""
+
+    def full_calls(self) -> tuple[str, ...]:
+        """`METHOD /path` as the application has them."""
+        return tuple(_full(call) for call in self.calls)
+
+    def described(self) -> dict[str, object]:
+        """As `x-authority` in the OpenAPI description."""
+        return {
+            "command": self.name,
+            "permission": self.permission,
+            "control": self.control,
+            "vehicles": self.vehicles or None,
+            "confirmed": self.confirmed,
+            "confirm": self.words,
+            "journaled": self.journaled,
+        }
+
+    def confirm_words(self, **names: str) -> str:
+        """What `confirm` must say for these names."""
+        assert self.words is not None
+        return self.words.format(**names)
+
+    def require_words(self, said: str, **names: str) -> None:
+        """Before anything is sent.
+
+        Raises:
+            InvalidRequest: `said` is something else.
+        """
+        wanted = self.confirm_words(**names)
+        if said != wanted:
+            raise InvalidRequest(
+                "confirm",
+                "The confirmation does not name this vehicle; nothing was sent.",
+                remedy=f"Send exactly {wanted!r}.",
+            )
+
+
+def _full(call: str) -> str:
+    method, path = call.split(" ", 1)
+    return f"{method} {path[1:]}" if path.startswith("//") else f"{method} {API}{path}"
+
+
+def _views(name: str, *calls: str) -> Command:
+    return Command(name, "view", calls, journaled=False)
+
+
+def _flies(name: str, *calls: str, vehicles: str = "the vehicle", confirmed: bool = False) -> Command:
+    return Command(name, "fly", calls, "lease", vehicles, confirmed)
+
+
+def _stops(name: str, label: str, *calls: str, words: str | None = None) -> Command:
+    return Command(
+        name, "stop", calls, "open", "the vehicle", confirmed=words is not None, words=words, label=label
+    )
+
+
+def _gimbal(action: str) -> Command:
+    return Command(
+        f"gimbal/{action}", "payload", (f"POST /vehicles/{{v}}/gimbal/{action}",), "lease", "the vehicle"
+    )
+
+
+def _configures(name: str, call: str) -> Command:
+    return Command(name, "configure", (call,), "lease", "the vehicle")
+
+
+def _control(action: str, *more: str, confirmed: bool = False, journaled: bool = True) -> Command:
+    calls = (f"POST /vehicles/{{v}}/control/{action}", *more)
+    return Command(
+        f"control/{action}", "control", calls, "changes", "the vehicle", confirmed, journaled=journaled
+    )
+
+
+ALL: tuple[Command, ...] = (
+    # flying
+    _flies("arm", "POST /vehicles/{v}/arm", confirmed=True),
+    _flies("disarm", "POST /vehicles/{v}/disarm", confirmed=True),
+    _flies("takeoff", "POST /vehicles/{v}/takeoff", confirmed=True),
+    _flies("land", "POST /vehicles/{v}/land", confirmed=True),
+    _flies("rtl", "POST /vehicles/{v}/rtl", confirmed=True),
+    _flies("mode", "POST /vehicles/{v}/mode"),
+    _flies("goto", "POST /vehicles/{v}/goto", confirmed=True),
+    _flies("offboard/start", "POST /vehicles/{v}/offboard/start", confirmed=True),
+    _flies(
+        "offboard/setpoint",
+        "POST /vehicles/{v}/offboard/setpoint",
+        "WS /vehicles/{v}/offboard/stream",
+        "WS /vehicles/{v}/offboard/stream setpoint",
+        "POST /groups/{g}/setpoints",
+        vehicles="the vehicle, every member of the group",
+    ),
+    _flies("offboard/stop", "POST /vehicles/{v}/offboard/stop"),
+    _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
+    # open to all: who sees danger stops it
+    _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /groups/{g}/hold"),
+    _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", words="vehicle {vehicle} lands now"),
+    _stops("kill", "Kill", "POST /vehicles/{v}/kill", words="motors stop, vehicle {vehicle} falls"),
+    # payload
+    *(_gimbal(action) for action in ("take", "release", "angles", "rates", "roi", "roi/clear")),
+    # settings of a vehicle
+    _configures("param", "PUT /vehicles/{v}/params/{name}"),
+    _configures("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),
+    _configures("offboard/failsafe", "PUT /vehicles/{v}/offboard/failsafe"),
+    Command("params/refresh", "configure", ("POST /vehicles/{v}/params/refresh",), journaled=False),
+    Command("readiness/check", "configure", ("POST /vehicles/{v}/readiness/check",), journaled=False),
+    # control
+    _control("take", confirmed=True),
+    _control("request"),
+    _control("grant"),
+    _control("deny"),
+    _control("release", "POST /me/leave"),
+    _control("renew", journaled=False),
+    # the station
+    Command(
+        "links/add", "station", ("POST /links",), "not_anothers", "every vehicle, where the link forwards"
+    ),
+    Command(
+        "links/remove",
+        "station",
+        ("DELETE /links/{name}",),
+        "not_anothers",
+        "every vehicle heard on the link",
+        words="link {link} closes, vehicle {vehicles} in flight loses its last link",
+    ),
+    Command("vehicles/remove", "station", ("DELETE /vehicles/{v}",), "not_anothers", "the vehicle"),
+    # recordings
+    Command("replays/open", "replay", ("POST /replays",)),
+    Command("replays/change", "replay", ("POST /replays/{name}",), journaled=False),
+    Command("replays/close", "replay", ("DELETE /replays/{name}",)),
+    # looking
+    _views(
+        "vehicles",
+        "GET /vehicles",
+        "GET /vehicles/{v}",
+        "GET /vehicles/{v}/history",
+        "GET /vehicles/{v}/messages",
+        "GET /vehicles/{v}/control",
+        "GET /vehicles/{v}/offboard",
+        "GET /vehicles/{v}/offboard/limits",
+        "GET /vehicles/{v}/gimbal",
+        "GET /vehicles/{v}/readiness",
+        "GET /vehicles/{v}/params",
+        "GET /vehicles/{v}/params/{name}",
+        "GET /groups",
+        "GET /groups/{g}",
+    ),
+    _views("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
+    _views(
+        "recordings",
+        "GET /recordings",
+        "GET /recordings/{name}",
+        "GET /recordings/{name}/index",
+        "GET /replays",
+        "GET /replays/{name}",
+        "GET /replays/{name}/index",
+    ),
+    _views("maps", "GET /maps", "GET /maps/{name}", "GET /maps/{name}/{zoom}/{x}/{y}"),
+    _views("server", "GET /health", "GET /version", "GET /warnings", "GET /links", "GET /journal", "GET /me"),
+    _views(
+        "scene",
+        "GET //scene/",
+        "POST //scene/view/{token}",
+        "POST //scene/view/{token}/click",
+        "WS //scene/",
+        "WS //scene/ ViewerCameraMessage",
+        "WS //scene/ TransformControlsUpdateMessage",
+        "WS //scene/ TransformControlsDragEndMessage",
+    ),
+    Command(
+        "page",
+        None,
+        (
+            "GET //",
+            "GET //docs",
+            "GET //docs/",
+            "GET //docs/reference.js",
+            "GET //docs/reference.css",
+            "GET /docs",
+            "GET /openapi.json",
+        ),
+        journaled=False,
+    ),
+)
+
+BY_NAME: dict[str, Command] = {command.name: command for command in ALL}
+BY_CALL: dict[str, Command] = {call: command for command in ALL for call in command.full_calls()}
+"""By `METHOD /path`, with the names of the path's variables."""
+
+
+def table() -> str:
+    """The rows as Markdown, for `docs/authority.md`."""
+    lines = [
+        "| command | calls | permission | control | of | confirmed on the page | `confirm` | journal |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for c in ALL:
+        cells = (
+            f"`{c.name}`",
+            ", ".join(f"`{call.replace('//', '/')}`" for call in c.calls),
+            f"`{c.permission}`" if c.permission is not None else "none",
+            CONTROL_IN_WORDS[c.control],
+            c.vehicles or "–",
+            "yes" if c.confirmed else "no",
+            f"`{c.words}`" if c.words is not None else "–",
+            "yes" if c.journaled else "no",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"

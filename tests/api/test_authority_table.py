@@ -1,0 +1,109 @@
+"""The table of commands says what every route and WebSocket message needs, and it is what happens."""
+
+import re
+from pathlib import Path
+
+import msgspec
+import pytest
+from fastapi.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from gcs_server.api.permission import bind_commands, calls_of
+from gcs_server.api.principals import get_principal
+from gcs_server.api.schema import bare_app
+from gcs_server.app import create_app
+from gcs_server.control.commands import ALL, BY_CALL, BY_NAME, table
+from gcs_server.control.principal import Principal
+from gcs_server.scene.gizmo import MovedMessage, ReleasedMessage
+from gcs_server.scene.proxy import CameraMessage
+from gcs_server.settings import Settings
+from gcs_server.telemetry.wire import Subscribe
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "authority.md"
+STREAM = "/api/v1/vehicles/{v}/offboard/stream"
+
+
+def tag(message):
+    return msgspec.inspect.type_info(message).tag
+
+
+MESSAGES = {
+    f"WS /api/v1/telemetry {tag(Subscribe)}",
+    f"WS {STREAM} setpoint",
+    *(f"WS /scene/ {tag(message)}" for message in (CameraMessage, MovedMessage, ReleasedMessage)),
+}
+NOBODY = Principal("nobody", "0" * 12, permissions=frozenset())
+
+
+@pytest.fixture(params=["no page built", "page built"])
+def app(tmp_path, request):
+    if request.param == "page built":
+        (tmp_path / "index.html").write_text("<!doctype html><title>page</title>")
+    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=True, record=False)
+    return create_app(settings, static=tmp_path)
+
+
+def path_of(call):
+    method, path = call.split(" ")[:2]
+    return method, re.sub(r"\{\w+\}", "1", path)
+
+
+def test_every_route_and_message_has_a_row_and_every_row_has_one(app):
+    there = {call for call, _ in calls_of(app)}
+    assert len(there) > 75
+    assert there | MESSAGES == set(BY_CALL)
+    assert len(BY_CALL) == sum(len(row.calls) for row in ALL), "no call stands in two rows"
+    assert len(BY_NAME) == len(ALL)
+
+
+def test_a_route_without_a_row_stops_the_server_from_starting(app):
+    @app.post("/api/v1/vehicles/{v}/explode")
+    async def explode(v: str) -> None: ...
+
+    with pytest.raises(RuntimeError, match="explode has no row"):
+        bind_commands(app)
+
+
+def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(app):
+    app.dependency_overrides[get_principal] = lambda: NOBODY
+    client = TestClient(app, base_url="http://localhost")
+    refused = set()
+    for call, _ in calls_of(app):
+        row, (method, path) = BY_CALL[call], path_of(call)
+        if row.permission is None:
+            continue
+        refused.add(row.name)
+        if method == "WS":
+            with (
+                pytest.raises(WebSocketDisconnect) as closed,
+                client.websocket_connect(f"ws://localhost{path}"),
+            ):
+                pass
+            assert (closed.value.code, closed.value.reason) == (1008, "not_permitted")
+            continue
+        answer = client.request(method, path)
+        assert (answer.status_code, answer.json()["code"]) == (403, "not_permitted"), call
+        assert answer.json()["permission"] == row.permission
+        newest = app.state.station.journal.tail(1)
+        if row.journaled:
+            assert (newest[0].command, newest[0].result) == (row.name, "not_permitted")
+    assert refused == {row.name for row in ALL if row.permission is not None}
+
+
+def test_a_socket_needs_what_its_messages_need():
+    """So that asking once, when it opens, is enough."""
+    for call in MESSAGES:
+        socket = call.rsplit(" ", 1)[0]
+        assert BY_CALL[call].permission == BY_CALL[socket].permission
+
+
+def test_the_description_says_at_each_operation_what_it_needs():
+    paths = bare_app().openapi()["paths"]
+    needs = paths["/api/v1/links/{name}"]["delete"]["x-authority"]
+    assert (needs["permission"], needs["control"], needs["journaled"]) == ("station", "not_anothers", True)
+    assert paths["/api/v1/vehicles/{v}/kill"]["post"]["x-authority"]["confirmed"]
+    assert all("x-authority" in operation for methods in paths.values() for operation in methods.values())
+
+
+def test_the_document_has_the_table():
+    assert table() in DOCUMENT.read_text(encoding="utf-8"), "python -m tools.build_command_table writes it"
