@@ -1,0 +1,141 @@
+"""What all checks of a plan work on, and the table of their codes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from missions.geodesy import LocalOrigin
+from missions.items import PlacedItem
+from missions.plan import Plan, SimpleItem
+from missions.route import Leg, Route, follow, legs
+from missions.vehicle import PowerModel, VehicleModel
+
+CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
+    "plan_empty": ("warning", "the plan has no items"),
+    "home_missing": ("warning", "no planned home, so altitudes and distances from it are not known"),
+    "takeoff_missing": ("warning", "no take-off (an error where MIS_TKO_LAND_REQ wants one)"),
+    "takeoff_not_first": ("error", "something is flown to, waited for or jumped to before the take-off"),
+    "takeoff_too_low": ("error", "the take-off is lower than PX4 accepts (NAV_MC_ALT_RAD + 1 m)"),
+    "landing_missing": ("error", "MIS_TKO_LAND_REQ wants a landing"),
+    "takeoff_landing_mismatch": ("error", "MIS_TKO_LAND_REQ wants take-off and landing, or neither"),
+    "command_refused": ("error", "PX4 refuses this command in a mission"),
+    "vtol_item": ("error", "an item for VTOL aircraft only"),
+    "value_not_sendable": ("error", "a value does not fit the mission message"),
+    "set_home_place": ("error", "PX4 sets home in a mission to the vehicle's place only"),
+    "terrain_unresolved": ("error", "a terrain altitude without elevation data; PX4 refuses terrain frames"),
+    "complex_without_items": ("error", "a pattern of another program that holds no mission items"),
+    "jump_target_missing": ("error", "a jump names an item that there is not"),
+    "jump_stalls": ("error", "a jump comes back to itself without flying or waiting"),
+    "jump_endless": ("warning", "a jump repeats without end"),
+    "items_never_reached": ("warning", "items come after one that ends the mission"),
+    "speed_invalid": ("error", "a speed that is no speed"),
+    "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX, which PX4 limits"),
+    "altitude_too_high": ("warning", "above the operator's limit of altitude"),
+    "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
+    "altitude_below_home": ("warning", "flown to at or below the altitude of home"),
+    "altitude_unknown": ("warning", "an altitude that cannot be compared with home"),
+    "first_waypoint_far": ("warning", "the first item is farther from home than MIS_DIST_1WP"),
+    "leg_too_long": ("warning", "farther from the item before than the operator's limit"),
+    "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
+    "fence_violation": ("error", "an item outside the geofence"),
+    "fence_crossed": ("error", "the straight path between two items leaves the geofence"),
+    "fence_home_outside": ("error", "home is outside the geofence"),
+    "fence_invalid": ("error", "a fence polygon whose sides cross or that has no area"),
+    "rally_outside_fence": ("warning", "a rally point outside the geofence"),
+    "rally_terrain": ("error", "a rally point with a terrain altitude that is not resolved"),
+    "too_many_items": ("error", "more fence or rally items than PX4 has room for"),
+    "length_exceeded": ("warning", "longer than the operator's limit"),
+    "endurance_exceeded": ("warning", "more energy than the battery gives"),
+    "endurance_endless": ("warning", "endless, so that no battery lasts"),
+    "check_failed": ("warning", "a check that could not be made"),
+}
+"""Every code: its severity, and what it means."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong."""
+
+    code: str
+    message: str
+    """A sentence for a person."""
+    row: int | None = None
+    """Index in `Plan.items`; None where it is about no item."""
+    zone: int | None = None
+    """Index in `Plan.fence`."""
+    rally_point: int | None = None
+    """Index in `Plan.rally_points`."""
+    fix: str | None = None
+    """What to do about it."""
+    raised: bool = False
+    """A warning that is an error for this vehicle."""
+
+    @property
+    def severity(self) -> Literal["error", "warning"]:
+        """Whether PX4 refuses it or it is unsafe (error), or it may surprise (warning)."""
+        return "error" if self.raised else CODES[self.code][0]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the operator allows; None: no limit of the operator's own."""
+
+    altitude_home_max_m: float | None = 120.0
+    """Above home; 120 m is the limit of the open category in the EU (Regulation 2019/947)."""
+    leg_max_m: float | None = 2000.0
+    length_max_m: float | None = None
+    vehicle: VehicleModel = field(default_factory=VehicleModel)
+    power: PowerModel | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """A plan with what several checks need of it."""
+
+    plan: Plan
+    limits: Limits
+    items: tuple[tuple[int, SimpleItem], ...]
+    """Row and item, as uploaded."""
+    route: Route
+    legs: tuple[Leg, ...]
+    origin: LocalOrigin | None
+    """Of a local frame about home, else about the first place; None: the plan has no place at all."""
+
+    @classmethod
+    def of(cls, plan: Plan, limits: Limits) -> Context:
+        """For one plan."""
+        items = tuple(plan.simple_items())
+        route = follow(plan)
+        return cls(plan, limits, items, route, legs(plan, route), _origin(plan, items))
+
+    @property
+    def vehicle(self) -> VehicleModel:
+        """The vehicle it is checked for."""
+        return self.limits.vehicle
+
+    @property
+    def home_amsl_m(self) -> float | None:
+        """Altitude of the planned home."""
+        return None if self.plan.planned_home is None else self.plan.planned_home.alt_amsl_m
+
+    def height_m(self, item: PlacedItem) -> float | None:
+        """Above home; None where it is not known."""
+        if item.altitude.reference == "home":
+            return item.altitude.value_m
+        amsl_m = item.altitude.amsl_m(self.home_amsl_m)
+        return None if amsl_m is None or self.home_amsl_m is None else amsl_m - self.home_amsl_m
+
+
+def _origin(plan: Plan, items: tuple[tuple[int, SimpleItem], ...]) -> LocalOrigin | None:
+    if plan.planned_home is not None:
+        return LocalOrigin(plan.planned_home.lat_deg, plan.planned_home.lon_deg, plan.planned_home.alt_amsl_m)
+    for _, item in items:
+        if isinstance(item, PlacedItem):
+            return LocalOrigin(item.lat_deg, item.lon_deg, 0.0)
+    return None
+
+
+def name(row: int, item: SimpleItem) -> str:
+    """An item for a person: `Item 3 (waypoint)`."""
+    return f"Item {row + 1} ({item.kind.replace('_', ' ')})"

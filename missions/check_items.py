@@ -1,0 +1,183 @@
+"""Checks of the items one by one and in their order: what PX4 refuses, take-off, jumps, speeds, altitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from missions.check_context import Context, Finding, name
+from missions.errors import PlanError
+from missions.estimates import GROUND_SPEED_TYPES
+from missions.formats.mavlink_items import fence_items, mission_items
+from missions.items import (
+    ChangeSpeed,
+    CommandItem,
+    Delay,
+    Gate,
+    Jump,
+    Land,
+    LoiterUnlimited,
+    PlacedItem,
+    ReturnHome,
+    SetHome,
+    Takeoff,
+)
+from missions.plan import ComplexItem, Plan
+from missions.route import is_flown_to
+
+FENCE_CAPACITY, RALLY_CAPACITY = 64, 32
+"""Items PX4 v1.16 has room for; a fence polygon is one for each corner."""
+VTOL_COMMANDS = frozenset({84, 85, 3000})
+TAKEOFF_MARGIN_M = 1.0
+
+
+def _presence(context: Context) -> Iterator[Finding]:
+    if not context.items:
+        yield Finding("plan_empty", "The plan has no items.", fix="Add a take-off and a waypoint.")
+    if context.plan.planned_home is None and context.items:
+        message = "The plan has no home, so altitudes and distances from home cannot be checked."
+        yield Finding("home_missing", message, fix="Set the planned home position.")
+    for row, item in enumerate(context.plan.items):
+        if isinstance(item, ComplexItem) and not item.items:
+            message = f"Item {row + 1} ({item.complex_type}) holds no mission items; it would not be flown."
+            yield Finding("complex_without_items", message, row, fix="Replace it by a pattern made here.")
+    corners, points = len(fence_items(context.plan)), len(context.plan.rally_points)
+    if corners > FENCE_CAPACITY:
+        message = f"The geofence has {corners} corners and circles; PX4 has room for {FENCE_CAPACITY}."
+        yield Finding("too_many_items", message, fix="Remove corners.")
+    if points > RALLY_CAPACITY:
+        message = f"The plan has {points} rally points; PX4 has room for {RALLY_CAPACITY}."
+        yield Finding("too_many_items", message, fix="Remove rally points.")
+
+
+def _refused(context: Context) -> Iterator[Finding]:
+    for row, item in context.items:
+        if isinstance(item, CommandItem):
+            if item.command in VTOL_COMMANDS:
+                message = f"Item {row + 1} (command {item.command}) is for VTOL aircraft only."
+                yield Finding("vtol_item", message, row, fix="Use take-off and land.")
+            else:
+                message = f"PX4 refuses item {row + 1} (command {item.command}, frame {item.frame})."
+                yield Finding("command_refused", message, row, fix="Remove it.")
+        elif isinstance(item, SetHome) and item.use_current != 1.0:
+            message = f"{name(row, item)} names a place; PX4 takes only the vehicle's own."
+            yield Finding("set_home_place", message, row, fix="Set use_current to 1.")
+        elif (
+            isinstance(item, PlacedItem)
+            and item.altitude.reference == "terrain"
+            and item.altitude.resolved_amsl_m is None
+        ):
+            message = f"{name(row, item)} has a terrain altitude, which PX4 refuses."
+            yield Finding("terrain_unresolved", message, row, fix="Resolve it with elevation data.")
+        try:
+            mission_items(Plan(items=(item,)))
+        except PlanError as error:
+            message = f"{name(row, item)} cannot be sent: {error.place.partition(', ')[2]}: {error.reason}."
+            yield Finding("value_not_sendable", message, row, fix=error.fix)
+
+
+def _takeoff(context: Context) -> Iterator[Finding]:
+    before: str | None = None
+    least_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
+    for row, item in context.items:
+        if isinstance(item, Takeoff):
+            height_m = context.height_m(item)
+            if height_m is not None and height_m < least_m:
+                message = (
+                    f"{name(row, item)} climbs to {height_m:.1f} m above home; PX4 needs {least_m:.1f} m."
+                )
+                yield Finding("takeoff_too_low", message, row, fix=f"Raise it to {least_m:.1f} m.")
+            if before is not None:
+                message = f"PX4 wants the take-off before {before}."
+                yield Finding("takeoff_not_first", message, row, fix="Move the take-off to the start.")
+        if is_flown_to(item) or isinstance(item, Delay | Jump | Gate):
+            before = before or name(row, item).lower()
+
+
+def _ends(context: Context) -> Iterator[Finding]:
+    """MIS_TKO_LAND_REQ: 1 wants a take-off, 2 a landing, 3 both, 4 and 5 both or none."""
+    takeoff = any(isinstance(item, Takeoff) for _, item in context.items)
+    landing = any(isinstance(item, Land) for _, item in context.items)
+    required = context.vehicle.required_ends
+    if required in (4, 5) and takeoff != landing:
+        there, missing = ("take-off", "landing") if takeoff else ("landing", "take-off")
+        message = f"The plan has a {there} but no {missing}, and the vehicle wants both or neither."
+        yield Finding("takeoff_landing_mismatch", message, fix=f"Add a {missing}.")
+        return
+    if required in (2, 3) and not landing:
+        yield Finding("landing_missing", "The vehicle wants a landing in the mission.", fix="Add a landing.")
+    if not takeoff and context.items:
+        message = (
+            "The plan has no take-off; on the ground the vehicle climbs to its own take-off altitude first."
+        )
+        yield Finding("takeoff_missing", message, fix="Add a take-off.", raised=required in (1, 3))
+
+
+def _jumps(context: Context) -> Iterator[Finding]:
+    for row, item in context.items:
+        if not isinstance(item, Jump):
+            continue
+        if item.target_index >= len(context.items):
+            message = f"{name(row, item)} names item {item.target_index + 1}, and there is none."
+            yield Finding("jump_target_missing", message, row, fix="Choose another item.")
+        elif item.repeat < 0:
+            message = f"{name(row, item)} repeats without end; only a person or the battery ends this."
+            yield Finding("jump_endless", message, row, fix="Give it a number of repeats.")
+    if context.route.stalled_row is not None:
+        row = context.route.stalled_row
+        message = f"The jumps around item {row + 1} repeat without flying or waiting anywhere."
+        yield Finding("jump_stalls", message, row, fix="Remove the jump, or put a waypoint into the loop.")
+
+
+def _never_reached(context: Context) -> Iterator[Finding]:
+    last = context.route.steps[-1] if context.route.steps else None
+    if last is None or last.seq + 1 >= len(context.items):
+        return
+    if isinstance(last.item, Land | LoiterUnlimited | ReturnHome) or not last.item.autocontinue:
+        left = len(context.items) - last.seq - 1
+        message = f"{name(last.row, last.item)} ends the mission; {left} after it may never be reached."
+        yield Finding("items_never_reached", message, last.row, fix="Move or remove what comes after.")
+
+
+def _speeds(context: Context) -> Iterator[Finding]:
+    most = context.vehicle.speed_max_m_s
+    for row, item in context.items:
+        if not isinstance(item, ChangeSpeed):
+            continue
+        speed = item.speed_m_s
+        if speed is None or (speed <= 0.0 and speed not in (-1.0, -2.0)):
+            message = f"{name(row, item)} asks for {speed} m/s."
+            yield Finding(
+                "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's own."
+            )
+        elif item.speed_type in GROUND_SPEED_TYPES and speed > most:
+            message = f"{name(row, item)} asks for {speed:g} m/s; the vehicle flies {most:g} m/s at most."
+            yield Finding("speed_too_high", message, row, fix=f"Set {most:g} m/s or less.")
+    planned = context.plan.hover_speed_m_s
+    if planned is not None and planned > most:
+        message = f"The planned speed is {planned:g} m/s; the vehicle flies {most:g} m/s at most."
+        yield Finding("speed_too_high", message, fix=f"Plan {most:g} m/s or less.")
+
+
+def _altitudes(context: Context) -> Iterator[Finding]:
+    most, fence_m = context.limits.altitude_home_max_m, context.vehicle.fence_height_m
+    for row, item in context.items:
+        if not isinstance(item, PlacedItem) or not is_flown_to(item):
+            continue
+        height_m = context.height_m(item)
+        if height_m is None:
+            if context.plan.planned_home is not None:
+                message = f"{name(row, item)} has an altitude that cannot be compared with home."
+                yield Finding("altitude_unknown", message, row, fix="Resolve it with elevation data.")
+            continue
+        if fence_m > 0.0 and height_m > fence_m:
+            message = f"{name(row, item)} is {height_m:.0f} m above home; the fence ends at {fence_m:.0f} m."
+            yield Finding("altitude_fence", message, row, fix=f"Lower it to {fence_m:.0f} m or less.")
+        elif most is not None and height_m > most:
+            message = f"{name(row, item)} is {height_m:.0f} m above home; the limit is {most:.0f} m."
+            yield Finding("altitude_too_high", message, row, fix=f"Lower it to {most:.0f} m or less.")
+        elif height_m <= 0.0 and not isinstance(item, Land):
+            message = f"{name(row, item)} is at or below the altitude of home ({height_m:.1f} m)."
+            yield Finding("altitude_below_home", message, row, fix="Check the ground there, or raise it.")
+
+
+RULES = (_presence, _refused, _takeoff, _ends, _jumps, _never_reached, _speeds, _altitudes)

@@ -1,0 +1,130 @@
+"""Checks of where a plan goes: distances, geofence, rally points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import shapely
+from shapely.geometry import LineString, Polygon
+from shapely.geometry import Point as ShapelyPoint
+from shapely.geometry.base import BaseGeometry
+
+from missions.check_context import Context, Finding, name
+from missions.geodesy import distance_m
+from missions.items import PlacedItem
+from missions.route import is_flown_to
+from missions.values import FenceCircle, FencePolygon, Point
+
+TOLERANCE_M = 0.05
+"""Points on an edge count as inside."""
+CIRCLE_SEGMENTS = 64
+"""A quarter of a circle in the polygon that stands for it: 0.008 % of the radius too small."""
+Place = tuple[float, float]
+
+
+def _distances(context: Context) -> Iterator[Finding]:
+    home = context.plan.planned_home
+    if home is not None:
+        yield from _from_home(context, home.lat_deg, home.lon_deg)
+    most = context.limits.leg_max_m
+    seen: set[int] = set()
+    for leg in context.legs:
+        if most is None or leg.length_m <= most or leg.step.seq in seen:
+            continue
+        seen.add(leg.step.seq)
+        message = f"{name(leg.step.row, leg.step.item)} is {leg.length_m:.0f} m from the place before it."
+        yield Finding("leg_too_long", message, leg.step.row, fix="Check that the plan belongs here.")
+
+
+def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Finding]:
+    far_m, radius_m = context.vehicle.first_waypoint_max_m, context.vehicle.fence_radius_m
+    places = [
+        (row, item) for row, item in context.items if isinstance(item, PlacedItem) and is_flown_to(item)
+    ]
+    for position, (row, item) in enumerate(places):
+        away_m = distance_m(lat_deg, lon_deg, item.lat_deg, item.lon_deg)
+        if position == 0 and 0.0 < far_m < away_m:
+            message = f"{name(row, item)}, the first one, is {away_m:.0f} m from home."
+            yield Finding("first_waypoint_far", message, row, fix="Check that this is the right plan.")
+        if 0.0 < radius_m < away_m:
+            message = f"{name(row, item)} is {away_m:.0f} m from home; the fence ends at {radius_m:.0f} m."
+            yield Finding("radius_exceeded", message, row, fix="Move it nearer to home.")
+
+
+def _fence(context: Context) -> Iterator[Finding]:
+    area = _allowed(context)
+    if area is None:
+        return
+    home = context.plan.planned_home
+    if home is not None and not area.covers(ShapelyPoint(_local(context, home.lat_deg, home.lon_deg))):
+        message = "Home is outside the geofence: PX4 calls such a fence invalid."
+        yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
+    before: tuple[Place, bool] | None = None
+    if home is not None:
+        place = _local(context, home.lat_deg, home.lon_deg)
+        before = (place, bool(area.covers(ShapelyPoint(place))))
+    seen: set[tuple[str, int]] = set()
+    for step in context.route.steps:
+        item = step.item
+        if not isinstance(item, PlacedItem) or not is_flown_to(item):
+            continue
+        place = _local(context, item.lat_deg, item.lon_deg)
+        inside = bool(area.covers(ShapelyPoint(place)))
+        if not inside and ("point", step.seq) not in seen:
+            seen.add(("point", step.seq))
+            message = f"{name(step.row, item)} is outside the geofence."
+            yield Finding("fence_violation", message, step.row, fix="Move it inside, or change the fence.")
+        start = before[0] if inside and before is not None and before[1] else place
+        if ("path", step.seq) not in seen and inside and not area.covers(LineString([start, place])):
+            seen.add(("path", step.seq))
+            message = f"The straight path to {name(step.row, item).lower()} leaves the geofence."
+            yield Finding("fence_crossed", message, step.row, fix="Add a waypoint around the edge.")
+        before = (place, inside)
+    for index, rally in enumerate(context.plan.rally_points):
+        if not area.covers(ShapelyPoint(_local(context, rally.lat_deg, rally.lon_deg))):
+            message = f"Rally point {index + 1} is outside the geofence."
+            yield Finding("rally_outside_fence", message, rally_point=index, fix="Move it inside.")
+
+
+def _zones(context: Context) -> Iterator[Finding]:
+    for index, zone in enumerate(context.plan.fence):
+        if isinstance(zone, FencePolygon) and context.origin is not None:
+            shape = Polygon([_local(context, point.lat_deg, point.lon_deg) for point in zone.polygon])
+            if not shape.is_valid or shape.area <= 0.0:
+                message = f"The sides of fence zone {index + 1} cross, or it has no area."
+                yield Finding("fence_invalid", message, zone=index, fix="Draw it anew.")
+    for index, rally in enumerate(context.plan.rally_points):
+        if rally.altitude.reference == "terrain" and rally.altitude.resolved_amsl_m is None:
+            message = f"Rally point {index + 1} has a terrain altitude, which PX4 refuses."
+            yield Finding("rally_terrain", message, rally_point=index, fix="Set its altitude above home.")
+
+
+def _local(context: Context, lat_deg: float, lon_deg: float) -> Place:
+    """North and east of the origin [m]."""
+    assert context.origin is not None
+    north, east, _ = context.origin.to_ned(lat_deg, lon_deg, 0.0)
+    return (north, east)
+
+
+def _allowed(context: Context) -> BaseGeometry | None:
+    """Where the vehicle may be: inside all inclusions, outside all exclusions; None without a fence."""
+    if not context.plan.fence or context.origin is None:
+        return None
+    whole: BaseGeometry = shapely.box(-3e7, -3e7, 3e7, 3e7)
+    for zone in context.plan.fence:
+        if isinstance(zone, FenceCircle):
+            center = ShapelyPoint(_local(context, zone.center.lat_deg, zone.center.lon_deg))
+            shape: BaseGeometry = center.buffer(zone.radius_m, quad_segs=CIRCLE_SEGMENTS)
+        else:
+            shape = shapely.make_valid(Polygon([_corner(context, point) for point in zone.polygon]))
+        grown = shape.buffer(TOLERANCE_M if zone.inclusion else -TOLERANCE_M)
+        whole = whole.intersection(grown) if zone.inclusion else whole.difference(grown)
+    shapely.prepare(whole)
+    return whole
+
+
+def _corner(context: Context, point: Point) -> Place:
+    return _local(context, point.lat_deg, point.lon_deg)
+
+
+RULES = (_distances, _zones, _fence)

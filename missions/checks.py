@@ -1,0 +1,60 @@
+"""What is wrong with a plan, as findings: place, plain sentence, stable code, and a fix where there is one.
+
+`check` never raises: a rule that fails is a finding itself. What PX4 v1.16 refuses is an error; what flies
+other than a person may expect is a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from missions import check_items, check_space
+from missions.check_context import CODES, Context, Finding, Limits
+from missions.estimates import estimate
+from missions.plan import Plan
+
+__all__ = ["CODES", "Finding", "Limits", "check"]
+
+Rule = Callable[[Context], Iterator[Finding]]
+"""One kind of check."""
+
+
+def check(plan: Plan, limits: Limits | None = None) -> tuple[Finding, ...]:
+    """All findings about a plan, in the order of the rules."""
+    limits = limits or Limits()
+    rules: tuple[Rule, ...] = (*check_items.RULES, *check_space.RULES, _totals)
+    found: list[Finding] = []
+    try:
+        context = Context.of(plan, limits)
+    except Exception as error:
+        return (Finding("check_failed", f"The plan could not be checked: {error!r:.200}."),)
+    for rule in rules:
+        try:
+            found += list(rule(context))
+        except Exception as error:
+            name = getattr(rule, "__name__", "rule").strip("_").replace("_", " ")
+            message = f"The check of {name} could not be made: {error!r:.200}."
+            found.append(Finding("check_failed", message))
+    return tuple(found)
+
+
+def _totals(context: Context) -> Iterator[Finding]:
+    """Length and endurance of the whole flight."""
+    limits = context.limits
+    total = estimate(context.plan, limits.vehicle, limits.power)
+    if limits.length_max_m is not None and total.length_m > limits.length_max_m:
+        message = f"The flight is {total.length_m:.0f} m long, the limit is {limits.length_max_m:.0f} m."
+        yield Finding("length_exceeded", message, fix="Split the plan into several flights.")
+    if total.energy_wh is None or limits.power is None:
+        return
+    if total.endless:
+        message = "The plan repeats without end, so no battery lasts for it."
+        yield Finding("endurance_endless", message, fix="Give the jump a number of repeats.")
+    elif total.energy_wh > limits.power.usable_wh:
+        message = (
+            f"The flight takes {total.energy_wh:.0f} Wh ({total.time_s / 60:.0f} min), the battery gives "
+            f"{limits.power.usable_wh:.0f} Wh with {limits.power.reserve:.0%} in reserve."
+        )
+        yield Finding(
+            "endurance_exceeded", message, fix="Shorten the plan, or split it into several flights."
+        )

@@ -1,0 +1,124 @@
+"""Length, time, pictures and energy of a plan, from stated models.
+
+Time of a leg: the longer of its horizontal and vertical part. Horizontally the vehicle speeds up and slows
+down with `acceleration_m_s2` and stops at every waypoint (a trapezoid of speed); PX4 rounds gentle corners
+without stopping, so that the estimate is late, not early. Vertically the speed is constant. No wind.
+"""
+
+import math
+from dataclasses import dataclass
+
+from missions.camera_items import PhotoStart, TriggerDistance
+from missions.geodesy import distance_m
+from missions.items import ChangeSpeed, Delay, Land, LoiterTime, PlacedItem, ReturnHome, Takeoff, Waypoint
+from missions.plan import Plan, SimpleItem
+from missions.route import Leg, follow, legs
+from missions.vehicle import PowerModel, VehicleModel
+
+GROUND_SPEED_TYPES = (0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What a flight takes; lengths in metres, times in seconds."""
+
+    length_m: float
+    """Along the path, over the ground and up and down."""
+    time_s: float
+    climb_m: float
+    """All metres upwards."""
+    photos: int
+    """Pictures that items take; those without end count once."""
+    energy_wh: float | None
+    """None without a power model."""
+    endless: bool
+    """A jump repeats without end, or the plan has more steps than are followed: it takes longer than this."""
+    known_altitudes: bool
+    """False: some altitude could not be compared, and its leg counts as level."""
+
+
+def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None) -> Estimate:
+    """The estimate of a whole flight."""
+    route = follow(plan)
+    leg_of = {id(leg.step): leg for leg in legs(plan, route)}
+    speed_m_s = plan.hover_speed_m_s or vehicle.cruise_m_s
+    length_m = time_s = climbed_m = 0.0
+    photos, spacing_m, since_photo_m = 0, 0.0, 0.0
+    known = True
+    last: SimpleItem | None = None
+    for step in route.steps:
+        item, leg = step.item, leg_of.get(id(step))
+        if leg is not None:
+            known &= leg.climb_m is not None
+            up_m = leg.climb_m or 0.0
+            length_m += math.hypot(leg.length_m, up_m)
+            time_s += leg_time_s(leg, min(speed_m_s, vehicle.speed_max_m_s), vehicle)
+            climbed_m += max(0.0, up_m)
+            if spacing_m > 0.0:
+                since_photo_m += leg.length_m
+                photos += int(since_photo_m // spacing_m)
+                since_photo_m %= spacing_m
+        time_s += _wait_s(item)
+        if isinstance(item, ChangeSpeed) and item.speed_type in GROUND_SPEED_TYPES:
+            speed_m_s = item.speed_m_s if (item.speed_m_s or 0.0) > 0.0 else speed_m_s
+            speed_m_s = speed_m_s or vehicle.cruise_m_s
+        if isinstance(item, TriggerDistance):
+            spacing_m, since_photo_m = item.distance_m or 0.0, 0.0
+            photos += int(bool(item.at_once) and spacing_m > 0.0)
+        if isinstance(item, PhotoStart):
+            photos += max(1, int(item.count or 0))
+        if isinstance(item, ReturnHome):
+            back_m, back_s, up_m = _return(plan, last, speed_m_s, vehicle)
+            length_m, time_s, climbed_m = length_m + back_m, time_s + back_s, climbed_m + up_m
+        if isinstance(item, PlacedItem) and leg is not None:
+            last = item
+    energy_wh = None if power is None else power.energy_wh(time_s, climbed_m)
+    endless = route.endless or route.truncated or route.stalled_row is not None
+    return Estimate(length_m, time_s, climbed_m, photos, energy_wh, endless, known)
+
+
+def leg_time_s(leg: Leg, speed_m_s: float, vehicle: VehicleModel) -> float:
+    """Time of one leg [s], from rest to rest."""
+    across_s = travel_time_s(leg.length_m, speed_m_s, vehicle.acceleration_m_s2)
+    up_m = leg.climb_m or 0.0
+    if isinstance(leg.step.item, Takeoff):
+        return up_m / vehicle.takeoff_m_s + across_s if up_m > 0.0 else across_s
+    if isinstance(leg.step.item, Land):
+        return across_s + land_time_s(max(0.0, -up_m), vehicle)
+    return max(across_s, up_m / vehicle.climb_m_s if up_m >= 0.0 else -up_m / vehicle.descent_m_s)
+
+
+def travel_time_s(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> float:
+    """Time from rest to rest with a trapezoid of speed [s]."""
+    ramp_m = speed_m_s**2 / acceleration_m_s2
+    if length_m >= ramp_m:
+        return length_m / speed_m_s + speed_m_s / acceleration_m_s2
+    return 2.0 * math.sqrt(length_m / acceleration_m_s2)
+
+
+def land_time_s(height_m: float, vehicle: VehicleModel) -> float:
+    """Time to descend to the ground and land [s]."""
+    slow_m = min(height_m, vehicle.land_slow_m)
+    return (height_m - slow_m) / vehicle.descent_m_s + slow_m / vehicle.land_m_s
+
+
+def _wait_s(item: SimpleItem) -> float:
+    if isinstance(item, Waypoint | LoiterTime):
+        return max(0.0, item.hold_s or 0.0)
+    return max(0.0, item.delay_s or 0.0) if isinstance(item, Delay) else 0.0
+
+
+def _return(
+    plan: Plan, last: SimpleItem | None, speed_m_s: float, vehicle: VehicleModel
+) -> tuple[float, float, float]:
+    """Length, time and climb of a return: up to the return altitude, home, down. Zero without a home."""
+    home = plan.planned_home
+    if home is None or not isinstance(last, PlacedItem):
+        return 0.0, 0.0, 0.0
+    amsl_m = last.altitude.amsl_m(home.alt_amsl_m)
+    height_m = vehicle.return_alt_m if amsl_m is None else amsl_m - home.alt_amsl_m
+    top_m = max(height_m, vehicle.return_alt_m)
+    across_m = distance_m(last.lat_deg, last.lon_deg, home.lat_deg, home.lon_deg)
+    time_s = (top_m - height_m) / vehicle.climb_m_s + land_time_s(top_m, vehicle)
+    time_s += travel_time_s(across_m, speed_m_s, vehicle.acceleration_m_s2)
+    return across_m + 2.0 * top_m - height_m, time_s, top_m - height_m

@@ -1,0 +1,110 @@
+"""The way a plan is flown: its items in order, jumps followed, as stops and the legs between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from missions.geodesy import distance_m
+from missions.items import Delay, Jump, Land, LoiterUnlimited, PlacedItem, ReturnHome, Roi, RoiLocation
+from missions.plan import Plan, SimpleItem
+from missions.values import Altitude
+
+MAX_STEPS = 20_000
+"""Items that are followed; jumps may repeat others many times."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """An item at the moment it is carried out."""
+
+    seq: int
+    """Index as uploaded."""
+    row: int
+    """Index of its row in `Plan.items`."""
+    item: SimpleItem
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """The items in the order they are carried out."""
+
+    steps: tuple[Step, ...]
+    endless: bool
+    """A jump repeats without end; it is followed once."""
+    truncated: bool
+    """There are more steps than `MAX_STEPS`."""
+    stalled_row: int | None
+    """The row of a jump that leads back to itself without an item that is flown to or waited for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """From one place to the next."""
+
+    step: Step
+    length_m: float
+    """Over the ground."""
+    climb_m: float | None
+    """Positive up; None where the two altitudes cannot be compared."""
+
+
+def is_flown_to(item: SimpleItem) -> bool:
+    """Whether the vehicle flies to the item's place; a region of interest is only looked at."""
+    return isinstance(item, PlacedItem) and not isinstance(item, Roi | RoiLocation)
+
+
+def follow(plan: Plan) -> Route:
+    """The items as PX4 carries them out: jumps followed, nothing after a landing or return."""
+    items = [Step(seq, row, item) for seq, (row, item) in enumerate(plan.simple_items())]
+    steps: list[Step] = []
+    jumps: dict[int, int] = {}
+    endless, stalled_row = False, None
+    seq = since_place = 0
+    while seq < len(items) and len(steps) < MAX_STEPS:
+        step = items[seq]
+        steps.append(step)
+        item = step.item
+        since_place = 0 if is_flown_to(item) or isinstance(item, Delay) else since_place + 1
+        if since_place > len(items) + 1:
+            stalled_row = step.row
+            break
+        seq += 1
+        if isinstance(item, Jump):
+            done = jumps.get(step.seq, 0)
+            endless |= item.repeat < 0
+            if item.target_index < len(items) and done < (1 if item.repeat < 0 else item.repeat):
+                jumps[step.seq] = done + 1
+                seq = item.target_index
+            else:
+                jumps.pop(step.seq, None)
+        elif isinstance(item, Land | LoiterUnlimited | ReturnHome) or not item.autocontinue:
+            break
+    return Route(tuple(steps), endless, len(steps) >= MAX_STEPS, stalled_row)
+
+
+def legs(plan: Plan, route: Route) -> tuple[Leg, ...]:
+    """The legs between the places of a route; the first one from the planned home, where there is one."""
+    home = plan.planned_home
+    here = None if home is None else (home.lat_deg, home.lon_deg)
+    altitude = None if home is None else Altitude(value_m=home.alt_amsl_m, reference="amsl")
+    home_amsl_m = None if home is None else home.alt_amsl_m
+    found: list[Leg] = []
+    for step in route.steps:
+        item = step.item
+        if not isinstance(item, PlacedItem) or not is_flown_to(item):
+            continue
+        if here is not None:
+            length_m = distance_m(*here, item.lat_deg, item.lon_deg)
+            found.append(Leg(step, length_m, climb_m(altitude, item.altitude, home_amsl_m)))
+        here, altitude = (item.lat_deg, item.lon_deg), item.altitude
+    return tuple(found)
+
+
+def climb_m(start: Altitude | None, end: Altitude, home_alt_amsl_m: float | None) -> float | None:
+    """How much higher the end is; None where home or terrain is needed and not known."""
+    if start is None:
+        return None
+    if start.reference == end.reference == "home":
+        return end.value_m - start.value_m
+    low, high = start.amsl_m(home_alt_amsl_m), end.amsl_m(home_alt_amsl_m)
+    return None if low is None or high is None else high - low

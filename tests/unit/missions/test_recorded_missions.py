@@ -1,0 +1,47 @@
+"""The checks beside a real PX4 v1.16: they find an error in exactly the missions that it refused.
+
+The data are uploads that were recorded: its MISSION_ACK, its events, and the items (frame, command, four
+parameters, x, y, z, autocontinue; null is NaN).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from missions.checks import Limits, check
+from missions.formats.mavlink_items import WireItem, items_from_wire, mission_items
+from missions.plan import Plan
+from missions.values import HomePosition
+
+FILE = Path(__file__).parents[2] / "data" / "plans" / "recorded_missions.jsonl"
+UPLOADS = [json.loads(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
+HOME = HomePosition(lat_deg=47.397742, lon_deg=8.545594, alt_amsl_m=489.0)
+INT_FRAME = {0: 5, 3: 6}
+"""Sent with the frame for integers, which means the same."""
+
+
+def wire_items(upload: dict[str, Any], frames: dict[int, int]) -> list[WireItem]:
+    found: list[WireItem] = []
+    for seq, (frame, command, *params, x, y, z, autocontinue) in enumerate(upload["items"]):
+        p1, p2, p3, p4, z = (math.nan if value is None else float(value) for value in (*params, z))
+        frame = frames.get(frame, frame)
+        found.append(WireItem(seq, frame, command, p1, p2, p3, p4, x, y, z, bool(autocontinue), seq == 0))
+    return found
+
+
+@pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])
+def test_the_checks_agree_with_the_vehicle(upload: dict[str, Any]) -> None:
+    plan = Plan(items=items_from_wire(wire_items(upload, {})), planned_home=HOME)
+    errors = [finding for finding in check(plan, Limits(leg_max_m=None)) if finding.severity == "error"]
+    assert bool(errors) == (upload["ack"] != 0 or bool(upload["events"])), errors
+
+
+@pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])
+def test_a_recorded_mission_goes_out_as_it_was(upload: dict[str, Any]) -> None:
+    items = items_from_wire(wire_items(upload, {}))
+    assert repr(list(mission_items(Plan(items=items)))) == repr(wire_items(upload, INT_FRAME))
