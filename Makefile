@@ -75,11 +75,12 @@ types: $(VENV)/.tested $(VENV)/.node
 
 # --- checks ------------------------------------------------------------------------------------
 
-lint: $(VENV)/.tested
+lint: $(VENV)/.tested $(VENV)/.node
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports
 	@$(BIN)/pyright
+	@$(BIN)/python -m tools.build_page npm run --silent lint
 
 # What waits most comes first, so that what computes fills the waiting.
 SUITE = tests/e2e tests/contract tests/unit tests/protocol tests/api

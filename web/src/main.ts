@@ -1,10 +1,13 @@
 import { mount } from 'svelte';
 import './ui/tokens.css';
 import './ui/base.css';
-import App from './App.svelte';
-import { start } from './app/session.svelte';
+import Frame from './app/frame/Frame.svelte';
+import { page } from './app/page.svelte';
+
+// Each folder of features/ puts itself on the page; this is the only place that sees all of them.
+import.meta.glob('./features/*/register.ts', { eager: true });
 
 const target = document.getElementById('app');
-if (target === null) throw new Error('The page has no #app to live in.');
-mount(App, { target });
-start();
+if (target === null) throw new Error('The page has no element #app.');
+mount(Frame, { target });
+page.start();

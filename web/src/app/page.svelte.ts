@@ -9,8 +9,8 @@ import { TelemetrySocket, type SocketState } from '../live/socket';
 import type { WireEvent } from '../live/wire';
 import { PAGE_TOPICS } from '../live/topics';
 import type { VehicleState } from '../live/vehicle-state';
-import { readOffboard } from '../features/offboard/view';
-import { vehicleFacts, type VehicleFacts } from './facts';
+import { readOffboard } from '../vehicle/offboard';
+import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
 import { loadFleet, loadPast } from './backfill';
 import { identity, leave, memory, rename } from './identity';
 

@@ -2,20 +2,22 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../api/client';
 import { Turns } from '../api/turns';
 import type { Status } from '../live/topics';
-import { call, question, unavailable, type ActionFacts, type ActionName } from './actions/actions';
-import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './actions/confirmation';
+import { call, question, unavailable, type ActionFacts, type ActionName } from '../app/actions/actions';
+import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from '../app/actions/confirmation';
 import { LatestSender } from './gimbal/latest';
 import { owner } from './gimbal/owner';
-import { angleWords, clamp, limits, stepped, toAngles, toPoint } from './gimbal/pad';
+import { limits } from '../vehicle/gimbal';
+import { angleWords, clamp, stepped, toAngles, toPoint } from './gimbal/pad';
 import { horizonTransform, tapeTicks } from './instruments/attitude';
-import { severityWord, shown } from './messages/messages';
+import { severityWord } from '../ui/severity';
+import { shown } from './messages/messages';
 import { OffboardControl } from './offboard/control.svelte';
 import { SetpointKeeper, type Said } from './offboard/keeper';
-import { LASTING, nudge, STEPS, type PositionSetpoint } from './offboard/setpoint';
-import { error_m, limitsNotice, nudgeBase, readOffboard } from './offboard/view';
-import { batteryIndicator, gpsIndicator } from './topbar/indicators';
-import { linkDetails, recordingIndicator, type LinkLine } from './topbar/links';
-import { statusWords, type StatusFacts } from './topbar/status-words';
+import { LASTING, nudge, STEPS, type PositionSetpoint } from '../vehicle/setpoint';
+import { error_m, limitsNotice, nudgeBase, readOffboard } from '../vehicle/offboard';
+import { batteryIndicator, gpsIndicator } from './status/indicators';
+import { linkDetails, recordingIndicator, type LinkLine } from './status/links';
+import { statusWords, type StatusFacts } from './status/status-words';
 
 const status = (over: Partial<Status> = {}): Status => ({
   armed: true, mode: 'hold', mode_label: 'Hold', custom_mode: 1, intended_custom_mode: null, landed_state: 'in_air',

@@ -1,17 +1,18 @@
 import { describe, expect, it, vi } from 'vitest';
 import type { Outcome } from '../api/client';
 import { ApiClient } from '../api/client';
-import type { VehicleFacts } from '../app/facts';
+import type { VehicleFacts } from '../vehicle/facts';
 import type { Message, Reading } from '../live/vehicle-state';
-import { question, type ActionFacts } from './actions/actions';
-import { Confirmation } from './actions/confirmation';
-import { ActionController } from './actions/controller.svelte';
+import { question, type ActionFacts } from '../app/actions/actions';
+import { Confirmation } from '../app/actions/confirmation';
+import { ActionController } from '../app/actions/controller.svelte';
 import { GimbalControl } from './gimbal/control.svelte';
 import { BY_ID, CATALOGUE, found, moved, readChoice, USUAL, type Source } from './instruments/catalogue';
-import { fullTime, severityWord, shown, unread } from './messages/messages';
-import { readOffboard, streamWords } from './offboard/view';
-import { batteryIndicator, linkIndicator } from './topbar/indicators';
-import { lossPercent } from './topbar/links';
+import { severityWord } from '../ui/severity';
+import { fullTime, shown, unread } from './messages/messages';
+import { readOffboard, streamWords } from '../vehicle/offboard';
+import { batteryIndicator, linkIndicator } from './status/indicators';
+import { lossPercent } from './status/links';
 
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
 

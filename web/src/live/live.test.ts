@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { vehicleFacts } from '../app/facts';
+import { vehicleFacts } from '../vehicle/facts';
 import { ageText, learnPeriod, staleAfterS } from './age';
 import { advance, NO_FLIGHT } from './flight-time';
 import { TelemetryStore } from './store';

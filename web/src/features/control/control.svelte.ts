@@ -1,10 +1,10 @@
 /** Taking, asking for, giving and releasing control, for the selected vehicle. */
 
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
-import type { ActionController } from '../actions/controller.svelte';
-import { toAnswer, type ControlRequest } from './control';
+import type { ActionController } from '../../app/actions/controller.svelte';
+import { toAnswer, type ControlRequest } from '../../vehicle/control';
 
 const REASON_MAX = 200;
 

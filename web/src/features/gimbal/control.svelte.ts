@@ -1,11 +1,12 @@
 /** Steers the gimbal: angles while the pad is dragged, rates while an arrow is held; both axes stop when let go. */
 
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
 import type { ApiClient } from '../../api/client';
-import type { ActionController } from '../actions/controller.svelte';
+import type { ActionController } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest';
-import { clamp, limits, type Angles } from './pad';
+import { limits, type Angles } from '../../vehicle/gimbal';
+import { clamp } from './pad';
 
 /** The pad was let go, or no key pressed, for this long [ms]: the vehicle is asked where the camera stopped. */
 const SETTLES_MS = 400;

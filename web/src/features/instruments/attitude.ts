@@ -1,7 +1,7 @@
 /** The artificial horizon's geometry. */
 
 import { toDeg } from '../../ui/format';
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 
 /** Pixels of the instrument per degree of pitch. */
 export const PX_PER_DEG = 1.7;

@@ -4,7 +4,7 @@
  */
 
 import { FIELDS } from '../../api/fields';
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
 import type { Reading } from '../../live/vehicle-state';
 import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN } from '../../ui/format';

@@ -1,6 +1,6 @@
 /** Values that come from more than one message, the better source first. */
 
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
 import { duration, UNKNOWN } from '../../ui/format';
 

@@ -1,28 +1,7 @@
-/** Messages with their severity as a word, a shape and a colour; filtered, counted, told in full. */
+/** Messages of the vehicle and the server: filtered, counted, in full. */
 
 import type { Message } from '../../live/vehicle-state';
-
-export type Shape = 'dot' | 'triangle' | 'square';
-
-export interface SeverityWord {
-  /** Shown beside the text; empty for what is only information. */
-  word: string;
-  /** Always a word, for details and screen readers. */
-  full: string;
-  tone: 'danger' | 'caution' | 'dim';
-  shape: Shape;
-}
-
-const FULL = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
-const SILENT = [5, 6];
-
-export function severityWord(severity: number): SeverityWord {
-  const full = FULL[severity] ?? 'Info';
-  const word = SILENT.includes(severity) ? '' : full;
-  if (severity <= 3) return { word, full, tone: 'danger', shape: 'square' };
-  if (severity === 4) return { word, full, tone: 'caution', shape: 'triangle' };
-  return { word, full, tone: 'dim', shape: 'dot' };
-}
+import { severityWord, type SeverityWord } from '../../ui/severity';
 
 export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
 

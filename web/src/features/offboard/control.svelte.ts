@@ -1,13 +1,13 @@
 /** This page as a source of setpoints: starts the stream where the vehicle is, nudges it, says it again in time. */
 
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Turns } from '../../api/turns';
 import { ageText } from '../../live/age';
 import { SetpointKeeper } from './keeper';
-import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from './setpoint';
-import { nudgeBase } from './view';
+import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from '../../vehicle/setpoint';
+import { nudgeBase } from '../../vehicle/offboard';
 
 /** What the page says itself, without the server: no position, nothing to hold. */
 function noPosition(age_s: number | null): Outcome<never> {

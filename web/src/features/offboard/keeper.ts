@@ -4,7 +4,7 @@
  * What has expired is not brought back: that is for a person to order.
  */
 
-import type { AnySetpoint, Lasting } from './setpoint';
+import type { AnySetpoint, Lasting } from '../../vehicle/setpoint';
 
 /** Part of the validity after which it is said again. */
 const REFRESH_AT = 0.3;

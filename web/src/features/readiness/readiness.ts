@@ -1,7 +1,7 @@
 /** Why a vehicle cannot arm or fly: what the server tells of its checks, sorted for a person. Pure. */
 
 import type { components } from '../../api/schema';
-import type { SeverityWord } from '../messages/messages';
+import type { SeverityWord } from '../../ui/severity';
 
 export type Readiness = Omit<components['schemas']['VehicleReadiness'], 'vehicle'>;
 export type Cause = components['schemas']['ReadinessCause'];
@@ -31,10 +31,11 @@ export interface ModeRow {
   why: string;
 }
 
+const INFO: SeverityWord = { word: '', full: 'Note', tone: 'dim', shape: 'dot' };
 const SEVERITIES: Readonly<Record<string, SeverityWord>> = {
   error: { word: 'Error', full: 'Error', tone: 'danger', shape: 'square' },
   warning: { word: 'Warning', full: 'Warning', tone: 'caution', shape: 'triangle' },
-  info: { word: '', full: 'Note', tone: 'dim', shape: 'dot' },
+  info: INFO,
 };
 /** More names than these are counted. */
 const NAMED = 4;
@@ -58,7 +59,7 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
 
 /** All that the checks found, what blocks most first. */
 export function findings(readiness: Readiness): FindingRow[] {
-  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? SEVERITIES['info']!, shut: blockedBy(readiness, cause) }));
+  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, shut: blockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
   rows.sort((a, b) => Number(b.shut.length > 0) - Number(a.shut.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
   return rows.map(({ cause, severity, shut }) => ({ cause, severity, blocks: namesOf(shut, readiness.modes.length) }));

@@ -1,6 +1,6 @@
 /** The map's own background: a metric grid about home whose spacing follows the zoom. */
 
-import { eastNorth, fromPixel, lengthText, pixelsPerMetre, placeAt, toPixel, type EastNorth, type MapView, type Place } from './geo';
+import { eastNorth, fromPixel, lengthText, pixelsPerMetre, placeAt, toPixel, type EastNorth, type MapView, type Place } from '../../vehicle/geo';
 
 /** A cell is never drawn smaller than this [px]; ten times that is the largest. */
 const SMALLEST_CELL_PX = 34;

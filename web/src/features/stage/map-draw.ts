@@ -2,7 +2,7 @@
 
 import type { MapTarget, MapVehicle } from './map-model';
 import type { EdgeLabel, Grid, GridLine } from './grid';
-import { toPixel, type MapView, type Pixel, type Place } from './geo';
+import { toPixel, type MapView, type Pixel, type Place } from '../../vehicle/geo';
 
 /** The page's colours as the canvas and the map's style need them. */
 export interface Palette {

@@ -3,7 +3,7 @@
 import { addProtocol, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
-import { mercator, type MapView, type Pixel, type Place } from './geo';
+import { mercator, type MapView, type Pixel, type Place } from '../../vehicle/geo';
 import idleUrl from './idle-worker.js?url';
 import type { Palette } from './map-draw';
 import { GROUND, mapStyle } from './map-style';
@@ -55,6 +55,7 @@ export class MapEngine {
     const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });
     this.map.on('click', pressed);
     this.map.on('contextmenu', pressed); // a long press, on glass
+    // eslint-disable-next-line no-console -- a map tile that cannot be read is for developers to see
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }
 

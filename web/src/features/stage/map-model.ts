@@ -1,12 +1,12 @@
 /** What the map shows of the vehicles, taken from the telemetry once per frame. */
 
-import { identityColour } from '../../app/names';
-import { vehicleFacts, type VehicleFacts } from '../../app/facts';
+import { identityColour } from '../../vehicle/names';
+import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import { fixed } from '../../ui/format';
-import type { ShownPreview } from '../setpoints/room.svelte';
-import { groundDistance_m, placeAt, type Place } from './geo';
+import type { MapPreview } from '../../app/preview.svelte';
+import { groundDistance_m, placeAt, type Place } from '../../vehicle/geo';
 
 export interface MapVehicle extends Place {
   id: string;
@@ -65,7 +65,7 @@ function setpoint(facts: VehicleFacts, here: Place): MapTarget | null {
   return { ...place, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
 }
 
-function previewed(id: string, shown: ShownPreview | null): MapTarget | null {
+function previewed(id: string, shown: MapPreview | null): MapTarget | null {
   return shown?.vehicle === id ? { ...shown.place, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
 }
 
@@ -89,7 +89,7 @@ function label(facts: VehicleFacts): string {
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
-export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (facts: VehicleFacts) => WantedOf, shown: ShownPreview | null = null): MapVehicle[] {
+export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (facts: VehicleFacts) => WantedOf, shown: MapPreview | null = null): MapVehicle[] {
   const found: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);

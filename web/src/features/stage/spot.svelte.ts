@@ -1,11 +1,11 @@
 /** The menu at a place: open or not, its heights, what it asks for, and what became of that. */
 
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
-import type { ActionController } from '../actions/controller.svelte';
-import type { GimbalControl } from '../gimbal/control.svelte';
-import type { Pixel } from './geo';
+import type { ActionController } from '../../app/actions/controller.svelte';
+import { service } from '../../app/services';
+import type { Pixel } from '../../vehicle/geo';
 import { stillGoing, type Wanted, type WantedOf } from './map-model';
 import { distance_m, flightTime_s, heightWithin, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type Spot } from './spot';
 
@@ -33,7 +33,6 @@ export class SpotMenu {
   constructor(
     private readonly api: ApiClient,
     private readonly actions: ActionController,
-    private readonly gimbal: GimbalControl,
     private readonly nowS: () => number,
   ) {}
 
@@ -92,7 +91,7 @@ export class SpotMenu {
   async look(facts: VehicleFacts): Promise<void> {
     const angles = this.spot === null ? null : lookAngles(facts, this.spot, this.point_home_m);
     if (angles === null) return;
-    const lock = this.gimbal.lock(facts);
+    const lock = service('gimbal').lock(facts);
     const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
     await this.send('Look here', facts, 'angles', body);
   }
@@ -109,7 +108,7 @@ export class SpotMenu {
   wantedOf(facts: VehicleFacts): WantedOf {
     const going = this.going.get(facts.id);
     if (going !== undefined && !stillGoing(going, facts, this.nowS())) this.going.delete(facts.id);
-    const roi = this.gimbal.roiOf(facts);
+    const roi = service('gimbal').roiOf(facts);
     const home = homeAmsl_m(facts);
     const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
     return { go: this.going.get(facts.id) ?? null, look };
@@ -119,7 +118,7 @@ export class SpotMenu {
     this.busy = true;
     const taken = await this.actions.attempt(what, facts, 'stage', () => this.api.post(`/vehicles/${encodeURIComponent(facts.id)}/gimbal/${path}`, body));
     this.busy = false;
-    await this.gimbal.askHolder(facts);
+    await service('gimbal').askHolder(facts);
     if (taken) this.close();
   }
 

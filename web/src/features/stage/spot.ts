@@ -1,9 +1,9 @@
 /** A place that was pointed at on the map or in 3D: what can be done there, why not, and with which numbers. */
 
-import type { VehicleFacts } from '../../app/facts';
+import type { VehicleFacts } from '../../vehicle/facts';
 import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
-import { limits, type Angles } from '../gimbal/pad';
-import { bearing_rad, groundDistance_m, type Pixel, type Place } from './geo';
+import { limits, type Angles } from '../../vehicle/gimbal';
+import { bearing_rad, groundDistance_m, type Pixel, type Place } from '../../vehicle/geo';
 
 export interface Spot extends Place {
   /** Height of the ground there, where the view knows it. */

@@ -1,12 +1,11 @@
 /** Which view fills the stage, and what the 3D one shows: its camera, its vehicle, its theme. */
 
-import { freeMiddle, widest, type Edge } from './free';
-import type { ScenePreview } from '../setpoints/room.svelte';
+import { covered } from '../../app/covers.svelte';
+import { freeMiddle } from '../../app/free';
+import type { Camera } from '../../app/services';
+import type { ScenePreview } from '../../app/preview.svelte';
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
-
-export const CAMERAS = ['chase', 'free', 'gimbal', 'top'] as const;
-export type Camera = (typeof CAMERAS)[number];
 
 export interface SceneView {
   mode: Camera;
@@ -35,37 +34,19 @@ class StageState {
   size = $state.raw({ width: 0, height: 0 });
   /** Where on the stage the place lies whose menu is open: the map moves under it [px]. */
   spotAt = $state.raw({ x: 0, y: 0 });
-  /** What each panel covers of it, from its edge [px]. */
-  private panels = $state.raw<ReadonlyMap<HTMLElement, { edge: Edge; px: number }>>(new Map());
-  /** The middle of what they leave free, right of and below the stage's own [px]: there map and 3D view have their vehicle. */
-  readonly middle = $derived(freeMiddle(this.size, widest(this.panels.values())));
+  /** The middle of what panels leave free, right of and below the stage's own [px]: there map and 3D view have their vehicle. */
+  readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
   private wantsMap = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.wantsMap ? 'scene' : 'map');
 
+  get sceneIsThere(): boolean {
+    return this.scene.phase === 'there';
+  }
+
   swap(): void {
     if (this.scene.phase === 'there') this.wantsMap = !this.wantsMap;
   }
-
-  /** For a panel at an edge (`use:stage.covers`): the stage goes by its size. */
-  readonly covers = (panel: HTMLElement, edge: Edge): { destroy: () => void } => {
-    const tell = (px: number): void => {
-      if (px === (this.panels.get(panel)?.px ?? 0)) return;
-      const others = [...this.panels].filter(([one]) => one !== panel);
-      this.panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
-    };
-    const sizes = new ResizeObserver(() => {
-      const box = panel.getBoundingClientRect(); // on a large screen panels are magnified
-      tell(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
-    });
-    sizes.observe(panel);
-    return {
-      destroy: () => {
-        sizes.disconnect();
-        tell(0);
-      },
-    };
-  };
 
   /** Tells only what changed: the menu is laid out anew each time. */
   pointAt(at: { x: number; y: number }): void {

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
-import type { VehicleFacts } from '../../app/facts';
-import { asShares, freeMiddle, widest } from './free';
-import { eastNorth, fromPixel, groundDistance_m, hit, lengthText, mercator, niceLength_m, pixelsPerMetre, placeAt, toPixel, type MapView } from './geo';
+import type { VehicleFacts } from '../../vehicle/facts';
+import { asShares, freeMiddle, widest } from '../../app/free';
+import { eastNorth, fromPixel, groundDistance_m, hit, lengthText, mercator, niceLength_m, pixelsPerMetre, placeAt, toPixel, type MapView } from '../../vehicle/geo';
 import { edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
 import { stillGoing } from './map-model';
 import { attributionText, offlineMap, type MapFile } from './offline-maps';

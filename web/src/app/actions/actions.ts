@@ -1,0 +1,157 @@
+/** What can be asked of a vehicle from the bar: name, effect in one sentence with numbers, and the call it makes. */
+
+import { fixed, metres, UNKNOWN } from '../../ui/format';
+import type { VehicleFacts } from '../../vehicle/facts';
+import type { StartWish } from '../../vehicle/setpoint';
+
+export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
+
+/** What the sentences need to know; null is unknown. */
+export interface ActionFacts {
+  vehicleId: string;
+  vehicleName: string;
+  armed: boolean;
+  inAir: boolean;
+  alt_home_m: number | null;
+  fromHome_m: number | null;
+  mode: string;
+  streaming: boolean;
+  takeoffAlt_home_m: number;
+  battery_percent: number | null;
+  /** Another client that has control; null: nobody is in this page's way. */
+  holder?: string | null;
+  /** RTL_RETURN_ALT; null until the vehicle has told it. */
+  returnAlt_home_m?: number | null;
+}
+
+/** Where "Go here" goes; distances from where the vehicle was when it was asked. */
+export interface Goal {
+  lat_deg: number;
+  lon_deg: number;
+  alt_home_m: number;
+  distance_m: number;
+  /** Null where the vehicle's cruise speed is not known. */
+  time_s: number | null;
+  /** Told once the vehicle took the request, or did not. */
+  settled?: (taken: boolean) => void;
+}
+
+export interface Question {
+  title: string;
+  effect: string;
+  /** Word on the slider. */
+  verb: string;
+  danger: boolean;
+}
+
+const OFFBOARD_ENDS = ' Offboard ends.';
+
+function m(value: number | null): string {
+  const { text, unit } = metres(value);
+  return text === UNKNOWN ? 'an unknown distance' : `${text} ${unit}`;
+}
+
+function heightNow(facts: ActionFacts): string {
+  return facts.alt_home_m === null ? 'an unknown height' : `${fixed(facts.alt_home_m, 1)} m above home`;
+}
+
+/** Which height it comes back at, as far as the vehicle has told it. */
+function returns(facts: ActionFacts): string {
+  const alt_m = facts.returnAlt_home_m ?? null;
+  if (alt_m === null) return `Climbs to its return height, flies ${m(facts.fromHome_m)} back`;
+  if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m) return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${m(facts.fromHome_m)} back`;
+  return `Climbs to at most ${fixed(alt_m, 0)} m above home, flies ${m(facts.fromHome_m)} back`;
+}
+
+/** The confirmation's words; null where the action needs none: Hold is always one press. */
+export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StartWish | null = null): Question | null {
+  const end = facts.streaming ? OFFBOARD_ENDS : '';
+  const name = facts.vehicleName;
+  switch (action) {
+    case 'hold':
+      return null;
+    case 'arm':
+      return { title: `Arm ${name}`, effect: 'The motors start to turn on the ground. It disarms by itself if it does not take off.', verb: 'Arm', danger: false };
+    case 'disarm':
+      return { title: `Disarm ${name}`, effect: facts.inAir ? 'The vehicle reports to be in the air and will refuse.' : 'The motors stop on the ground.', verb: 'Disarm', danger: false };
+    case 'takeoff':
+      return {
+        title: `Take off ${name}`,
+        effect: `${facts.armed ? 'Climbs' : 'Arms, climbs'} to ${fixed(facts.takeoffAlt_home_m, 1)} m above home and holds there.${facts.battery_percent === null ? '' : ` Battery ${facts.battery_percent} %.`}`,
+        verb: 'Take off', danger: false,
+      };
+    case 'land':
+      return { title: `Land ${name}`, effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`, verb: 'Land', danger: false };
+    case 'rtl':
+      return { title: `Return ${name}`, effect: `${returns(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
+    case 'goto':
+      return goal === null ? null : {
+        title: `Send ${name} here`,
+        effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. It is ${heightNow(facts)} now.${end}`,
+        verb: 'Go', danger: false,
+      };
+    case 'offboard_start':
+      if (start !== null) return { title: `Offboard ${name}`, effect: `The server takes over and asks for: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
+      return { title: `Offboard ${name}`, effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.', verb: 'Start', danger: false };
+    case 'land_now':
+      return { title: `Land ${name} now`, effect: `Sinks at once from ${heightNow(facts)} where it is, whoever has control.${end}`, verb: 'Land now', danger: false };
+    case 'force_control':
+      return { title: `Take control of ${name} by force`, effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle flies on as it does.`, verb: 'Take', danger: true };
+    case 'kill':
+      return {
+        title: `Stop motors of ${name}`,
+        effect: facts.inAir
+          ? `The vehicle will fall from ${heightNow(facts)}. Nothing slows it down.`
+          : 'Motors stop at once. If the vehicle is in the air it will fall.',
+        verb: 'Stop', danger: true,
+      };
+  }
+}
+
+export interface Call {
+  path: string;
+  body?: object;
+}
+
+/** The request an action makes, under /vehicles/{id}. */
+export function call(action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Call {
+  const base = `/vehicles/${encodeURIComponent(facts.vehicleId)}`;
+  if (action === 'takeoff') return { path: `${base}/takeoff`, body: { alt_home_m: facts.takeoffAlt_home_m } };
+  if (action === 'land_now') return { path: `${base}/land_now`, body: { confirm: `vehicle ${facts.vehicleId} lands now` } };
+  if (action === 'force_control') return { path: `${base}/control/take`, body: { force: true } };
+  if (action === 'kill') return { path: `${base}/kill`, body: { confirm: `motors stop, vehicle ${facts.vehicleId} falls` } };
+  if (goal !== null) return { path: `${base}/goto`, body: { lat_deg: goal.lat_deg, lon_deg: goal.lon_deg, alt_home_m: goal.alt_home_m } };
+  return { path: `${base}/${action}` };
+}
+
+/** Why an action makes no sense now, as a tooltip; null where it does. Hold and Stop motors always do with a vehicle. */
+export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
+  if (facts.replayed) return 'A recording takes no commands.';
+  if (action === 'hold' || action === 'kill' || action === 'force_control') return null;
+  if (facts.lost) return 'No connection to the vehicle.';
+  if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
+  if (action === 'goto' && !facts.inAir) return 'It is on the ground: take off first.';
+  if ((action === 'land' || action === 'land_now' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';
+  return null;
+}
+
+/** Progress in words while the vehicle has not shown it yet. */
+export const ASKED: Readonly<Record<ActionName, string>> = {
+  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', land_now: 'Landing now', force_control: 'Taking control', kill: 'Stopping the motors', offboard_start: 'Offboard', goto: 'Go here',
+};
+
+/** What the sentences need to know of a vehicle as it is now. */
+export function actionFacts(facts: VehicleFacts, takeoffAlt_home_m: number): ActionFacts {
+  return {
+    vehicleId: facts.id,
+    vehicleName: facts.name,
+    armed: facts.status?.value.armed ?? false,
+    inAir: facts.inAir,
+    alt_home_m: facts.global?.value.alt_home_m ?? null,
+    fromHome_m: facts.fromHome_m,
+    mode: facts.status?.value.mode ?? '',
+    streaming: facts.offboard?.streaming ?? false,
+    takeoffAlt_home_m,
+    battery_percent: facts.battery?.value.remaining_percent ?? null,
+  };
+}

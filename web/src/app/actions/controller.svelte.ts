@@ -1,0 +1,239 @@
+/** Asks, confirms, sends, and keeps the refusal beside the button that was pressed. */
+
+import type { VehicleFacts } from '../../vehicle/facts';
+import type { ApiClient, Outcome } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { WireEvent } from '../../live/wire';
+import { notYours, otherHolder } from '../../vehicle/control';
+import { actionFacts, ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import type { StartWish } from '../../vehicle/setpoint';
+import { Confirmation } from './confirmation';
+
+/** Where a button stands, so that what comes back appears there. */
+export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
+
+/** A question about several vehicles at once: its words as of now, and what is done once it is confirmed. */
+export interface Together {
+  what: string;
+  /** The vehicles, for what comes back. */
+  names: string;
+  question: () => Question;
+  run: () => Promise<Outcome<unknown>>;
+}
+
+/** In place of a vehicle's id, where several are asked at once. */
+export const TOGETHER = 'together';
+
+export interface Asked {
+  action: ActionName;
+  place: Place;
+  facts: VehicleFacts;
+  goal: Goal | null;
+  /** What the stream begins with; null: where the vehicle is. */
+  start: StartWish | null;
+  /** Null: it concerns one vehicle. */
+  together: Together | null;
+  question: Question;
+  confirmation: Confirmation;
+}
+
+export interface Running {
+  id: number;
+  action: ActionName;
+  place: Place;
+  vehicle: string;
+  vehicleName: string;
+  /** What the server last said of it; null before the first word. */
+  told: string | null;
+  /** 0–1 where the vehicle counts. */
+  fraction: number | null;
+}
+
+export interface Refusal {
+  what: string;
+  vehicleName: string;
+  problem: Problem;
+}
+
+const TAKEOFF_DEFAULT_M = 10;
+/** So long after a question closed by itself, a key that was meant for it presses nothing else [s]. */
+const SETTLES_S = 0.6;
+/** PX4's parameter for the height it returns at [m above home]. */
+const RETURN_ALT = 'RTL_RETURN_ALT';
+/** The API's own bounds [m]. */
+export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
+
+function notNow(detail: string): Problem {
+  return { title: 'Not now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };
+}
+
+export class ActionController {
+  asked = $state.raw<Asked | null>(null);
+  running = $state.raw<Running[]>([]);
+  refusals = $state.raw<Partial<Record<Place, Refusal>>>({});
+  takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
+  /** What is wrong with the height as it is typed; null where nothing is. */
+  takeoffProblem = $state<string | null>(null);
+  private readonly returnAlt_home_m = new Map<string, number>();
+  /** Painted once per frame: the knob's place and the seconds left. */
+  progress = $state(0);
+  left_s = $state(0);
+  private nextId = 1;
+  private closedByItself_s = -Infinity;
+
+  constructor(
+    private readonly api: ApiClient,
+    private readonly nowS: () => number,
+    /** Starts the stream where the vehicle is; lives with the offboard card. */
+    private readonly startOffboard: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>,
+    /** The vehicle as it is now: between the question and its answer it flies on. */
+    private readonly current: (id: string) => VehicleFacts | null,
+  ) {}
+
+  /** The question's words with the height as it is now. */
+  words(asked: Asked): Question {
+    return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
+  }
+
+  /** A button or a key: opens the confirmation, or acts at once where none is needed. */
+  request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar', goal: Goal | null = null, start: StartWish | null = null): void {
+    if (facts === null || (action === 'goto' && goal === null)) return;
+    this.dismiss(place);
+    const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
+    if (reason !== null) {
+      this.asked = null;
+      this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem: notNow(reason) } };
+      return;
+    }
+    const others = notYours(action, this.facts(facts).holder ?? null);
+    if (others !== null) {
+      this.asked = null;
+      const problem: Problem = { ...notNow(others.detail), title: 'Not in control', code: 'not_in_control', remedy: others.remedy };
+      this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem } };
+      return;
+    }
+    const asks = question(action, this.facts(facts), goal, start);
+    if (asks === null) {
+      this.asked = null;
+      void this.run(action, facts, place);
+      return;
+    }
+    this.asked = { action, place, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.progress = 0;
+    this.left_s = this.asked.confirmation.left_s(this.nowS());
+    this.takeoffProblem = null;
+    if (action === 'rtl') void this.askReturnHeight(facts.id);
+  }
+
+  /** Asks about several vehicles; `facts` is the one on the screen. */
+  requestTogether(together: Together, facts: VehicleFacts, place: Place): void {
+    this.dismiss(place);
+    const confirmation = new Confirmation(false, this.nowS());
+    this.asked = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: together.question(), confirmation };
+    this.progress = 0;
+    this.left_s = confirmation.left_s(this.nowS());
+  }
+
+  /** As it is typed: what is no height, or none the server takes, is said and cannot be confirmed. */
+  typeTakeoffHeight(alt_home_m: number): void {
+    const { min, max } = TAKEOFF_RANGE_M;
+    const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
+    this.takeoffProblem = good ? null : `A height from ${min} to ${max} m above home is needed.`;
+    if (good) this.takeoffAlt_home_m = alt_home_m;
+    if (this.asked === null) return;
+    this.asked.confirmation.blocked = !good;
+    this.asked.confirmation.touch(this.nowS());
+  }
+
+  /** One step up or down, never beyond what the server takes. */
+  stepTakeoffHeight(by_m: number): void {
+    this.typeTakeoffHeight(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
+  }
+
+  /** A word of the server about a command that still waits; those of other clients are not ours to show. */
+  heard(event: WireEvent): void {
+    if (event.kind !== 'progress' || this.api.key === null || event['client_key'] !== this.api.key) return;
+    const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
+    this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, told: event.text, fraction } : r));
+  }
+
+  cancel(): void {
+    this.asked = null;
+  }
+
+  /** Whether a question expired, or lost its vehicle, a moment ago. */
+  hasJustClosed(): boolean {
+    return this.nowS() - this.closedByItself_s < SETTLES_S;
+  }
+
+  dismiss(place: Place): void {
+    this.refusals = { ...this.refusals, [place]: undefined };
+  }
+
+  /** Once per animation frame: fires what was confirmed, closes what expired or lost its vehicle. */
+  paint(selectedId: string | null): void {
+    const asked = this.asked;
+    if (asked === null) return;
+    const now = this.nowS();
+    const phase = asked.together !== null || asked.facts.id === selectedId ? asked.confirmation.tick(now) : 'cancelled';
+    this.progress = asked.confirmation.progress();
+    this.left_s = asked.confirmation.left_s(now);
+    if (phase === 'asking') return;
+    this.asked = null;
+    if (phase !== 'confirmed') this.closedByItself_s = now;
+    if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.place);
+    else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
+  }
+
+  /** What the page heard by itself, shown as the refusal of a button in that place would be. */
+  tell(what: string, vehicleName: string, place: Place, problem: Problem): void {
+    this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
+  }
+
+  /** Any other call whose refusal belongs to a place: nudges, gimbal. */
+  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: Place, send: () => Promise<Outcome<T>>): Promise<boolean> {
+    const outcome = await send();
+    const refusal = outcome.ok ? undefined : { what, vehicleName: facts.name, problem: outcome.problem };
+    this.refusals = { ...this.refusals, [place]: refusal };
+    return outcome.ok;
+  }
+
+  private async run(action: ActionName, facts: VehicleFacts, place: Place, goal: Goal | null = null, start: StartWish | null = null): Promise<void> {
+    const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, told: null, fraction: null };
+    this.running = [...this.running, entry];
+    const now = this.now(facts);
+    const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal, start));
+    this.running = this.running.filter((r) => r.id !== entry.id);
+    goal?.settled?.(taken);
+  }
+
+  private async runTogether({ what, names, run }: Together, place: Place): Promise<void> {
+    const entry: Running = { id: this.nextId++, action: 'offboard_start', place, vehicle: TOGETHER, vehicleName: names, told: null, fraction: null };
+    this.running = [...this.running, entry];
+    await this.attempt(what, { name: names }, place, run);
+    this.running = this.running.filter((r) => r.id !== entry.id);
+  }
+
+  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StartWish | null): Promise<Outcome<unknown>> {
+    if (action === 'offboard_start') return this.startOffboard(facts, start);
+    const { path, body } = call(action, this.facts(facts), goal);
+    return this.api.post(path, body);
+  }
+
+  private now(facts: VehicleFacts): VehicleFacts {
+    return this.current(facts.id) ?? facts;
+  }
+
+  private facts(facts: VehicleFacts): ActionFacts {
+    const holder = otherHolder(facts.control, this.api.key);
+    return { ...actionFacts(facts, this.takeoffAlt_home_m), holder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
+  }
+
+  /** The words wait for nothing: they say the height once the vehicle has told it. */
+  private async askReturnHeight(id: string): Promise<void> {
+    const answer = await this.api.get<{ value: unknown }>(`/vehicles/${encodeURIComponent(id)}/params/${RETURN_ALT}`);
+    if (!answer.ok || typeof answer.value.value !== 'number') return;
+    this.returnAlt_home_m.set(id, answer.value.value);
+    if (this.asked?.action === 'rtl') this.asked = { ...this.asked };
+  }
+}

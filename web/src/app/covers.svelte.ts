@@ -1,0 +1,30 @@
+/** Which parts of the stage panels cover, so that map and 3D view keep the vehicle in the middle of what is free. */
+
+import { widest, type Edge } from './free';
+
+let panels = $state.raw<ReadonlyMap<HTMLElement, { edge: Edge; px: number }>>(new Map());
+
+/** The widest panel at each edge [px]. */
+export function covered(): Record<Edge, number> {
+  return widest(panels.values());
+}
+
+/** For a panel at an edge of the stage (`use:covers`). */
+export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } {
+  const tell = (px: number): void => {
+    if (px === (panels.get(panel)?.px ?? 0)) return;
+    const others = [...panels].filter(([one]) => one !== panel);
+    panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
+  };
+  const sizes = new ResizeObserver(() => {
+    const box = panel.getBoundingClientRect(); // on a large screen panels are magnified
+    tell(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
+  });
+  sizes.observe(panel);
+  return {
+    destroy: () => {
+      sizes.disconnect();
+      tell(0);
+    },
+  };
+}

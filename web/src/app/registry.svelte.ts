@@ -1,0 +1,150 @@
+/**
+ * Where features meet. A feature's folder has one `register.ts` that says what it puts on the page: rooms, panels, parts
+ * of the frame, keys, services for other features. The frame (`app/frame`) draws what is registered and knows no feature.
+ */
+
+import type { Component } from 'svelte';
+import type { IconName } from '../ui/icons';
+import type { VehicleFacts } from '../vehicle/facts';
+
+export interface VehicleProps {
+  facts: VehicleFacts;
+}
+
+/** A room replaces the cards beside the map by its own parts; its code is loaded when it is opened for the first time. */
+export interface Room {
+  id: string;
+  /** On the rail. */
+  title: string;
+  icon: IconName;
+  hint: string;
+  order: number;
+  load: () => Promise<RoomParts>;
+}
+
+export interface RoomParts {
+  /** Lies over `main`: `--dock-left` and `--dock-bottom` are kept free of map and 3D view for it. */
+  room: Component<VehicleProps & { narrow: boolean }>;
+  /** In the card column, below those cards that stay in every room. Not shown on a narrow screen. */
+  cards: readonly Part[];
+}
+
+/** A panel that opens over the stage. */
+export interface Panel extends Part {
+  id: string;
+  /** Escape closes the open one with the lowest order first. */
+  order: number;
+  /** `side` panels share one place: the one with the lowest order is shown. */
+  place: 'side' | 'over';
+  /** Its button on the rail; none where another part of the page opens it. */
+  rail?: { title: string; icon: IconName; hint: string };
+  isOpen: () => boolean;
+  toggle: () => void;
+  close: () => void;
+}
+
+/**
+ * The frame's places for parts: the top bar's `vehicles` (left), `status` (middle), `indicators` (right); the `notices` in
+ * the upper left corner of the stage; the `stage` itself, map and 3D view and what lies over them; its `bottom` edge, where
+ * the first part that applies is shown; the column of `cards` on the right.
+ */
+export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards';
+
+/** One of `component` and `ofVehicle` says what is shown. */
+export interface Part {
+  component?: Component;
+  /** Shown only while there is a vehicle. */
+  ofVehicle?: Component<VehicleProps>;
+}
+
+export interface SlotPart extends Part {
+  order: number;
+  when?: () => boolean;
+  /** Of a card: it stays while a room is open. */
+  inEveryRoom?: boolean;
+}
+
+/** A line of the keyboard sheet and what its keys do. */
+export interface KeyLine {
+  /** As it stands on the sheet. */
+  keys: string;
+  what: string;
+  /** Also obeyed while the 3D view has the keyboard (it moves its camera by W A S D Q E). */
+  inScene: boolean;
+  order: number;
+  /** `h`, `Shift L`, `?`, `0`–`9`: false where the key did nothing. None: a control handles its keys itself. */
+  on?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
+}
+
+/** Something that Escape closes. */
+export interface Closer {
+  order: number;
+  isOpen: () => boolean;
+  close: () => void;
+}
+
+function byOrder<T extends { order: number }>(entries: readonly T[], more: T): T[] {
+  return [...entries, more].sort((a, b) => a.order - b.order);
+}
+
+class Registry {
+  rooms: readonly Room[] = [];
+  panels: readonly Panel[] = [];
+  keys: readonly KeyLine[] = [];
+  closers: readonly Closer[] = [];
+  /** Sentences about the server that an operator should know. */
+  warnings: readonly (() => readonly string[])[] = [];
+  private readonly slots = new Map<SlotName, readonly SlotPart[]>();
+
+  addRoom(room: Room): void {
+    this.rooms = byOrder(this.rooms, room);
+  }
+
+  addPanel(panel: Panel): void {
+    this.panels = byOrder(this.panels, panel);
+    this.addCloser(panel);
+  }
+
+  addKeys(lines: readonly KeyLine[]): void {
+    for (const line of lines) this.keys = byOrder(this.keys, line);
+  }
+
+  addCloser(closer: Closer): void {
+    this.closers = byOrder(this.closers, closer);
+  }
+
+  addWarnings(read: () => readonly string[]): void {
+    this.warnings = [...this.warnings, read];
+  }
+
+  addTo(slot: SlotName, part: SlotPart): void {
+    this.slots.set(slot, byOrder(this.slot(slot), part));
+  }
+
+  slot(name: SlotName): readonly SlotPart[] {
+    return this.slots.get(name) ?? [];
+  }
+
+  panel(id: string): Panel | null {
+    return this.panels.find((panel) => panel.id === id) ?? null;
+  }
+}
+
+export const registry = new Registry();
+
+/** Which room is open; `fly` is the page without a room. */
+class Rooms {
+  current = $state('fly');
+
+  readonly room = $derived(registry.rooms.find((room) => room.id === this.current) ?? null);
+
+  open(id: string): void {
+    this.current = id;
+  }
+
+  toggle(id: string): void {
+    this.current = this.current === id ? 'fly' : id;
+  }
+}
+
+export const rooms = new Rooms();

@@ -1,0 +1,17 @@
+import { registry } from '../../app/registry.svelte';
+import { actions } from '../../app/session.svelte';
+import ActionBar from './ActionBar.svelte';
+
+registry.addTo('bottom', { order: 100, component: ActionBar });
+registry.addKeys([
+  { order: 10, keys: 'H', what: 'Hold: at once, no confirmation', inScene: true, on: { h: (facts) => actions.request('hold', facts) } },
+  { order: 20, keys: 'T', what: 'Take off', inScene: true, on: { t: (facts) => actions.request('takeoff', facts) } },
+  { order: 30, keys: 'L', what: 'Land', inScene: true, on: { l: (facts) => actions.request('land', facts) } },
+  { order: 40, keys: 'R', what: 'Return', inScene: true, on: { r: (facts) => actions.request('rtl', facts) } },
+  { order: 50, keys: 'Shift L', what: 'Land now, whoever has control', inScene: false, on: { 'Shift L': (facts) => actions.request('land_now', facts) } },
+  {
+    order: 80, keys: 'Shift A', what: 'Arm or disarm', inScene: false,
+    on: { 'Shift A': (facts) => actions.request(facts?.status?.value.armed === true ? 'disarm' : 'arm', facts) },
+  },
+  { order: 90, keys: 'Shift K', what: 'Stop motors: the vehicle falls', inScene: false, on: { 'Shift K': (facts) => actions.request('kill', facts) } },
+]);

@@ -1,0 +1,19 @@
+import { page } from '../../app/page.svelte';
+import { registry } from '../../app/registry.svelte';
+import ControlChip from './ControlChip.svelte';
+import ControlPrompt from './ControlPrompt.svelte';
+import { control } from './controllers';
+
+const live = (): boolean => page.facts !== null && !page.facts.replayed;
+
+page.onEvent.push((event) => control.heard(event));
+registry.addTo('indicators', { order: 20, ofVehicle: ControlChip, when: live });
+registry.addTo('notices', { order: 20, ofVehicle: ControlPrompt });
+registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });
+registry.addKeys([
+  { order: 60, keys: 'C', what: 'Who has control: take it, request it, release it', inScene: true, on: { c: () => control.toggle() } },
+  {
+    order: 70, keys: 'G', what: 'Give control to the client that requests it; Shift G keeps it', inScene: false,
+    on: { g: (facts) => control.answer(facts, true), 'Shift G': (facts) => control.answer(facts, false) },
+  },
+]);

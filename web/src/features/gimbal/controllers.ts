@@ -1,0 +1,7 @@
+/** The one gimbal control of this page. */
+
+import { page } from '../../app/page.svelte';
+import { actions } from '../../app/session.svelte';
+import { GimbalControl } from './control.svelte';
+
+export const gimbal = new GimbalControl(page.api, actions);

@@ -1,0 +1,7 @@
+import { registry } from '../../app/registry.svelte';
+import { provide } from '../../app/services';
+import { gimbal } from './controllers';
+import GimbalCards from './GimbalCards.svelte';
+
+provide('gimbal', gimbal);
+registry.addTo('cards', { order: 40, ofVehicle: GimbalCards });

@@ -1,0 +1,6 @@
+import { registry } from '../../app/registry.svelte';
+import Messages from './Messages.svelte';
+import { panel } from './panel.svelte';
+
+registry.addTo('notices', { order: 30, component: Messages });
+registry.addKeys([{ order: 170, keys: 'N', what: 'All messages, or the newest few', inScene: true, on: { n: () => void (panel.open = !panel.open) } }]);

@@ -1,0 +1,98 @@
+/** The gamepad as the browser shows it: which one, 25 times a second what it asks for, and why it ended. */
+
+import type { AnySetpoint } from '../../../vehicle/setpoint';
+import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
+import { SCALES, type PadMode } from './sticks';
+
+/** Names of the standard layout's buttons that a hand holds while it flies. */
+export const DEADMEN: readonly { value: number; text: string }[] = [
+  { value: 5, text: 'R1' }, { value: 4, text: 'L1' }, { value: 7, text: 'R2' }, { value: 6, text: 'L2' },
+];
+
+export interface Hands {
+  yaw_ned_rad: () => number | null;
+  hoverThrust: () => number;
+  send: (setpoint: AnySetpoint) => void;
+  /** The last order has been sent. */
+  release: () => void;
+}
+
+export class GamepadControl {
+  pads = $state.raw<readonly { index: number; id: string }[]>([]);
+  chosen = $state<number | null>(null);
+  mode = $state<PadMode>('heading');
+  scaleIndex = $state(0);
+  deadman = $state(5);
+  /** As of the last look; null before the first. */
+  step = $state.raw<Step | null>(null);
+  axes = $state.raw<readonly number[]>([]);
+  /** Why it ended by itself. */
+  ended = $state<string | null>(null);
+  private readonly pilot = new Pilot(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
+  private hands: Hands | null = null;
+
+  get engaged(): boolean {
+    return this.step !== null && this.step.phase !== 'off';
+  }
+
+  /** Looks while its panel is open; nothing runs otherwise. */
+  watch(hands: Hands): () => void {
+    this.hands = hands;
+    const look = (): void => this.look();
+    const timer = setInterval(look, 1000 / RATE_HZ);
+    const leaving = ['blur', 'pagehide', 'gamepaddisconnected', 'gamepadconnected'] as const;
+    for (const name of leaving) window.addEventListener(name, look);
+    document.addEventListener('visibilitychange', look);
+    look();
+    return () => {
+      this.disengage();
+      clearInterval(timer);
+      for (const name of leaving) window.removeEventListener(name, look);
+      document.removeEventListener('visibilitychange', look);
+      this.hands = null;
+    };
+  }
+
+  engage(): void {
+    this.ended = null;
+    this.pilot.engage();
+    this.look();
+  }
+
+  disengage(why: string | null = null): void {
+    const last = this.pilot.disengage();
+    if (last !== null) {
+      this.hands?.send({ ...last });
+      this.hands?.release();
+      this.ended = why;
+    }
+    this.look();
+  }
+
+  private look(): void {
+    const found = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
+    if (found.length !== this.pads.length || found.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
+      this.pads = found.map(({ index, id }) => ({ index, id }));
+    }
+    if (this.chosen === null || (!this.engaged && !found.some((p) => p.index === this.chosen))) this.chosen = found[0]?.index ?? null;
+    const pad = found.find((p) => p.index === this.chosen) ?? null;
+    const seen: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
+    this.axes = seen?.axes.slice(0, 4) ?? [];
+    this.pilot.mode = this.mode;
+    this.pilot.deadman = this.deadman;
+    this.pilot.scale = SCALES[this.scaleIndex]?.scale ?? this.pilot.scale;
+    const around = {
+      visible: document.visibilityState === 'visible', focused: document.hasFocus(),
+      yaw_ned_rad: this.hands?.yaw_ned_rad() ?? null, hoverThrust: this.hands?.hoverThrust() ?? 0.5,
+    };
+    const step = this.pilot.step(seen, around, performance.now() / 1000);
+    if (step.order !== null) this.hands?.send({ ...step.order });
+    if (step.ended !== null) {
+      this.ended = step.ended;
+      this.hands?.release();
+    }
+    this.step = step;
+  }
+}
+
+export const gamepad = new GamepadControl();

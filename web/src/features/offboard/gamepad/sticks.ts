@@ -1,0 +1,96 @@
+/** From a gamepad's axes to what is flown: dead zone, expo, and the mapping to a setpoint. Pure. */
+
+import type { Vector3 } from '../../../live/topics';
+
+/** Sticks as a person means them, each −1 to 1. */
+export interface Sticks {
+  forward: number;
+  right: number;
+  up: number;
+  /** Clockwise from above. */
+  turn: number;
+}
+
+export const CENTRED: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
+
+export interface Shape {
+  /** What counts as the middle, 0–0.5. */
+  dead: number;
+  /** 0: straight; 1: all cubic, soft about the middle. */
+  expo: number;
+}
+
+export const SHAPE: Shape = { dead: 0.1, expo: 0.4 };
+
+/** What full sticks ask for. */
+export interface Scale {
+  speed_m_s: number;
+  climb_m_s: number;
+  turn_deg_s: number;
+  tilt_deg: number;
+}
+
+export const SCALES: readonly { name: string; scale: Scale }[] = [
+  { name: 'Gentle', scale: { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 } },
+  { name: 'Normal', scale: { speed_m_s: 3, climb_m_s: 1, turn_deg_s: 45, tilt_deg: 15 } },
+  { name: 'Fast', scale: { speed_m_s: 6, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 25 } },
+];
+
+/** Which frame the right stick moves in, or whether it tilts. */
+export type PadMode = 'heading' | 'north' | 'attitude';
+
+const RAD = Math.PI / 180;
+
+/** One axis shaped: nothing within the dead zone, full at the end, no step between; what is no number is the middle. */
+export function shaped(value: number, { dead, expo }: Shape): number {
+  if (!Number.isFinite(value)) return 0;
+  const size = Math.min(1, Math.abs(value));
+  if (size <= dead) return 0;
+  const x = (size - dead) / (1 - dead);
+  return Math.sign(value) * (x * (1 - expo) + x ** 3 * expo);
+}
+
+/** The standard layout's four axes, left stick height and turn, right stick along the ground; sticks report down as positive. */
+export function sticksOf(axes: readonly number[], shape: Shape): Sticks {
+  const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shaped(a, shape));
+  return { forward: 0 - rightY, right: rightX, up: 0 - leftY, turn: leftX };
+}
+
+export interface VelocityOrder {
+  type: 'velocity' | 'velocity_body';
+  velocity_ned_m_s?: Vector3;
+  velocity_frd_m_s?: Vector3;
+  yaw_rate_ned_rad_s: number;
+}
+
+export interface AttitudeOrder {
+  type: 'attitude';
+  roll_rad: number;
+  pitch_rad: number;
+  yaw_ned_rad: number;
+  thrust: number;
+}
+
+export type PadOrder = VelocityOrder | AttitudeOrder;
+
+/** Stands still: what is asked the moment the deadman button is let go, in every mode. */
+export const STAND: VelocityOrder = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
+
+/** Velocity along heading or north; the stick's corner asks for no more than its edge. */
+export function velocityOrder(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocityOrder {
+  const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
+  const along: Vector3 = [(sticks.forward / most) * scale.speed_m_s, (sticks.right / most) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
+  const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD;
+  return mode === 'heading' ? { type: 'velocity_body', velocity_frd_m_s: along, yaw_rate_ned_rad_s } : { type: 'velocity', velocity_ned_m_s: along, yaw_rate_ned_rad_s };
+}
+
+/** Tilt and thrust; `yaw_ned_rad` is kept by the caller and turned by the stick. Middle of the left stick is the hover thrust. */
+export function attitudeOrder(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeOrder {
+  const tilt = scale.tilt_deg * RAD;
+  const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
+  const room = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;
+  return {
+    type: 'attitude', roll_rad: (sticks.right / most) * tilt, pitch_rad: 0 - (sticks.forward / most) * tilt, yaw_ned_rad,
+    thrust: Math.min(1, Math.max(0, hoverThrust + sticks.up * room)),
+  };
+}

@@ -1,0 +1,98 @@
+/** What is typed for a group, and the presses that send it: comes with the offboard room. */
+
+import type { VehicleFacts } from '../../../vehicle/facts';
+import { page } from '../../../app/page.svelte';
+import { actions } from '../../../app/session.svelte';
+import { groups } from '../controllers';
+import type { Outcome } from '../../../api/client';
+import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
+import { desk } from '../setpoints/desk.svelte';
+import { commandable, listed, type Group } from './group';
+import { flownHow, formWords, lastingOf, NEW_DRAFT, problemsOf, setpointsFor, startBody, startQuestion, togetherWords, type Draft, type Ordered, type Problems } from './order';
+
+class GroupDraft {
+  now = $state.raw<Draft>(NEW_DRAFT);
+  /** Errors are shown from the first press on. */
+  tried = $state(false);
+
+  edit(changed: Partial<Draft>): void {
+    this.now = { ...this.now, ...changed };
+  }
+
+  choose(id: string, chosen: boolean): void {
+    this.edit({ members: chosen ? [...this.now.members, id] : this.now.members.filter((one) => one !== id) });
+  }
+
+  problems(flying: boolean): Problems {
+    return this.tried ? problemsOf(this.now, flying) : {};
+  }
+
+  /** The first press: all that is wrong is shown; else the question. */
+  askStart(shown: VehicleFacts): void {
+    const draft = this.now;
+    this.tried = true;
+    if (Object.keys(problemsOf(draft, false)).length > 0) return;
+    const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
+    actions.requestTogether({ what: 'Group', names: listed(names), question: () => startQuestion(names, draft), run: () => this.start(draft) }, shown, 'room');
+  }
+
+  /** From where each is now, not from where it was when it was asked. */
+  private async start(draft: Draft): Promise<Outcome<unknown>> {
+    const ordered = setpointsFor(factsOf(draft.members), draft);
+    if (!ordered.ok) return nowhere(ordered);
+    groups.putAway();
+    return this.logged(draft.members, draft, () => groups.start(startBody(ordered.setpoints, draft, page.store.nowUnixS()), lastingOf(draft)));
+  }
+
+  /** New setpoints for all that still fly it; at once, as in the room's other ways. */
+  async send(group: Group): Promise<void> {
+    const draft = this.now;
+    this.tried = true;
+    if (Object.keys(problemsOf(draft, true)).length > 0) return;
+    const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
+    await actions.attempt(`Group ${group.id}`, { name: listed(groups.names(group)) }, 'room', async (): Promise<Outcome<unknown>> => {
+      const ordered = setpointsFor(factsOf(members), draft);
+      return ordered.ok ? this.logged(members, draft, () => groups.send(group, ordered.setpoints, lastingOf(draft))) : nowhere(ordered);
+    });
+  }
+
+  /** Good for as long again as the form says of what flies, whatever is being typed now; kept renewed, if it says so. */
+  async renew(group: Group): Promise<void> {
+    const flown: Draft = { ...this.now, how: flownHow(group) };
+    this.tried = true;
+    if ('valid' in problemsOf(flown, true)) return;
+    await actions.attempt(`Renewing group ${group.id}`, { name: listed(groups.names(group)) }, 'room', () => groups.renew(group, lastingOf(flown)));
+  }
+
+  private async logged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
+    const line = desk.noteSent('group', { type: `Group of ${listed(members)}: ${togetherWords(draft)}` });
+    const outcome = await send();
+    desk.answered(line, outcome, null);
+    if (outcome.ok) {
+      // An offset pressed twice would be flown twice: the next one is typed anew.
+      if (draft.how === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });
+      return outcome;
+    }
+    const { detail, remedy } = outcome.problem;
+    return { ok: false, problem: { ...outcome.problem, detail: formWords(detail), remedy: remedy === null ? null : formWords(remedy) } };
+  }
+}
+
+/** Of all vehicles that the server would command, heard now or not. */
+export function commandableIds(): string[] {
+  void page.tick;
+  return page.ids.filter((id) => commandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));
+}
+
+function factsOf(ids: readonly string[]): VehicleFacts[] {
+  return ids.map((id) => page.factsOf(id)).filter((facts) => facts !== null);
+}
+
+function nowhere(ordered: Extract<Ordered, { ok: false }>): Outcome<never> {
+  return {
+    ok: false,
+    problem: { title: 'Not sent', detail: ordered.detail, reasons: [], remedy: 'Wait until each reports its position, or give a velocity.', code: 'refused', status: 0, field: null },
+  };
+}
+
+export const draft = new GroupDraft();

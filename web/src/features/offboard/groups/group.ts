@@ -1,0 +1,113 @@
+/** A group as the server tells it, in the words and numbers that a person needs. Pure. */
+
+import type { components } from '../../../api/schema';
+import type { VehicleFacts } from '../../../vehicle/facts';
+import type { Identity } from '../../../live/vehicle-state';
+import { fixed } from '../../../ui/format';
+import { kindName } from '../../../vehicle/setpoint-kinds';
+import { groundDistance_m } from '../../../vehicle/geo';
+
+export type Group = components['schemas']['Group'];
+export type Member = Group['members'][number];
+export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'dim';
+
+/** A group and when this page heard of it, by its own clock: what the server counts goes on between two answers. */
+export interface Heard {
+  group: Group;
+  heardAt_s: number;
+}
+
+/** Numbers begin anew with each run of the server: the time of creation tells two of one number apart. */
+export function keyOf(group: Group): string {
+  return `${group.id} ${group.created_unix_s}`;
+}
+
+export function isLive(group: Group): boolean {
+  return group.state !== 'ended';
+}
+
+/** What an event carries, where it is a group. */
+export function readGroup(value: unknown): Group | null {
+  const group = value as Group | null;
+  return typeof group === 'object' && group !== null && typeof group.id === 'string' && Array.isArray(group.members) && Array.isArray(group.findings) ? group : null;
+}
+
+/** The list with one group as it is now, in the server's order. */
+export function withGroup(list: readonly Heard[], heard: Heard): Heard[] {
+  const key = keyOf(heard.group);
+  const there = list.some((one) => keyOf(one.group) === key);
+  return there ? list.map((one) => (keyOf(one.group) === key ? heard : one)) : [...list, heard];
+}
+
+/** The newest that flew in the sight of this page and is over, until it is put away. */
+export function newestOver(list: readonly Heard[], seenLive: ReadonlySet<string>): Group | null {
+  const over = list.map((one) => one.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(keyOf(g)));
+  return over[over.length - 1] ?? null;
+}
+
+/** PX4's multicopters: what the server commands. Quadrotor, coaxial, hexa-, octo-, tri-, dodeca- and decarotor. */
+const MULTICOPTERS: readonly (number | null)[] = [2, 3, 13, 14, 15, 29, 35];
+const PX4 = 12;
+
+export function commandable(identity: Identity): boolean {
+  return !identity.replayed && identity.autopilot === PX4 && MULTICOPTERS.includes(identity.vehicle_type);
+}
+
+export function stateWords(group: Group, now_unix_s: number): { text: string; tone: Tone } {
+  switch (group.state) {
+    case 'starting': return { text: 'Starting: all switch to Offboard', tone: 'target' };
+    case 'waiting': {
+      const left_s = group.start_unix_s === null ? null : Math.max(0, group.start_unix_s - now_unix_s);
+      return { text: `Waiting, starts in ${fixed(left_s, 1)} s`, tone: 'target' };
+    }
+    case 'flying': return { text: 'Flying', tone: 'ok' };
+    case 'holding': return { text: 'Being held', tone: 'caution' };
+    case 'ended': return { text: 'Ended', tone: 'dim' };
+  }
+}
+
+const STREAMS: Readonly<Record<string, string>> = {
+  idle: 'no stream', starting: 'joins', holding: 'expired: holds its place', to_hold: 'goes to Hold', landing: 'expired: lands', undoing: 'goes back',
+};
+
+/** What a member flies: its stream, then its mode as the vehicle shows it. */
+export function memberWords(member: Member, modeLabel: string | null, waits = false): { text: string; tone: Tone } {
+  const mode = modeLabel ?? member.mode;
+  const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
+  if (waits && member.stream === 'streaming') return { text: `waits · ${mode}`, tone: 'dim' };
+  if (member.held) return { text: `${member.mode === 'hold' ? 'held' : 'left'} · ${mode}`, tone: 'caution' };
+  return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
+}
+
+/** How long the setpoints of all are good still [s]; null where none are flown. */
+export function validLeft_s({ group, heardAt_s }: Heard, now_s: number): number | null {
+  return group.valid_left_s === null ? null : Math.max(0, group.valid_left_s - (now_s - heardAt_s));
+}
+
+/** Newest first; what says no more than why it ended is left out. */
+export function findingsShown(group: Group, most: number): Group['findings'] {
+  return group.findings.slice(-most).reverse().filter((finding) => finding.text !== group.ended);
+}
+
+/** Within a quarter of the minimum it is worth a look. */
+const NEAR = 1.25;
+
+export function distanceTone(distance_m: number, minimum_m: number): Tone {
+  return distance_m < minimum_m ? 'danger' : distance_m < NEAR * minimum_m ? 'caution' : 'ok';
+}
+
+/** The two of these that are nearest now, by their own places on the earth; null below two known places. */
+export function nearestNow(all: readonly VehicleFacts[]): { vehicles: [string, string]; distance_m: number } | null {
+  let nearest: { vehicles: [string, string]; distance_m: number } | null = null;
+  all.forEach((a, i) => all.slice(i + 1).forEach((b) => {
+    if (a.global === null || b.global === null || a.global.stale || b.global.stale) return;
+    const distance_m = Math.hypot(groundDistance_m(a.global.value, b.global.value), a.global.value.alt_amsl_m - b.global.value.alt_amsl_m);
+    if (Number.isFinite(distance_m) && (nearest === null || distance_m < nearest.distance_m)) nearest = { vehicles: [a.id, b.id], distance_m };
+  }));
+  return nearest;
+}
+
+/** "1 Quad, 2 Quad and 3 Hexa". */
+export function listed(names: readonly string[]): string {
+  return names.length < 2 ? names.join('') : `${names.slice(0, -1).join(', ')} and ${names[names.length - 1] ?? ''}`;
+}

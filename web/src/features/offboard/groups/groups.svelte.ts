@@ -1,0 +1,205 @@
+/** The groups that fly, this page's and others': heard by events, asked for once a second while there is one; always loaded, small. */
+
+import type { ApiClient, Outcome } from '../../../api/client';
+import type { Problem } from '../../../api/problems';
+import type { Turns } from '../../../api/turns';
+import type { WireEvent } from '../../../live/wire';
+import type { ActionController } from '../../../app/actions/controller.svelte';
+import type { AnySetpoint, Lasting } from '../../../vehicle/setpoint';
+import { isLive, keyOf, newestOver, readGroup, withGroup, type Group, type Heard } from './group';
+import { GroupKeeper, type Said } from './keeper';
+
+const ASK_EVERY_S = 1;
+
+export interface Ordered {
+  vehicle: string;
+  setpoint: AnySetpoint;
+}
+
+export class GroupDesk {
+  list = $state.raw<readonly Heard[]>([]);
+  /** Of the group that this page keeps renewed. */
+  keptKey = $state<string | null>(null);
+  private seenLive = $state.raw<ReadonlySet<string>>(new Set());
+  private readonly keeper = new GroupKeeper((group, lasting) => this.renewed(group, lasting));
+  /** What this page asked of each member, by group: said again with each renewal, but for whom it has sent elsewhere since. */
+  private readonly asked = new Map<string, Map<string, AnySetpoint>>();
+  private askedAt_s = -Infinity;
+  private asking = false;
+  private connection: unknown = null;
+
+  constructor(
+    private readonly api: ApiClient,
+    private readonly turns: Turns,
+    private readonly actions: Pick<ActionController, 'attempt'>,
+    private readonly nowS: () => number,
+    /** Whether somebody can see the page. */
+    private readonly seen: () => boolean,
+    private readonly nameOf: (vehicle: string) => string,
+    /** What was sent to a vehicle alone is said no more: it would be said against the group. */
+    private readonly forgetAlone: (vehicle: string) => void,
+  ) {}
+
+  readonly live = $derived(this.list.filter((one) => isLive(one.group)));
+  readonly over = $derived(newestOver(this.list, this.seenLive));
+  /** The one that this page started or commands. */
+  readonly own = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
+
+  isOwn(group: Group): boolean {
+    return this.api.key !== null && group.client_key === this.api.key;
+  }
+
+  names(group: Group): string[] {
+    return group.members.map((member) => this.nameOf(member.vehicle));
+  }
+
+  /** The one that a vehicle flies in. */
+  of(vehicle: string): Group | null {
+    return this.live.find((one) => one.group.members.some((m) => m.vehicle === vehicle))?.group ?? null;
+  }
+
+  /** Puts the one that is over out of sight. */
+  putAway(): void {
+    this.seenLive = new Set([...this.seenLive].filter((key) => this.live.some((one) => keyOf(one.group) === key)));
+  }
+
+  heard(event: WireEvent): void {
+    const group = event.kind === 'group' ? readGroup(event['group']) : null;
+    if (group !== null) this.take(group);
+  }
+
+  /** Called as telemetry arrives. @param connection another one: groups of before may be gone. */
+  tick(connection: unknown): void {
+    const now_s = this.nowS();
+    const anew = connection !== this.connection;
+    this.connection = connection;
+    if (anew || (this.live.length > 0 && this.seen() && now_s - this.askedAt_s >= ASK_EVERY_S)) void this.ask(now_s);
+    const kept = this.list.find((one) => this.keeper.keeps(one.group));
+    if (kept === undefined || !this.turns.busy(vehiclesOf(kept.group))) this.keeper.tick(now_s, this.list.map((one) => one.group), this.seen());
+    this.tellKept();
+  }
+
+  async start(body: { members: readonly Ordered[] }, lasting: Lasting): Promise<Outcome<Group>> {
+    for (const { vehicle } of body.members) this.forgetAlone(vehicle);
+    const outcome = await this.api.post<Group>('/groups', body);
+    if (outcome.ok) this.taken(outcome.value, body.members, lasting);
+    return outcome;
+  }
+
+  /** New setpoints for some members, the others renewed; without any, all renewed. */
+  async send(group: Group, setpoints: readonly Ordered[], lasting: Lasting): Promise<Outcome<Group>> {
+    for (const { vehicle } of setpoints) this.forgetAlone(vehicle);
+    return this.inTurn(group, async () => {
+      const outcome = await this.post(group, setpoints, lasting);
+      if (outcome.ok) this.taken(outcome.value, setpoints, lasting);
+      else if (outcome.problem.status === 0) this.keepNone(); // nobody knows what is flown: a renewal might take it back
+      return outcome;
+    });
+  }
+
+  /** As they fly, for as long again. */
+  renew(group: Group, lasting: Lasting): Promise<Outcome<Group>> {
+    return this.inTurn(group, async () => {
+      const outcome = await this.post(group, this.again(group), lasting);
+      if (outcome.ok) this.taken(outcome.value, [], lasting);
+      return outcome;
+    });
+  }
+
+  /** Something was sent to this vehicle alone: renewals leave it as it flies. */
+  sentAlone(vehicle: string): void {
+    for (const asked of this.asked.values()) asked.delete(vehicle);
+  }
+
+  async hold(group: Group): Promise<void> {
+    this.keepNone();
+    await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
+      const outcome = await this.api.post<Group>(`${path(group)}/hold`);
+      if (outcome.ok) this.take(outcome.value);
+      return outcome;
+    });
+  }
+
+  /** What the page refuses itself, or hears of a renewal, where the buttons are. */
+  async refuse(what: string, vehicleName: string, problem: Problem): Promise<void> {
+    await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
+  }
+
+  private async renewed(group: Group, lasting: Lasting): Promise<Said> {
+    const outcome = await this.inTurn(group, () => this.post(group, this.again(group), lasting));
+    if (outcome.ok) {
+      this.take(outcome.value);
+      return 'taken';
+    }
+    if (outcome.problem.status === 0) return 'unheard';
+    await this.refuse(`Renewing group ${group.id}`, this.names(group).join(', '), outcome.problem);
+    return 'refused';
+  }
+
+  /** What this page asked of those who still follow. */
+  private again(group: Group): Ordered[] {
+    const asked = this.asked.get(keyOf(group));
+    return group.members.flatMap(({ vehicle, held }) => {
+      const setpoint = asked?.get(vehicle);
+      return held || setpoint === undefined ? [] : [{ vehicle, setpoint }];
+    });
+  }
+
+  /** What it asks for is worked out when it is sent, and known when the next is. */
+  private inTurn(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
+    return this.turns.run(vehiclesOf(group), send);
+  }
+
+  private post(group: Group, setpoints: readonly Ordered[], { valid_for_s, on_expiry }: Lasting): Promise<Outcome<Group>> {
+    return this.api.post<Group>(`${path(group)}/setpoints`, { setpoints, valid_for_s, on_expiry });
+  }
+
+  private taken(group: Group, setpoints: readonly Ordered[], lasting: Lasting): void {
+    this.take(group);
+    const asked = this.asked.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
+    for (const { vehicle, setpoint } of setpoints) asked.set(vehicle, setpoint);
+    this.asked.clear(); // of those before: they are over
+    this.asked.set(keyOf(group), asked);
+    this.keeper.keep(group, lasting, this.nowS());
+    this.tellKept();
+  }
+
+  private take(group: Group): void {
+    this.list = withGroup(this.list, { group, heardAt_s: this.nowS() });
+    this.noteLive([group]);
+  }
+
+  private noteLive(groups: readonly Group[]): void {
+    const news = groups.filter((group) => isLive(group) && !this.seenLive.has(keyOf(group)));
+    if (news.length > 0) this.seenLive = new Set([...this.seenLive, ...news.map(keyOf)]);
+  }
+
+  private keepNone(): void {
+    this.keeper.forget();
+    this.tellKept();
+  }
+
+  private tellKept(): void {
+    this.keptKey = this.live.map((one) => one.group).filter((group) => this.keeper.keeps(group)).map(keyOf)[0] ?? null;
+  }
+
+  private async ask(now_s: number): Promise<void> {
+    if (this.asking) return;
+    this.asking = true;
+    this.askedAt_s = now_s;
+    const answer = await this.api.get<{ groups: Group[] }>('/groups');
+    this.asking = false;
+    if (!answer.ok) return;
+    const heardAt_s = this.nowS();
+    this.list = answer.value.groups.map((group) => ({ group, heardAt_s })); // a server that was started anew knows none of before
+    this.noteLive(answer.value.groups);
+  }
+}
+
+function vehiclesOf(group: Group): string[] {
+  return group.members.map((member) => member.vehicle);
+}
+
+function path(group: Group): string {
+  return `/groups/${encodeURIComponent(group.id)}`;
+}

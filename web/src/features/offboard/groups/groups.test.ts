@@ -1,0 +1,325 @@
+import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../../../api/client';
+import { Turns } from '../../../api/turns';
+import type { Refusal } from '../../../app/actions/controller.svelte';
+import type { VehicleFacts } from '../../../vehicle/facts';
+import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
+import { humanWords } from '../setpoints/info';
+import { commandable, distanceTone, findingsShown, listed, memberWords, nearestNow, newestOver, readGroup, stateWords, validLeft_s, withGroup, keyOf, type Group, type Heard } from './group';
+import { GroupDesk } from './groups.svelte';
+import { GroupKeeper, type Said } from './keeper';
+import { flownHow, formWords, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
+
+const reading = <T>(value: T, stale = false): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale });
+
+function vehicle(id: string, position_ned_m: number[] | null, lat_deg = 47): VehicleFacts {
+  return {
+    id, name: `${id} Quad`, lost: false, offline: false, inAir: true,
+    local: position_ned_m === null ? null : reading({ position_ned_m }),
+    attitude: reading({ yaw_ned_rad: 1 }),
+    global: reading({ lat_deg, lon_deg: 8, alt_amsl_m: 500, alt_home_m: 10 }),
+  } as unknown as VehicleFacts;
+}
+
+const GROUP: Group = {
+  id: '1', state: 'flying', client: 'Anna', client_key: 'me', minimum_separation_m: 5, margin_m: 1.6, others_go_on: false, created_unix_s: 100, start_unix_s: 110, valid_left_s: 4,
+  members: ['1', '2'].map((id) => ({ vehicle: id, ordered_type: 'position', stream: 'streaming', mode: 'offboard', held: false })),
+  nearest: { vehicles: ['1', '2'], distance_m: 7 }, findings: [], ended: null,
+};
+const as = (more: Partial<Group>): Group => ({ ...GROUP, ...more });
+const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
+const MOVE: Draft = { ...PAIR, axes: { ...PAIR.axes, move: ['5', '-2,5', '1'] } };
+const FLY: Draft = { ...PAIR, how: 'velocity', axes: { ...PAIR.axes, velocity: ['1', '0', '−0.5'] } };
+
+describe('what a group is to do', () => {
+  it('adds an offset to each one’s own place, up being minus down, and keeps the heading', () => {
+    expect(setpointFor(vehicle('1', [10, 20, -8]), MOVE)).toEqual({ type: 'position', position_ned_m: [15, 17.5, -9], yaw_ned_rad: 1 });
+    expect(setpointFor(vehicle('2', [0, 0, -6]), MOVE)).toMatchObject({ position_ned_m: [5, -2.5, -7] });
+    expect(setpointFor(vehicle('2', null), FLY)).toEqual({ type: 'velocity', velocity_ned_m_s: [1, 0, 0.5], yaw_ned_rad: 1 });
+  });
+
+  it('sends nothing to anybody where one does not know its place, and names it', () => {
+    const stale = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
+    expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), stale], MOVE)).toEqual({ ok: false, detail: expect.stringMatching(/^2 Quad and 3 Quad report no local position/) as string });
+  });
+
+  it('orders what the API takes; the instant is counted from the server’s clock', () => {
+    const ordered = setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', [1, 0, 0])], MOVE);
+    if (!ordered.ok) throw new Error(ordered.detail);
+    const body = startBody(ordered.setpoints, { ...MOVE, apart_m: '2,5', othersGoOn: true }, 1000);
+    expect(body).toMatchObject({ minimum_separation_m: 2.5, valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, others_go_on: true, members: [{ vehicle: '1' }, { vehicle: '2' }] });
+    expect(body).not.toHaveProperty('start_at_unix_s');
+    expect(startBody(ordered.setpoints, { ...MOVE, startIn_s: '20' }, 1000)).toMatchObject({ start_at_unix_s: 1020 });
+  });
+
+  it('names each field that is wrong; a group that flies is asked for less', () => {
+    expect(problemsOf(MOVE, false)).toEqual({});
+    const bad: Draft = { ...MOVE, members: ['1'], axes: { ...MOVE.axes, move: ['far', '0', ''] }, apart_m: '0', startIn_s: '1', valid_s: { move: '601', velocity: '5' } };
+    expect(Object.keys(problemsOf(bad, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
+    expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s, or empty: at once.');
+    expect(Object.keys(problemsOf(bad, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
+    expect(problemsOf({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
+  });
+
+  it('is said in words before it is done: vehicles, action, effect', () => {
+    expect(togetherWords(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
+    expect(togetherWords(FLY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
+    expect(togetherWords(PAIR)).toBe('hold the places where they are');
+    const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersGoOn: true });
+    expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
+    expect(asked.effect).toBe('Each switches to Offboard where it is; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Kept 5.0 m apart, who comes nearer holds. Ends in Hold after 5.0 s; Hold group ends it.');
+    expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is in sight');
+  });
+});
+
+describe('how a group stands', () => {
+  it('counts down to the start and ages what is left of its validity', () => {
+    expect(stateWords(as({ state: 'waiting' }), 107.5).text).toBe('Waiting, starts in 2.5 s');
+    expect(stateWords(as({ state: 'waiting', start_unix_s: null }), 107).text).toBe('Waiting, starts in – s');
+    expect(validLeft_s({ group: GROUP, heardAt_s: 50 }, 51.5)).toBe(2.5);
+    expect(validLeft_s({ group: GROUP, heardAt_s: 50 }, 60)).toBe(0);
+    expect(validLeft_s({ group: as({ valid_left_s: null }), heardAt_s: 50 }, 51)).toBeNull();
+  });
+
+  it('says what a member flies, and in amber what does not follow', () => {
+    const [member] = GROUP.members;
+    if (member === undefined) throw new Error('no member');
+    expect(memberWords(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
+    expect(memberWords({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'held · Hold', tone: 'caution' });
+    expect(memberWords({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left · land', tone: 'caution' });
+    expect(memberWords({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
+    expect(memberWords(member, 'Offboard', true).text).toBe('waits · Offboard');
+    expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
+  });
+
+  it('tells findings newest first, and why it ended once', () => {
+    const finding = (text: string): Group['findings'][number] => ({ unix_s: 1, code: 'left', vehicles: ['1'], held: [], text, distance_m: null });
+    const group = as({ findings: ['a', 'b', 'c', 'd'].map(finding) });
+    expect(findingsShown(group, 3).map((f) => f.text)).toEqual(['d', 'c', 'b']);
+    expect(findingsShown({ ...group, state: 'ended', ended: 'd' }, 3).map((f) => f.text)).toEqual(['c', 'b']);
+  });
+
+  it('finds the two that are nearest, of those whose place is known', () => {
+    const [a, b, c] = [vehicle('1', null), vehicle('2', null, 47.0002), vehicle('3', null, 47.0003)];
+    expect(nearestNow([a, b, c])).toMatchObject({ vehicles: ['2', '3'], distance_m: expect.closeTo(11.1, 1) as number });
+    expect(nearestNow([a, { ...b, global: null }])).toBeNull();
+    expect(listed(['a', 'b', 'c'])).toBe('a, b and c');
+  });
+
+  it('keeps groups of one number apart by their creation, and shows only what ended in its sight', () => {
+    const old = as({ state: 'ended', created_unix_s: 1, ended: 'x' });
+    const list: Heard[] = withGroup([{ group: old, heardAt_s: 0 }], { group: GROUP, heardAt_s: 1 });
+    expect(list).toHaveLength(2);
+    const over = withGroup(list, { group: as({ state: 'ended', ended: 'me commanded Hold.' }), heardAt_s: 2 });
+    expect(over).toHaveLength(2);
+    expect(newestOver(over, new Set([keyOf(GROUP)]))?.ended).toBe('me commanded Hold.');
+    expect(newestOver(over, new Set())).toBeNull();
+    expect(newestOver([{ group: as({ state: 'ended', start_unix_s: null }), heardAt_s: 0 }], new Set([keyOf(GROUP)]))).toBeNull();
+  });
+
+  it('takes only multicopters of PX4, and only what is a group', () => {
+    const quad = { ...UNKNOWN_IDENTITY, autopilot: 12, vehicle_type: 2 };
+    expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(commandable)).toEqual([true, false, false, false, false]);
+    expect(readGroup(GROUP)).toBe(GROUP);
+    expect([null, undefined, 'x', { id: '1' }].map(readGroup)).toEqual([null, null, null, null]);
+  });
+});
+
+describe('the keeper of a group', () => {
+  const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
+  function keeper(answers: Said[] = []): { said: number[]; keeper: GroupKeeper; at: { now_s: number } } {
+    const said: number[] = [];
+    const at = { now_s: 0 };
+    const one = new GroupKeeper(() => {
+      said.push(at.now_s);
+      return Promise.resolve(answers.shift() ?? 'taken');
+    });
+    one.keep(GROUP, LASTING, 0);
+    return { said, keeper: one, at };
+  }
+  async function run(one: ReturnType<typeof keeper>, until_s: number, groups: (s: number) => Group[], seen: (s: number) => boolean = () => true): Promise<void> {
+    for (; one.at.now_s < until_s; one.at.now_s += 1) {
+      one.keeper.tick(one.at.now_s, groups(one.at.now_s), seen(one.at.now_s));
+      await Promise.resolve();
+      await Promise.resolve();
+    }
+  }
+
+  it('renews in time, and only while somebody sees the page', async () => {
+    const one = keeper();
+    await run(one, 20, () => [GROUP], (s) => s < 8 || s > 15);
+    expect(one.said).toEqual([3, 6, 16, 19]);
+  });
+
+  it('waits for the start, and brings nothing back that is being stopped or over', async () => {
+    const one = keeper();
+    await run(one, 30, (s) => [as({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
+    expect(one.said).toEqual([10]);
+    const other = keeper();
+    await run(other, 10, () => [as({ created_unix_s: 999 })]);
+    expect(other.said).toEqual([]);
+    expect(other.keeper.keeps(GROUP)).toBe(false);
+  });
+
+  it('tries again where nobody answered, and not where it was refused', async () => {
+    const one = keeper(['unheard', 'refused']);
+    await run(one, 30, () => [GROUP]);
+    expect(one.said).toEqual([3, 6]);
+  });
+
+  it('keeps nothing that shall not be renewed', async () => {
+    const one = keeper();
+    one.keeper.keep(GROUP, { ...LASTING, renew: false }, 0);
+    await run(one, 30, () => [GROUP]);
+    expect(one.said).toEqual([]);
+  });
+});
+
+describe('the desk of groups', () => {
+  const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
+  const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
+
+  function station(): { desk: GroupDesk; calls: { call: string; body: unknown }[]; at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> }; dropped: string[]; refused: Refusal[]; settle: () => Promise<void> } {
+    const calls: { call: string; body: unknown }[] = [];
+    const at = { now_s: 0, seen: true, group: GROUP, status: 200, answer: Promise.resolve() };
+    const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
+      calls.push({ call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`, body: init.body === undefined ? null : JSON.parse(init.body as string) as unknown });
+      const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
+      const response = at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });
+      return init.method === 'POST' ? at.answer.then(() => response) : Promise.resolve(response);
+    });
+    const refused: Refusal[] = [];
+    const dropped: string[] = [];
+    const actions = {
+      attempt: async <T>(what: string, { name }: { name: string }, _place: string, send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>): Promise<boolean> => {
+        const outcome = await send();
+        if (!outcome.ok) refused.push({ what, vehicleName: name, problem: outcome.problem });
+        return outcome.ok;
+      },
+    };
+    const desk = new GroupDesk(api, new Turns(), actions, () => at.now_s, () => at.seen, (id) => `${id} Quad`, (id) => dropped.push(id));
+    const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
+    return { desk, calls, at, dropped, refused, settle };
+  }
+
+  it('says again what it asked of each, but of whom it has sent alone since or who is held', async () => {
+    const { desk, calls, at, dropped, settle } = station();
+    expect((await desk.start({ members: MEMBERS }, LASTING)).ok).toBe(true);
+    expect(dropped).toEqual(['1', '2']);
+    expect([desk.own?.group.id, desk.keptKey, desk.of('2')?.id, desk.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
+    const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
+    at.now_s = 3;
+    desk.tick('open');
+    await settle();
+    desk.sentAlone('1');
+    at.now_s = 6;
+    desk.tick('open');
+    await settle();
+    expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
+    at.seen = false;
+    at.now_s = 20;
+    desk.tick('open');
+    await settle();
+    expect(renewals()).toHaveLength(2);
+  });
+
+  it('lets no renewal overtake what is ordered anew', async () => {
+    const { desk, calls, at, settle } = station();
+    await desk.start({ members: MEMBERS }, LASTING);
+    const held = (): (() => void) => {
+      let answered = (): void => undefined;
+      at.answer = new Promise((done) => (answered = done));
+      return answered;
+    };
+    const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
+    const anew = MEMBERS.map(({ vehicle }) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [0, 2, 0] } }));
+
+    // Ordered while a renewal is under way: it goes out behind the answer.
+    const renewed = held();
+    at.now_s = 3;
+    desk.tick('open');
+    await settle();
+    const ordered = desk.send(GROUP, anew, { ...LASTING, valid_for_s: 30 });
+    await settle();
+    expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: LASTING.on_expiry }]);
+    renewed();
+    const taken = held();
+    await settle();
+    expect(posts().slice(1)).toEqual([{ setpoints: anew, valid_for_s: 30, on_expiry: LASTING.on_expiry }]);
+
+    // The renewal that falls due while the order is under way is not sent; the next says what was ordered, for as long.
+    at.now_s = 8;
+    desk.tick('open');
+    await settle();
+    taken();
+    expect((await ordered).ok).toBe(true);
+    desk.tick('open');
+    await settle();
+    expect(posts()).toHaveLength(2);
+    at.now_s = 17.5;
+    desk.tick('open');
+    await settle();
+    expect(posts()[2]).toEqual(posts()[1]);
+
+    // Where no answer came nobody knows what is flown, and nothing is said again.
+    at.answer = Promise.reject(new TypeError('network'));
+    expect((await desk.send(GROUP, MEMBERS, LASTING)).ok).toBe(false);
+    at.answer = Promise.resolve();
+    at.now_s = 60;
+    desk.tick('open');
+    await settle();
+    expect([posts().length, desk.keptKey]).toEqual([4, null]);
+  });
+
+  it('asks once a second while there is one and somebody looks, and after each new connection', async () => {
+    const { desk, calls, at, settle } = station();
+    const asked = (): number => calls.filter((c) => c.call === 'GET /groups').length;
+    for (; at.now_s < 2.95; at.now_s += 0.1) {
+      desk.tick('open');
+      await settle();
+    }
+    expect(asked()).toBe(3);
+    at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
+    desk.heard({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
+    expect([desk.live.length, desk.over?.ended, desk.own]).toEqual([0, 'me commanded Hold.', null]);
+    at.now_s = 60;
+    desk.tick('open');
+    await settle();
+    expect(asked()).toBe(3);
+    desk.tick('another connection');
+    await settle();
+    expect(asked()).toBe(4);
+    desk.putAway();
+    expect(desk.over).toBeNull();
+  });
+
+  it('tells why it was not renewed, and tries no more', async () => {
+    const { desk, at, refused, calls, settle } = station();
+    await desk.start({ members: MEMBERS }, LASTING);
+    at.status = 409;
+    for (const now_s of [3, 6, 9]) {
+      at.now_s = now_s;
+      desk.tick('open');
+      await settle();
+    }
+    expect(refused.map((r) => [r.what, r.vehicleName, r.problem.detail])).toEqual([['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.']]);
+    expect(calls.filter((c) => c.call.endsWith('setpoints'))).toHaveLength(1);
+    expect(desk.keptKey).toBeNull();
+  });
+
+  it('never renews a velocity by the rule for places', () => {
+    expect(flownHow(GROUP)).toBe('move');
+    expect(flownHow(as({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
+  });
+});
+
+describe('the server’s words', () => {
+  it('name the form’s fields as the form does', () => {
+    expect(formWords('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Keep apart”.');
+  });
+
+  it('call kinds of setpoints as the form does', () => {
+    expect(humanWords('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.'))
+      .toBe('A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.');
+  });
+});

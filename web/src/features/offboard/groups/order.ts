@@ -1,0 +1,133 @@
+/** What several vehicles shall do together, as it is typed, and the order it stands for; each field that is wrong is named. Pure. */
+
+import type { VehicleFacts } from '../../../vehicle/facts';
+import { fixed } from '../../../ui/format';
+import type { Question } from '../../../app/actions/actions';
+import { ON_EXPIRY, type AnySetpoint, type Lasting } from '../../../vehicle/setpoint';
+import { typed } from '../setpoints/form';
+import { listed, type Group } from './group';
+
+export type Together = 'move' | 'velocity';
+
+export interface Draft {
+  /** Ids, in the order they were chosen. */
+  members: readonly string[];
+  how: Together;
+  /** North, east, up as typed: [m] or [m/s]. */
+  axes: Readonly<Record<Together, readonly string[]>>;
+  valid_s: Readonly<Record<Together, string>>;
+  renew: Readonly<Record<Together, boolean>>;
+  apart_m: string;
+  /** Empty: as soon as all are in Offboard. */
+  startIn_s: string;
+  othersGoOn: boolean;
+}
+
+/** A place is renewed while the page is seen; what moves ends by itself unless it is told otherwise. */
+export const NEW_DRAFT: Draft = {
+  members: [], how: 'move', axes: { move: ['0', '0', '0'], velocity: ['0', '0', '0'] }, valid_s: { move: '10', velocity: '5' },
+  renew: { move: true, velocity: false }, apart_m: '5', startIn_s: '', othersGoOn: false,
+};
+
+export const AXES = ['North', 'East', 'Up'] as const;
+export const MOST_MEMBERS = 10;
+
+/** The API's own bounds, but for the validity: what a page sends over HTTP is good for half a second at least. */
+const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, 's'] } as const;
+
+export type Problems = Readonly<Record<string, string>>;
+
+function outside(text: string, [least, most, unit]: readonly [number, number, string]): string | null {
+  const value = typed(text);
+  return value !== null && value >= least && value <= most ? null : `From ${least} to ${most} ${unit}.`;
+}
+
+/** What is wrong with the fields, by field; `flying`: for a group that is there, so that only what changes it counts. */
+export function problemsOf(draft: Draft, flying: boolean): Problems {
+  const found: Record<string, string> = {};
+  const note = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
+  AXES.forEach((axis, i) => note(`axis${i}`, typed(draft.axes[draft.how][i] ?? '') === null ? `${axis}: a number is needed.` : null));
+  note('valid', outside(draft.valid_s[draft.how], RANGES.valid));
+  if (flying) return found;
+  if (draft.members.length < 2) note('members', 'Choose two vehicles or more.');
+  if (draft.members.length > MOST_MEMBERS) note('members', `A group has ${MOST_MEMBERS} vehicles at most.`);
+  note('apart', outside(draft.apart_m, RANGES.apart));
+  if (draft.startIn_s.trim() !== '') note('start', outside(draft.startIn_s, RANGES.start)?.replace('.', ', or empty: at once.') ?? null);
+  return found;
+}
+
+function vector(draft: Draft): [number, number, number] {
+  return draft.axes[draft.how].map((text) => typed(text) ?? 0) as [number, number, number];
+}
+
+export function lastingOf(draft: Draft): Lasting {
+  return { valid_for_s: typed(draft.valid_s[draft.how]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.how] };
+}
+
+/** What is asked of one vehicle, from where it is now, in its own local frame; null where it does not know where that is. */
+export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | null {
+  const [north, east, up] = vector(draft);
+  const yaw = facts.attitude === null || facts.attitude.stale ? {} : { yaw_ned_rad: facts.attitude.value.yaw_ned_rad };
+  if (draft.how === 'velocity') return { type: 'velocity', velocity_ned_m_s: [north, east, -up + 0], ...yaw };
+  if (facts.local === null || facts.local.stale) return null;
+  const [n, e, d] = facts.local.value.position_ned_m;
+  return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
+}
+
+/** What a group flies now, as this form calls it: what moves is never renewed by the rule for places. */
+export function flownHow(group: Group): Together {
+  return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
+}
+
+export type Ordered = { ok: true; setpoints: { vehicle: string; setpoint: AnySetpoint }[] } | { ok: false; detail: string };
+
+/** The setpoints of all, or whose place is not known. */
+export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordered {
+  const setpoints: { vehicle: string; setpoint: AnySetpoint }[] = [];
+  const nowhere: string[] = [];
+  for (const facts of all) {
+    const setpoint = setpointFor(facts, draft);
+    if (setpoint === null) nowhere.push(facts.name);
+    else setpoints.push({ vehicle: facts.id, setpoint });
+  }
+  if (nowhere.length === 0) return { ok: true, setpoints };
+  return { ok: false, detail: `${listed(nowhere)} ${nowhere.length === 1 ? 'reports' : 'report'} no local position now: there is nothing to add the offset to.` };
+}
+
+/** The body that starts a group; the instant is counted from `now_unix_s`, the server's clock. */
+export function startBody(setpoints: readonly { vehicle: string; setpoint: AnySetpoint }[], draft: Draft, now_unix_s: number): { members: typeof setpoints } & Record<string, unknown> {
+  const { valid_for_s, on_expiry } = lastingOf(draft);
+  const startIn_s = typed(draft.startIn_s);
+  return {
+    members: setpoints, minimum_separation_m: typed(draft.apart_m), valid_for_s, on_expiry, others_go_on: draft.othersGoOn,
+    ...(startIn_s === null ? {} : { start_at_unix_s: now_unix_s + startIn_s }),
+  };
+}
+
+/** The API's names of fields as this form calls them; the rest is the server's own words. */
+export function formWords(words: string): string {
+  return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Good for”');
+}
+
+const WAYS: readonly (readonly [string, string])[] = [['north', 'south'], ['east', 'west'], ['up', 'down']];
+
+/** "move 5.0 m north, 2.0 m down". */
+export function togetherWords(draft: Draft): string {
+  const unit = draft.how === 'move' ? 'm' : 'm/s';
+  const parts = vector(draft).map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${WAYS[i]?.[value > 0 ? 0 : 1] ?? ''}`)).filter((p) => p !== null);
+  if (parts.length === 0) return draft.how === 'move' ? 'hold the places where they are' : 'stand still';
+  return `${draft.how === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
+}
+
+/** Vehicles, action and effect of a start, before it is confirmed. */
+export function startQuestion(names: readonly string[], draft: Draft): Question {
+  const start = typed(draft.startIn_s) === null ? 'as soon as all are' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
+  const { valid_for_s, renew } = lastingOf(draft);
+  const ends = renew ? 'Renewed while this page is in sight' : `Ends in Hold after ${fixed(valid_for_s, 1)} s`;
+  const near = draft.othersGoOn ? 'who comes nearer holds' : 'else all hold';
+  return {
+    title: `Group: ${listed(names)}`,
+    effect: `Each switches to Offboard where it is; ${start}, all ${togetherWords(draft)} together. Kept ${fixed(typed(draft.apart_m), 1)} m apart, ${near}. ${ends}; Hold group ends it.`,
+    verb: 'Start', danger: false,
+  };
+}

@@ -1,0 +1,26 @@
+import { page } from '../../app/page.svelte';
+import { registry, rooms } from '../../app/registry.svelte';
+import { provide } from '../../app/services';
+import { actions } from '../../app/session.svelte';
+import { groups, offboard } from './controllers';
+import OffboardCard from './OffboardCard.svelte';
+import { ROOM } from './room.svelte';
+
+provide('offboard', { start: (facts, wish) => offboard.start(facts, wish) });
+page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
+page.onTelemetry.push(() => groups.tick(page.connection));
+page.onEvent.push((event) => groups.heard(event));
+
+registry.addRoom({
+  id: ROOM,
+  title: 'Offboard',
+  icon: 'pulse',
+  hint: 'Setpoints, plots, gamepad (P)',
+  order: 10,
+  load: async () => (await import('./parts')).parts,
+});
+registry.addTo('cards', { order: 30, ofVehicle: OffboardCard });
+registry.addKeys([
+  { order: 130, keys: 'O', what: 'Start offboard at the current position', inScene: true, on: { o: (facts) => actions.request('offboard_start', facts, 'offboard') } },
+  { order: 140, keys: 'P', what: 'Offboard room: setpoints, plots, gamepad', inScene: true, on: { p: () => rooms.toggle(ROOM) } },
+]);

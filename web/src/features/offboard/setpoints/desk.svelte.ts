@@ -1,0 +1,281 @@
+/** The offboard room's own state: the forms, what the server says can be flown, what was sent and what came of it. */
+
+import { page } from '../../../app/page.svelte';
+import { actions } from '../../../app/session.svelte';
+import { offboard } from '../controllers';
+import type { VehicleFacts } from '../../../vehicle/facts';
+import type { Outcome } from '../../../api/client';
+import type { Vector3 } from '../../../live/topics';
+import type { WireEvent } from '../../../live/wire';
+import { fixed } from '../../../ui/format';
+import type { AnySetpoint, Lasting, OnExpiry } from '../../../vehicle/setpoint';
+import { readOffboard } from '../../../vehicle/offboard';
+import { build, formHere, type Form } from './form';
+import type { Failsafe, FailsafeAction, Limits, OffboardView } from './info';
+import { KINDS, specOf, type Kind } from '../../../vehicle/setpoint-kinds';
+import { previewOf, wayWords, type Preview } from './preview';
+import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
+import { SetpointStream, type Ack, type StreamState } from './stream';
+
+/** Kinds that ask for a place: said again for as long as this page is open, unless that is switched off. */
+const PLACES: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
+const PLACE_S = 10;
+const MOTION_S = 2;
+/** While a hand is on it (gamepad, handle), a setpoint is good for this long [s]. */
+export const HAND_S = 0.5;
+export const HAND: Lasting = { valid_for_s: HAND_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
+
+const LAST_WORD_MS = 500;
+
+export interface DragTarget {
+  position_ned_m: Vector3;
+  yaw_ned_rad: number;
+}
+
+class Desk {
+  way = $state<Way>('form');
+  kind = $state<Kind>('position');
+  choosing = $state(false);
+  private forms = $state.raw<Readonly<Record<string, Form>>>({});
+  /** Errors are shown from the first press on, and while typing after that. */
+  tried = $state(false);
+  expiry = $state<OnExpiry['action']>('hold');
+  private lasts = $state.raw<Readonly<Record<string, string>>>({});
+  private renews = $state.raw<Readonly<Record<string, boolean>>>({});
+  view = $state.raw<OffboardView | null>(null);
+  lines = $state.raw<readonly SentLine[]>([]);
+  drag = $state.raw<DragTarget | null>(null);
+  live = $state(false);
+  private vehicle: string | null = null;
+  private readonly log = new SentLog();
+  private socket: { id: string; stream: SetpointStream } | null = null;
+  private readonly waiting = new Map<number, number>();
+
+  /** Of another vehicle everything begins anew. */
+  show(facts: VehicleFacts): void {
+    if (facts.id === this.vehicle) return;
+    this.vehicle = facts.id;
+    this.leaveStream();
+    this.forms = {};
+    this.view = null;
+    this.drag = null;
+    this.live = false;
+    this.tried = false;
+  }
+
+  /** The form of the kind that is chosen; begins where the vehicle is. */
+  form(facts: VehicleFacts): Form {
+    return this.forms[this.kind] ?? formHere(this.kind, facts, this.hoverThrust);
+  }
+
+  /** Filled once, so that it does not run along with the vehicle while it is read. */
+  fill(facts: VehicleFacts, anew = false): void {
+    if (!anew && this.forms[this.kind] !== undefined) return;
+    this.edit(formHere(this.kind, facts, this.hoverThrust));
+  }
+
+  edit(form: Form): void {
+    this.forms = { ...this.forms, [form.kind]: form };
+  }
+
+  choose(kind: Kind): void {
+    this.kind = kind;
+    this.tried = false;
+  }
+
+  get hoverThrust(): number | null {
+    return this.view?.limits.vehicle.hover_thrust ?? null;
+  }
+
+  get lasting(): string {
+    return this.lasts[this.kind] ?? String(PLACES.includes(this.kind) ? PLACE_S : MOTION_S);
+  }
+  set lasting(text: string) {
+    this.lasts = { ...this.lasts, [this.kind]: text };
+  }
+
+  get renew(): boolean {
+    return this.renews[this.kind] ?? PLACES.includes(this.kind);
+  }
+  set renew(renew: boolean) {
+    this.renews = { ...this.renews, [this.kind]: renew };
+  }
+
+  get lastingProblem(): string | null {
+    const seconds = Number(this.lasting.replace(',', '.'));
+    return seconds >= 0.05 && seconds <= 3600 ? null : 'From 0.05 to 3600 s.';
+  }
+
+  get lastingNow(): Lasting {
+    const on_expiry: OnExpiry = this.expiry === 'hold' ? { action: 'hold', hold_for_s: 5 } : { action: this.expiry };
+    return { valid_for_s: Number(this.lasting.replace(',', '.')), on_expiry, renew: this.renew };
+  }
+
+  preview(facts: VehicleFacts): Preview | null {
+    if (this.way === 'gamepad' || this.way === 'group') return null;
+    if (this.way === 'drag') return this.drag === null ? null : { ...this.drag, leads: false };
+    const built = build(this.form(facts));
+    return built.ok ? previewOf(built.setpoint, facts) : null;
+  }
+
+  // --- what the server says ---
+
+  async ask(id: string): Promise<void> {
+    const answer = await page.api.get<OffboardView>(`/vehicles/${encodeURIComponent(id)}/offboard`);
+    if (answer.ok && id === this.vehicle) this.view = answer.value;
+  }
+
+  async setLimits(facts: VehicleFacts, limits: object): Promise<boolean> {
+    return actions.attempt('Limits', facts, 'room', async () => {
+      const answer = await page.api.put<Limits>(`/vehicles/${encodeURIComponent(facts.id)}/offboard/limits`, limits);
+      if (answer.ok && this.view !== null) this.view = { ...this.view, limits: answer.value };
+      return answer;
+    });
+  }
+
+  async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
+    return actions.attempt('Failsafe', facts, 'room', async () => {
+      const answer = await page.api.put<Failsafe>(`/vehicles/${encodeURIComponent(facts.id)}/offboard/failsafe`, { action, after_s });
+      if (answer.ok && this.view !== null) this.view = { ...this.view, failsafe: answer.value };
+      return answer;
+    });
+  }
+
+  // --- sending ---
+
+  /** Start, or send where a stream runs. */
+  go(facts: VehicleFacts, streaming: boolean): void {
+    const setpoint = this.way === 'drag' ? this.dragSetpoint() : this.built(facts);
+    const lasting = this.way === 'drag' ? { ...this.lastingNow, valid_for_s: PLACE_S, renew: true } : this.lastingNow;
+    if (setpoint === null || (this.way === 'form' && this.lastingProblem !== null)) return;
+    if (streaming) void this.send(facts, setpoint, lasting);
+    else this.start(facts, setpoint, lasting);
+  }
+
+  start(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Lasting): void {
+    const way = setpoint.type === 'position' || this.way === 'form' ? previewOf(setpoint as never, facts) : null;
+    const where = way === null ? '' : ` (${wayWords(way, facts)})`;
+    const after = lasting.on_expiry.action === 'hold' ? 'holds, then Hold mode' : lasting.on_expiry.action === 'land' ? 'lands' : 'stops the stream';
+    const lasts = lasting.renew ? 'for as long as this page is open' : `for ${fixed(lasting.valid_for_s, 1)} s, then it ${after}`;
+    const sent = this.way;
+    actions.request('offboard_start', facts, 'room', null, {
+      setpoint, lasting, rate_hz: 50, words: `${setpointWords(setpoint)}${where}, ${lasts}`,
+      settled: (outcome) => this.answered(this.noteSent(sent, setpoint), outcome, null),
+    });
+  }
+
+  private built(facts: VehicleFacts): AnySetpoint | null {
+    this.tried = true;
+    const built = build(this.form(facts));
+    return built.ok ? built.setpoint : null;
+  }
+
+  private dragSetpoint(): AnySetpoint | null {
+    return this.drag === null ? null : { type: 'position', ...this.drag };
+  }
+
+  private async send(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Lasting): Promise<void> {
+    const line = this.noteSent(this.way, setpoint);
+    const began_s = performance.now() / 1000;
+    let outcome: Outcome<unknown> | null = null;
+    await actions.attempt('Setpoint', facts, 'room', async () => (outcome = await offboard.send(facts.id, setpoint, lasting)));
+    const answer = outcome as Outcome<unknown> | null;
+    if (answer !== null) this.answered(line, answer, performance.now() / 1000 - began_s);
+  }
+
+  answered(line: number, answer: Outcome<unknown>, took_s: number | null): void {
+    const limited = answer.ok ? (readOffboard(answer.value)?.limited ?? []) : [];
+    this.log.answer(line, { note: answer.ok ? limited.join(' ') || null : answer.problem.detail, refused: !answer.ok, took_s });
+    this.lines = this.log.lines;
+  }
+
+  noteSent(way: Way, setpoint: AnySetpoint): number {
+    const id = this.log.add(way, setpoint, page.store.nowUnixS(this.vehicle));
+    this.lines = this.log.lines;
+    return id;
+  }
+
+  // --- the stream of a hand ---
+
+  /** Opens the stream for a hand on the vehicle; `onEnd` hears why it ended. */
+  openStream(id: string, onEnd: (why: string) => void): void {
+    this.closeStream();
+    const url = page.socketUrl(`/vehicles/${encodeURIComponent(id)}/offboard/stream`);
+    const ended = (state: StreamState, why: string | null): void => {
+      if (state === 'closed' && why !== null) onEnd(why);
+    };
+    this.socket = { id, stream: new SetpointStream(url, () => performance.now() / 1000, (ack) => this.heard(ack, onEnd), ended) };
+  }
+
+  /** The last order is on its way: the connection ends once it has had its answer, or the time for one. */
+  leaveStream(): void {
+    const leaving = this.socket;
+    setTimeout(() => {
+      if (leaving !== null && this.socket === leaving) this.closeStream();
+    }, LAST_WORD_MS);
+  }
+
+  closeStream(): void {
+    this.socket?.stream.close();
+    this.socket = null;
+    this.waiting.clear();
+  }
+
+  get streamOpen(): boolean {
+    return this.socket?.stream.state === 'open';
+  }
+
+  /** One order by hand. */
+  sendByHand(way: Way, setpoint: AnySetpoint, lasting: Lasting = HAND): void {
+    if (this.socket === null) return;
+    const { valid_for_s, on_expiry } = lasting;
+    const seq = this.socket.stream.send({ ...setpoint, valid_for_s, on_expiry });
+    if (seq === null) return;
+    offboard.forget(this.socket.id);
+    this.waiting.set(seq, this.noteSent(way, setpoint));
+  }
+
+  private heard(ack: Ack, onEnd: (why: string) => void): void {
+    const line = this.waiting.get(ack.seq);
+    this.waiting.delete(ack.seq);
+    if (line === undefined) return;
+    this.log.answer(line, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, took_s: ack.took_s });
+    this.lines = this.log.lines;
+    if (ack.problem !== null) onEnd(ack.problem.detail);
+  }
+
+  // --- the drag ---
+
+  /** Begins where the vehicle is; null where that is not known. */
+  dragHere(facts: VehicleFacts): void {
+    const at = facts.local?.value.position_ned_m;
+    const yaw = facts.attitude?.value.yaw_ned_rad;
+    this.drag = at === undefined || yaw === undefined ? null : { position_ned_m: [...at] as Vector3, yaw_ned_rad: yaw };
+  }
+
+  /** A handle in 3D was moved, in this page's own view. */
+  dragged(event: WireEvent): void {
+    const place = event['position_ned_m'];
+    const yaw = event['yaw_ned_rad'];
+    if (this.drag === null || event.vehicle !== this.vehicle || !Array.isArray(place)) return;
+    this.drag = { position_ned_m: place as Vector3, yaw_ned_rad: typeof yaw === 'number' ? yaw : this.drag.yaw_ned_rad };
+    if (this.live) this.sendLive(event['released'] === true);
+  }
+
+  /** While held it is good for a moment; let go it is a place like any other that was sent. */
+  sendLive(released: boolean): void {
+    const setpoint = this.dragSetpoint();
+    if (setpoint === null || this.socket === null) return;
+    this.sendByHand('drag', setpoint, released ? { ...HAND, valid_for_s: PLACE_S } : { ...HAND, valid_for_s: 2 });
+    if (released) void offboard.send(this.socket.id, setpoint, { ...HAND, valid_for_s: PLACE_S, renew: true });
+  }
+
+  setLive(facts: VehicleFacts, live: boolean): void {
+    this.live = live;
+    if (!live) this.closeStream();
+    else this.openStream(facts.id, () => { this.live = false; this.closeStream(); });
+  }
+}
+
+export const desk = new Desk();
+export { KINDS, specOf };

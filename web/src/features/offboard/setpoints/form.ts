@@ -1,0 +1,144 @@
+/** A form as a person fills it in, and the setpoint it stands for; each field that is wrong is named. Pure. */
+
+import type { VehicleFacts } from '../../../vehicle/facts';
+import { specOf, type Axis, type Group, type Kind } from '../../../vehicle/setpoint-kinds';
+
+export interface Field {
+  text: string;
+  /** Left to the vehicle: null in the API, NaN on the wire. */
+  off: boolean;
+}
+
+export type AltReference = 'alt_home_m' | 'alt_amsl_m';
+export type YawChoice = 'angle' | 'rate' | 'none';
+export type FollowYaw = 'keep' | 'same' | 'face';
+
+export interface Form {
+  kind: Kind;
+  fields: Readonly<Record<string, Field>>;
+  /** Optional groups that are left out. */
+  without: readonly string[];
+  yawChoice: YawChoice;
+  yaw: string;
+  altReference: AltReference;
+  /** Whom to follow; empty: not chosen. */
+  other: string;
+  followYaw: FollowYaw;
+}
+
+export type SetpointJson = Readonly<Record<string, unknown>> & { type: Kind };
+
+export type Built = { ok: true; setpoint: SetpointJson } | { ok: false; errors: Readonly<Record<string, string>> };
+
+const RAD = Math.PI / 180;
+
+/** A typed number, comma or point, minus as typed or as shown; null where it is none. */
+export function typed(text: string): number | null {
+  const plain = text.trim().replace('−', '-').replace(',', '.');
+  const value = Number(plain);
+  return plain === '' || !Number.isFinite(value) ? null : value;
+}
+
+function shown(value: number, step: number): string {
+  const decimals = step >= 1 ? 0 : Math.min(7, Math.ceil(-Math.log10(step) - 1e-9));
+  const text = value.toFixed(Math.max(decimals, step === 0.00001 ? 7 : decimals));
+  return Number(text) === 0 ? (0).toFixed(decimals) : text;
+}
+
+/** Where one follows from at first: behind and above. */
+const BEHIND = { o0: -5, o1: 0, o2: 2 };
+/** Nearer than this nobody is followed [m]. */
+const FOLLOW_MIN_M = 2;
+
+/** The form that asks for what is: where it stands still if that can be said. `hoverThrust` null: not known. */
+export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | null): Form {
+  const spec = specOf(kind);
+  const local = facts.local?.value.position_ned_m ?? null;
+  const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
+  const global = facts.global?.value ?? null;
+  const heading = yaw_rad === null ? '' : shown(((yaw_rad / RAD) % 360 + 360) % 360, 1);
+  const now: Record<string, number | null> = {
+    p0: local?.[0] ?? null, p1: local?.[1] ?? null, p2: local === null ? null : -local[2],
+    lat: global?.lat_deg ?? null, lon: global?.lon_deg ?? null, alt: global?.alt_home_m ?? null,
+    yaw: heading === '' ? null : Number(heading), thrust: hoverThrust,
+    ...(kind === 'follow' ? BEHIND : {}),
+  };
+  const fields: Record<string, Field> = {};
+  for (const axis of spec.groups.flatMap((g) => g.axes)) {
+    const value = axis.key in now ? (now[axis.key] ?? null) : 0;
+    fields[axis.key] = { text: value === null ? '' : shown(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step), off: false };
+  }
+  return {
+    kind, fields, without: spec.groups.filter((g) => g.optional).map((g) => g.field), altReference: 'alt_home_m',
+    other: '', followYaw: 'keep', yawChoice: spec.yaw === 'none' ? 'none' : 'angle', yaw: spec.yaw === 'offset' ? '0' : heading,
+  };
+}
+
+/** What is typed into an axis: its API value, or what is wrong with it. */
+function read(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
+  if (nullable && field?.off === true) return { value: null };
+  const value = typed(field?.text ?? '');
+  if (value === null) return { error: nullable ? `${axis.label}: a number is needed, or leave it uncontrolled.` : `${axis.label}: a number is needed.` };
+  if (axis.min !== undefined && value < axis.min) return { error: `${axis.label}: at least ${axis.min}${axis.unit && ` ${axis.unit}`}.` };
+  if (axis.max !== undefined && value > axis.max) return { error: `${axis.label}: at most ${axis.max}${axis.unit && ` ${axis.unit}`}.` };
+  return { value: value * axis.scale + 0 };
+}
+
+function readGroup(group: Group, form: Form, errors: Record<string, string>): unknown {
+  const values = group.axes.map((axis) => {
+    const got = read(axis, form.fields[axis.key], group.nullable);
+    if ('error' in got) errors[axis.key] = got.error;
+    return 'error' in got ? null : got.value;
+  });
+  return group.scalar === true ? values[0] : values;
+}
+
+export function build(form: Form): Built {
+  const spec = specOf(form.kind);
+  const errors: Record<string, string> = {};
+  const setpoint: Record<string, unknown> & { type: Kind } = { type: form.kind };
+  for (const group of spec.groups) {
+    if (group.optional && form.without.includes(group.field)) continue;
+    setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);
+  }
+  if (form.kind === 'trajectory') controlled(spec.groups, form, errors);
+  if (form.kind === 'follow') {
+    if (form.other === '') errors['other'] = 'Which vehicle is followed?';
+    const offset = setpoint['offset_frd_m'] as (number | null)[];
+    if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M) errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
+    Object.assign(setpoint, { vehicle: form.other, yaw: form.followYaw });
+  } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
+    const value = typed(form.yaw);
+    if (value === null) errors['yaw'] = 'Yaw: a number is needed, or leave it uncontrolled.';
+    else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD);
+    else if (form.yawChoice === 'angle') setpoint['yaw_ned_rad'] = wrapPi(value * RAD);
+    else setpoint['yaw_rate_ned_rad_s'] = value * RAD;
+  }
+  if (form.kind === 'attitude' && typeof setpoint['yaw_ned_rad'] === 'number') setpoint['yaw_ned_rad'] = wrapPi(setpoint['yaw_ned_rad']);
+  if (spec.groups.length === 0) errors['kind'] = 'This kind has no form: the link cannot carry it.';
+  return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
+}
+
+/** Every axis needs something to fly it by: the vehicle would stop instead of flying the rest. */
+function controlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
+  const given = groups.filter((g) => !form.without.includes(g.field));
+  ['North', 'East', 'Up'].forEach((name, i) => {
+    const axes = given.map((g) => g.axes[i]).filter((a) => a !== undefined);
+    const [first] = axes;
+    if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true)) errors[first.key] = `${name} is controlled by nothing: give a position, a velocity or an acceleration.`;
+  });
+}
+
+/** North and east of a quantity go together: the vehicle flies none of them alone. */
+export function setOff(form: Form, key: string, off: boolean): Form {
+  const along = /^([pva])[01]$/.exec(key)?.[1];
+  const keys = along === undefined ? [key] : [`${along}0`, `${along}1`];
+  const fields = { ...form.fields };
+  for (const k of keys) fields[k] = { text: fields[k]?.text ?? '', off };
+  return { ...form, fields };
+}
+
+function wrapPi(angle_rad: number): number {
+  const turn = 2 * Math.PI;
+  return ((((angle_rad + Math.PI) % turn) + turn) % turn) - Math.PI;
+}

@@ -1,0 +1,70 @@
+/** What the server says about offboard on a vehicle besides the stream: what can be flown, limits, the failsafe. */
+
+import type { components } from '../../../api/schema';
+import { fixed } from '../../../ui/format';
+import { KINDS, type Kind } from '../../../vehicle/setpoint-kinds';
+
+type Schemas = components['schemas'];
+export type OffboardView = Schemas['OffboardView'];
+export type Limits = Schemas['OffboardLimits'];
+export type Failsafe = Schemas['OffboardFailsafe'];
+export type OperatorLimits = Limits['operator'];
+export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
+
+/** The server's words with the kinds called as the form calls them: "thrust and torque", not "thrust_torque". */
+export function humanWords(words: string): string {
+  return KINDS.reduce((said, one) => (one.kind.includes('_') || one.kind === 'actuators' ? said.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by ')) : said), words);
+}
+
+/** Why a kind cannot be flown now; null where it can, or where the server has not said. */
+export function whyNot(view: OffboardView | null, kind: Kind): string | null {
+  const said = view?.available[kind];
+  return said === undefined || said.can ? null : humanWords(said.why_not ?? 'Not on this vehicle.');
+}
+
+export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[] = [
+  { value: 'hold', text: 'Hold' }, { value: 'land', text: 'Land' }, { value: 'rtl', text: 'Return' }, { value: 'position', text: 'Position (sticks)' },
+  { value: 'altitude', text: 'Altitude (sticks)' }, { value: 'stabilized', text: 'Stabilized (sticks)' },
+];
+
+export interface LimitField {
+  name: Exclude<keyof OperatorLimits, 'fence'>;
+  label: string;
+  unit: string;
+  /** API value = typed × scale. */
+  scale: number;
+  /** The vehicle's own, where it has one. */
+  own: keyof Limits['vehicle'] | null;
+}
+
+const RAD = Math.PI / 180;
+
+export const LIMIT_FIELDS: readonly LimitField[] = [
+  { name: 'speed_max_m_s', label: 'Speed over ground', unit: 'm/s', scale: 1, own: 'speed_max_m_s' },
+  { name: 'climb_max_m_s', label: 'Climb', unit: 'm/s', scale: 1, own: 'climb_max_m_s' },
+  { name: 'sink_max_m_s', label: 'Sink', unit: 'm/s', scale: 1, own: 'sink_max_m_s' },
+  { name: 'tilt_max_rad', label: 'Tilt', unit: '°', scale: RAD, own: 'tilt_max_rad' },
+  { name: 'height_min_m', label: 'Height, at least', unit: 'm', scale: 1, own: null },
+  { name: 'height_max_m', label: 'Height, at most', unit: 'm', scale: 1, own: 'height_max_m' },
+  { name: 'distance_max_m', label: 'Distance from home', unit: 'm', scale: 1, own: 'distance_max_m' },
+  { name: 'slew_velocity_m_s2', label: 'Velocity changes by', unit: 'm/s²', scale: 1, own: null },
+];
+
+/** A limit as a person reads it: "5", "45". */
+export function limitText(value: number | null | undefined, field: LimitField): string {
+  return value == null ? '' : String(Number((value / field.scale).toFixed(2)));
+}
+
+/** The operator's limits in one line; what is not limited is not said. */
+export function limitsWords(limits: Limits | null): string {
+  if (limits === null) return 'not known yet';
+  const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map((f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`);
+  if (limits.operator.fence != null) said.push('fence');
+  return said.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : said.join(', ');
+}
+
+/** "5.0 m/s" of the vehicle's own limit, for the field's placeholder. */
+export function ownLimit(limits: Limits | null, field: LimitField): string {
+  const own = field.own === null ? null : limits?.vehicle[field.own];
+  return own == null ? 'no limit' : fixed(own / field.scale, 1);
+}

@@ -1,0 +1,90 @@
+/** Where a setpoint would lead, before it is sent: a place, a yaw, and the way there in words. Pure. */
+
+import type { VehicleFacts } from '../../../vehicle/facts';
+import type { Vector3 } from '../../../live/topics';
+import { fixed, metres, wrap180 } from '../../../ui/format';
+import { eastNorth, placeAt, type Place } from '../../../vehicle/geo';
+import type { SetpointJson } from './form';
+
+/** A velocity is shown where it leads in this time [s]. */
+export const AHEAD_S = 3;
+
+export interface Preview {
+  position_ned_m: Vector3;
+  yaw_ned_rad: number | null;
+  /** The place is where a velocity leads, not one that is asked for. */
+  leads: boolean;
+}
+
+type Maybe = readonly (number | null)[] | undefined;
+
+function three(value: unknown): Maybe {
+  return Array.isArray(value) && value.length === 3 ? (value as (number | null)[]) : undefined;
+}
+
+function yawOf(setpoint: SetpointJson, now_rad: number | null): number | null {
+  if (typeof setpoint['yaw_ned_rad'] === 'number') return setpoint['yaw_ned_rad'];
+  if (typeof setpoint['yaw_offset_rad'] === 'number') return now_rad === null ? null : now_rad + setpoint['yaw_offset_rad'];
+  return now_rad;
+}
+
+/** An offset along the heading, turned north: [n, e, d]. */
+export function fromHeading([forward, right, down]: Vector3, yaw_rad: number): Vector3 {
+  const [cos, sin] = [Math.cos(yaw_rad), Math.sin(yaw_rad)];
+  return [forward * cos - right * sin, forward * sin + right * cos, down];
+}
+
+/** Null where there is no place to show: attitudes and rates lead nowhere in particular. */
+export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview | null {
+  const at = facts.local?.value.position_ned_m;
+  const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
+  if (at === undefined) return null;
+  const yaw_ned_rad = yawOf(setpoint, yaw);
+  const shifted = (by: Maybe, times: number, leads: boolean): Preview => ({
+    position_ned_m: at.map((v, i) => v + (by?.[i] ?? 0) * times) as Vector3, yaw_ned_rad, leads,
+  });
+  const place = three(setpoint['position_ned_m']);
+  if (place !== undefined) return { position_ned_m: at.map((v, i) => place[i] ?? v) as Vector3, yaw_ned_rad, leads: false };
+  if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, at, yaw_ned_rad);
+  const offset = setpoint.type === 'follow' ? undefined : three(setpoint['offset_frd_m']);
+  if (offset !== undefined) return yaw === null ? null : shifted(fromHeading(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
+  const velocity = three(setpoint['velocity_ned_m_s']);
+  if (velocity !== undefined) return shifted(velocity, AHEAD_S, true);
+  const along = three(setpoint['velocity_frd_m_s']);
+  if (along !== undefined) return yaw === null ? null : shifted(fromHeading(along.map((v) => v ?? 0) as Vector3, yaw), AHEAD_S, true);
+  return null;
+}
+
+function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Vector3, yaw_ned_rad: number | null): Preview | null {
+  const here = facts.global?.value;
+  if (here === undefined) return null;
+  const { east_m, north_m } = eastNorth(here, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });
+  const [home, amsl] = [setpoint['alt_home_m'], setpoint['alt_amsl_m']];
+  const up_m = typeof home === 'number' ? home - here.alt_home_m : typeof amsl === 'number' ? amsl - here.alt_amsl_m : 0;
+  return { position_ned_m: [at[0] + north_m, at[1] + east_m, at[2] - up_m], yaw_ned_rad, leads: false };
+}
+
+/** The preview as a place on the map, through where the vehicle is in both frames now. */
+export function previewPlace(preview: Preview, facts: VehicleFacts): Place | null {
+  const at = facts.local?.value.position_ned_m;
+  const here = facts.global?.value;
+  if (at === undefined || here === undefined) return null;
+  return placeAt(here, { north_m: preview.position_ned_m[0] - at[0], east_m: preview.position_ned_m[1] - at[1] });
+}
+
+/** "12.4 m away, 3.0 m up, turns 40° right". */
+export function wayWords(preview: Preview, facts: VehicleFacts): string {
+  const at = facts.local?.value.position_ned_m;
+  if (at === undefined) return 'Where it is now is not known.';
+  const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
+  const away = Math.hypot(n, e);
+  const { text, unit } = metres(away);
+  const parts = [away < 0.05 ? 'the same place' : `${text} ${unit} ${preview.leads ? `in ${AHEAD_S} s` : 'away'}`];
+  if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'up' : 'down'}`);
+  const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
+  if (preview.yaw_ned_rad !== null && yaw !== null) {
+    const turn = Math.round(wrap180(((preview.yaw_ned_rad - yaw) * 180) / Math.PI));
+    if (turn !== 0) parts.push(`turns ${Math.abs(turn)}° ${turn > 0 ? 'right' : 'left'}`);
+  }
+  return parts.join(', ');
+}

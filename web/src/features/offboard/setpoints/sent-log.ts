@@ -1,0 +1,79 @@
+/** The log of what this page sent, newest first, each with what was applied. What repeats 25 times a second is one line. Pure. */
+
+import { fixed } from '../../../ui/format';
+import { kindName } from '../../../vehicle/setpoint-kinds';
+
+export type Way = 'form' | 'drag' | 'gamepad' | 'group';
+
+export interface SentLine {
+  id: number;
+  way: Way;
+  unix_s: number;
+  /** Of the newest of them. */
+  words: string;
+  /** How many it stands for. */
+  count: number;
+  answered: number;
+  /** What the server changed, or why it refused; null while it only took them. */
+  note: string | null;
+  refused: boolean;
+  /** Of the newest answer [s]. */
+  took_s: number | null;
+}
+
+const KEPT = 60;
+/** Orders of one way nearer to each other than this are one line [s]. */
+const RUN_S = 1;
+
+export class SentLog {
+  lines: readonly SentLine[] = [];
+  private nextId = 1;
+  private last_unix_s = 0;
+
+  /** A new order; its line's id, for the answer. */
+  add(way: Way, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
+    const [newest, ...rest] = this.lines;
+    const words = setpointWords(setpoint);
+    const joins = newest !== undefined && way !== 'form' && way !== 'group' && newest.way === way && unix_s - this.last_unix_s < RUN_S && !newest.refused && newest.words.split(' ')[0] === words.split(' ')[0];
+    this.last_unix_s = unix_s;
+    if (joins) {
+      this.lines = [{ ...newest, words, count: newest.count + 1 }, ...rest];
+      return newest.id;
+    }
+    const line: SentLine = { id: this.nextId++, way, unix_s, words, count: 1, answered: 0, note: null, refused: false, took_s: null };
+    this.lines = [line, ...this.lines].slice(0, KEPT);
+    return line.id;
+  }
+
+  answer(id: number, told: { note: string | null; refused: boolean; took_s: number | null }): void {
+    this.lines = this.lines.map((l) => (l.id === id ? { ...l, ...told, answered: l.answered + 1, note: told.note ?? l.note, refused: told.refused || l.refused } : l));
+  }
+}
+
+const DEG = 180 / Math.PI;
+
+function triple(value: unknown, unit: string, up: boolean): string | null {
+  if (!Array.isArray(value)) return null;
+  return `${value.map((v: number | null, i) => (v === null ? '–' : fixed(up && i === 2 ? -v : v, 1))).join(' ')} ${unit}`;
+}
+
+function number(value: unknown, words: (v: number) => string): string | null {
+  return typeof value === 'number' ? words(value) : null;
+}
+
+/** A setpoint in one short line, as the form's fields read: up positive, degrees. */
+export function setpointWords(s: Readonly<Record<string, unknown>>): string {
+  const parts = [
+    triple(s['position_ned_m'], 'm', true), triple(s['offset_frd_m'], 'm', true),
+    number(s['lat_deg'], (v) => v.toFixed(6)), number(s['lon_deg'], (v) => v.toFixed(6)),
+    number(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`), number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m above sea level`),
+    triple(s['velocity_ned_m_s'] ?? s['velocity_frd_m_s'], 'm/s', true), triple(s['acceleration_ned_m_s2'], 'm/s²', true),
+    number(s['roll_rad'], (v) => `roll ${fixed(v * DEG, 0)}°`), number(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG, 0)}°`),
+    Array.isArray(s['rates_frd_rad_s']) ? triple((s['rates_frd_rad_s'] as number[]).map((v) => v * DEG), '°/s', false) : null,
+    typeof s['vehicle'] === 'string' ? `of ${s['vehicle']}` : null,
+    number(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
+    number(s['yaw_ned_rad'], (v) => `yaw ${fixed(((v * DEG) % 360 + 360) % 360, 0)}°`), number(s['yaw_offset_rad'], (v) => `turns ${fixed(v * DEG, 0, true)}°`),
+    number(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),
+  ];
+  return [kindName(typeof s['type'] === 'string' ? s['type'] : null), ...parts.filter((p) => p !== null)].join('  ');
+}

@@ -1,0 +1,234 @@
+import { describe, expect, it } from 'vitest';
+import type { VehicleFacts } from '../../../vehicle/facts';
+import { build, formHere, setOff, typed, type Form } from './form';
+import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
+import { fromHeading, previewOf, previewPlace, wayWords } from './preview';
+import { SentLog, setpointWords } from './sent-log';
+import { SetpointStream, type Ack, type SocketLike } from './stream';
+import { askedOf, eulerOf, Traces, WINDOW_S } from './traces';
+
+const reading = <T>(value: T): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale: false });
+const FACTS = {
+  id: '1',
+  local: reading({ position_ned_m: [10, 20, -5], velocity_ned_m_s: [0, 0, 0] }),
+  attitude: reading({ roll_rad: 0, pitch_rad: 0, yaw_ned_rad: Math.PI / 2 }),
+  global: reading({ lat_deg: 47, lon_deg: 8, alt_amsl_m: 505, alt_home_m: 5 }),
+} as unknown as VehicleFacts;
+
+function good(form: Form): Record<string, unknown> {
+  const built = build(form);
+  if (!built.ok) throw new Error(JSON.stringify(built.errors));
+  return { ...built.setpoint };
+}
+
+function bad(form: Form): Readonly<Record<string, string>> {
+  const built = build(form);
+  return built.ok ? {} : built.errors;
+}
+
+const put = (form: Form, key: string, text: string, off = false): Form => ({ ...form, fields: { ...form.fields, [key]: { text, off } } });
+
+describe('forms', () => {
+  it('begin with what is: sent as they are they move nothing', () => {
+    expect(good(formHere('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
+    expect(good(formHere('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
+    expect(good(formHere('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
+    expect(good(formHere('attitude', FACTS, 0.55))).toEqual({ type: 'attitude', roll_rad: 0, pitch_rad: 0, yaw_ned_rad: Math.PI / 2, thrust: 0.55 });
+  });
+
+  it('build every kind that has a form once its numbers are there', () => {
+    for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
+      const built = good({ ...formHere(kind, FACTS, 0.5), other: '2' });
+      expect(built['type']).toBe(kind);
+      for (const g of groups) if (!g.optional && g.field !== 'alt') expect(built).toHaveProperty(g.field);
+    }
+    expect(bad(formHere('actuators', FACTS, 0.5))).toHaveProperty('kind');
+  });
+
+  it('take up as minus down and degrees as radians', () => {
+    expect(good(put(formHere('position', FACTS, null), 'p2', '12,5'))['position_ned_m']).toEqual([10, 20, -12.5]);
+    expect(good(put(formHere('rates', FACTS, 0.5), 'r2', '−90'))['rates_frd_rad_s']).toEqual([0, 0, -Math.PI / 2]);
+    expect(good({ ...formHere('position', FACTS, null), yaw: '270' })['yaw_ned_rad']).toBeCloseTo(-Math.PI / 2);
+    expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'rate', yaw: '90' })).toMatchObject({ yaw_rate_ned_rad_s: Math.PI / 2 });
+    expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
+  });
+
+  it('leave an axis to another quantity, north and east together, and none to nothing', () => {
+    const mixed = setOff({ ...formHere('trajectory', FACTS, null), without: ['acceleration_ned_m_s2'] }, 'p1', true);
+    expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
+    expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({ p0: expect.stringMatching(/^North is controlled by nothing/) as string, p1: expect.any(String) as string });
+    expect(good(put(formHere('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
+  });
+
+  it('name the field that is wrong, and the unknown is not filled in', () => {
+    expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: a number is needed.' });
+    expect(bad(put(formHere('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
+    expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: a number is needed.' });
+    expect(bad(formHere('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
+    expect(typed(' 1e400 ')).toBeNull();
+  });
+
+  it('follow somebody, not nobody, and not too near', () => {
+    const form = formHere('follow', FACTS, null);
+    expect(bad(form)).toEqual({ other: 'Which vehicle is followed?' });
+    expect(good({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
+    expect(bad({ ...put(put(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
+    expect(previewOf({ type: 'follow', offset_frd_m: [-5, 0, -2] }, FACTS)).toBeNull();
+  });
+
+  it('feed forward only what is asked for', () => {
+    const form = formHere('trajectory', FACTS, null);
+    expect(good(form)).not.toHaveProperty('velocity_ned_m_s');
+    expect(good({ ...form, without: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
+  });
+});
+
+describe('preview', () => {
+  it('turns what is along the heading', () => {
+    expect(fromHeading([1, 0, -2], Math.PI / 2).map((v) => v + 0)).toEqual([expect.closeTo(0), expect.closeTo(1), -2]);
+    const preview = previewOf({ type: 'position_body', offset_frd_m: [3, 0, -1], yaw_offset_rad: 0.5 }, FACTS);
+    expect(preview?.position_ned_m).toEqual([expect.closeTo(10), expect.closeTo(23), -6]);
+    expect(preview?.yaw_ned_rad).toBeCloseTo(Math.PI / 2 + 0.5);
+  });
+
+  it('shows where a velocity leads and says so', () => {
+    const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
+    expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], leads: true });
+    expect(preview && wayWords(preview, FACTS)).toBe('3.0 m in 3 s, 3.0 m up');
+  });
+
+  it('has no place for an attitude, nor without knowing where the vehicle is', () => {
+    expect(previewOf({ type: 'attitude', roll_rad: 0 }, FACTS)).toBeNull();
+    expect(previewOf({ type: 'position', position_ned_m: [0, 0, 0] }, { ...FACTS, local: null })).toBeNull();
+  });
+
+  it('finds a global place in the local frame and back', () => {
+    const preview = previewOf({ type: 'position_global', lat_deg: 47.0001, lon_deg: 8, alt_amsl_m: 515, yaw_ned_rad: 0 }, FACTS);
+    expect(preview?.position_ned_m[0]).toBeCloseTo(10 + 11.12, 1);
+    expect(preview?.position_ned_m[2]).toBeCloseTo(-15);
+    const place = preview && previewPlace(preview, FACTS);
+    expect(place?.lat_deg).toBeCloseTo(47.0001, 6);
+    expect(preview && wayWords(preview, FACTS)).toBe('11.1 m away, 10.0 m up, turns 90° left');
+  });
+});
+
+class FakeSocket implements SocketLike {
+  readyState = 1;
+  bufferedAmount = 0;
+  onopen: SocketLike['onopen'] = null;
+  onclose: SocketLike['onclose'] = null;
+  onmessage: SocketLike['onmessage'] = null;
+  sent: Record<string, unknown>[] = [];
+  send(data: string): void { this.sent.push(JSON.parse(data) as Record<string, unknown>); }
+  close(): void { this.readyState = 3; }
+  hear(value: unknown): void { this.onmessage?.({ data: typeof value === 'string' ? value : JSON.stringify(value) } as MessageEvent); }
+}
+
+describe('the stream', () => {
+  function opened(): { stream: SetpointStream; socket: FakeSocket; acks: Ack[]; ended: (string | null)[]; later: (s: number) => void } {
+    const socket = new FakeSocket();
+    const acks: Ack[] = [];
+    const ended: (string | null)[] = [];
+    let now = 0;
+    const stream = new SetpointStream('ws://x', () => now, (a) => acks.push(a), (state, why) => { if (state === 'closed') ended.push(why); }, () => socket);
+    return { stream, socket, acks, ended, later: (s) => { now += s; } };
+  }
+
+  it('numbers what it sends and joins the answers', () => {
+    const { stream, socket, acks, later } = opened();
+    expect(stream.send({ type: 'velocity' })).toBe(1);
+    later(0.02);
+    socket.hear({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
+    socket.hear({ seq: 1, applied: {} });
+    socket.hear('{');
+    expect(socket.sent).toEqual([{ type: 'velocity', seq: 1 }]);
+    expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, took_s: 0.02 }]);
+  });
+
+  it('tells a refusal in the server’s words', () => {
+    const { stream, socket, acks } = opened();
+    stream.send({});
+    socket.hear({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is held by tablet.', code: 'not_in_control' } });
+    expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is held by tablet.' });
+    expect(acks[0]?.applied).toBeNull();
+  });
+
+  it('drops what the network does not take instead of sending it late', () => {
+    const { stream, socket } = opened();
+    socket.bufferedAmount = 5000;
+    expect(stream.send({})).toBeNull();
+    expect(stream.dropped).toBe(1);
+    socket.bufferedAmount = 0;
+    socket.readyState = 0;
+    expect(stream.send({})).toBeNull();
+    expect(socket.sent).toEqual([]);
+  });
+
+  it('says once that it ended, and why', () => {
+    const { stream, socket, ended } = opened();
+    socket.onclose?.({ reason: '' } as CloseEvent);
+    stream.close();
+    expect(ended).toEqual(['The connection to the server ended.']);
+  });
+});
+
+describe('the log', () => {
+  it('joins what a gamepad repeats and keeps what was limited', () => {
+    const log = new SentLog();
+    const first = log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [1, 0, 0] }, 100);
+    log.answer(first, { note: 'slowed to 2 m/s', refused: false, took_s: 0.01 });
+    expect(log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [2, 0, 0] }, 100.04)).toBe(first);
+    log.answer(first, { note: null, refused: false, took_s: 0.02 });
+    expect(log.lines).toHaveLength(1);
+    expect(log.lines[0]).toMatchObject({ count: 2, answered: 2, note: 'slowed to 2 m/s', took_s: 0.02 });
+    log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0] }, 102);
+    log.add('form', { type: 'position' }, 102.1);
+    expect(log.lines.map((l) => l.count)).toEqual([1, 1, 2]);
+  });
+
+  it('says a setpoint as the form reads', () => {
+    expect(setpointWords({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  1.0 – 3.0 m  yaw 270°');
+    expect(setpointWords({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  0.0 0.0 180.0 °/s  thrust 0.50');
+    expect(kindName('orbit')).toBe('orbit');
+  });
+
+  it('is bounded', () => {
+    const log = new SentLog();
+    for (let i = 0; i < 100; i += 1) log.add('form', { type: 'position' }, i);
+    expect(log.lines).toHaveLength(60);
+  });
+});
+
+describe('traces', () => {
+  const seen = (unix_s: number, up: number, target: number | null): Parameters<Traces['add']>[0] => ({
+    unix_s, local: { position_ned_m: [0, 0, -up], velocity_ned_m_s: [0, 0, 0] } as never, attitude: null,
+    asked: target === null ? null : { position_ned_m: [0, 0, -target], velocity_ned_m_s: null, attitude_rad: null },
+  });
+
+  it('hold a minute, oldest first, up positive, with gaps where nothing is asked', () => {
+    const traces = new Traces();
+    traces.add(seen(0, 1, null));
+    traces.add(seen(50, 2, 3));
+    traces.add(seen(50, 9, 9));
+    traces.add(seen(100, 4, null));
+    expect(traces.columns('position', 2, 100)).toEqual([[-50, -49, 0], [3, null, null], [2, null, 4]]);
+    expect(traces.columns('position', 2, 100 + WINDOW_S + 1)[0]).toEqual([]);
+    traces.clear();
+    expect(traces.columns('position', 2, 100)[0]).toEqual([]);
+  });
+
+  it('draw no line across when a heading passes south', () => {
+    const traces = new Traces();
+    [170, 179, -179].forEach((deg, i) => traces.add({ ...seen(i, 0, null), attitude: { roll_rad: 0, pitch_rad: 0, yaw_ned_rad: deg * (Math.PI / 180) } as never }));
+    expect(traces.columns('attitude', 2, 2)[2].map((v) => v && Math.round(v))).toEqual([170, 179, null]);
+  });
+
+  it('read an attitude however it is given', () => {
+    expect(eulerOf([Math.SQRT1_2, 0, 0, Math.SQRT1_2])).toEqual([0, 0, expect.closeTo(Math.PI / 2)]);
+    expect(askedOf(null, null)).toBeNull();
+    const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;
+    expect(askedOf(stream, { type: 'position' })?.attitude_rad).toEqual([null, null, 1]);
+    const along = askedOf({ ...(stream as object), velocity_frd_m_s: [2, 0, -1] } as never, null, Math.PI / 2);
+    expect(along?.velocity_ned_m_s).toEqual([expect.closeTo(0), 2, -1]);
+  });
+});

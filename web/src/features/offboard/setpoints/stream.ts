@@ -1,0 +1,121 @@
+/**
+ * Setpoints over one WebSocket, each with a number and an answer of what was applied. What cannot go out now is dropped,
+ * not queued: an old order that arrives late is worse than none. Pure but for the socket it is given.
+ */
+
+import type { Problem } from '../../../api/problems';
+import { parseProblem } from '../../../api/problems';
+
+export interface Ack {
+  seq: number;
+  /** What reaches the vehicle, after limits; null where it was refused. */
+  applied: Readonly<Record<string, unknown>> | null;
+  /** What was changed and why, in the server's words. */
+  limited: readonly string[];
+  problem: Problem | null;
+  /** A newer order came before its turn: it was not sent. */
+  superseded: boolean;
+  /** From sending to its answer [s]. */
+  took_s: number;
+}
+
+export type StreamState = 'connecting' | 'open' | 'closed';
+
+/** What of a WebSocket is used. */
+export interface SocketLike {
+  readyState: number;
+  bufferedAmount: number;
+  onopen: ((event: Event) => void) | null;
+  onclose: ((event: CloseEvent) => void) | null;
+  onmessage: ((event: MessageEvent) => void) | null;
+  send(data: string): void;
+  close(): void;
+}
+
+const OPEN = 1;
+/** More than this waiting means the network does not keep up [bytes]. */
+const MOST_WAITING = 4096;
+const MOST_PENDING = 256;
+
+export class SetpointStream {
+  state: StreamState = 'connecting';
+  /** Orders not sent because the network did not keep up. */
+  dropped = 0;
+  private seq = 0;
+  private readonly sent = new Map<number, number>();
+  private readonly socket: SocketLike;
+
+  constructor(
+    url: string,
+    private readonly nowS: () => number,
+    private readonly onAck: (ack: Ack) => void,
+    private readonly onState: (state: StreamState, why: string | null) => void,
+    make: (url: string) => SocketLike = (to) => new WebSocket(to),
+  ) {
+    this.socket = make(url);
+    this.socket.onopen = () => this.become('open', null);
+    this.socket.onclose = (event) => this.become('closed', event.reason === '' ? 'The connection to the server ended.' : event.reason);
+    this.socket.onmessage = (event) => this.heard(event.data);
+  }
+
+  /** Sends it now; the number of the order, null where it could not go out. */
+  send(order: object): number | null {
+    if (this.socket.readyState !== OPEN) return null;
+    if (this.socket.bufferedAmount > MOST_WAITING) {
+      this.dropped += 1;
+      return null;
+    }
+    const seq = ++this.seq;
+    this.sent.set(seq, this.nowS());
+    if (this.sent.size > MOST_PENDING) this.sent.delete(this.sent.keys().next().value ?? seq);
+    this.socket.send(JSON.stringify({ ...order, seq }));
+    return seq;
+  }
+
+  close(): void {
+    this.socket.onclose = null;
+    this.socket.close();
+    this.become('closed', null);
+  }
+
+  private become(state: StreamState, why: string | null): void {
+    if (this.state === 'closed') return;
+    this.state = state;
+    if (state === 'closed') this.sent.clear();
+    this.onState(state, why);
+  }
+
+  private heard(data: unknown): void {
+    const raw = parse(data);
+    if (raw === null || typeof raw['seq'] !== 'number') return;
+    const sent_s = this.sent.get(raw['seq']);
+    if (sent_s === undefined) return;
+    this.sent.delete(raw['seq']);
+    this.onAck({ seq: raw['seq'], took_s: this.nowS() - sent_s, ...readAnswer(raw) });
+  }
+}
+
+function parse(data: unknown): Record<string, unknown> | null {
+  if (typeof data !== 'string') return null;
+  try {
+    const value: unknown = JSON.parse(data);
+    return typeof value === 'object' && value !== null ? (value as Record<string, unknown>) : null;
+  } catch {
+    return null;
+  }
+}
+
+/** What an answer says, over the stream or by POST. */
+export function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
+  if (raw['error'] !== undefined && raw['error'] !== null) {
+    const error = typeof raw['error'] === 'string' ? { detail: raw['error'] } : raw['error'];
+    return { applied: null, limited: [], problem: parseProblem(409, error), superseded: false };
+  }
+  const applied = raw['applied'];
+  const limited = raw['limited'];
+  return {
+    applied: typeof applied === 'object' && applied !== null ? (applied as Record<string, unknown>) : null,
+    limited: Array.isArray(limited) ? limited.filter((l): l is string => typeof l === 'string') : [], problem: null,
+    superseded: raw['superseded'] === true,
+  };
+}

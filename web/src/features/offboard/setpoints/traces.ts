@@ -1,0 +1,125 @@
+/** The last minute of target and actual, axis by axis, for the plots. Time is the vehicle's samples'; pure. */
+
+import type { Attitude, LocalPosition, MaybeVector3, Vector3 } from '../../../live/topics';
+import type { OffboardStatus } from '../../../vehicle/offboard';
+import { fromHeading } from './preview';
+
+export const WINDOW_S = 60;
+/** Nothing heard for longer than this is a gap, not a line [s]. */
+const GAP_S = 2;
+/** Room for a minute at the rate the page is told at. */
+const MOST = 60 * 30;
+const DEG = 180 / Math.PI;
+
+export type Quantity = 'position' | 'velocity' | 'attitude';
+
+export interface TraceSpec {
+  name: string;
+  unit: string;
+}
+
+export const QUANTITIES: Readonly<Record<Quantity, { name: string; axes: readonly [TraceSpec, TraceSpec, TraceSpec] }>> = {
+  position: { name: 'Position', axes: [{ name: 'North', unit: 'm' }, { name: 'East', unit: 'm' }, { name: 'Up', unit: 'm' }] },
+  velocity: { name: 'Velocity', axes: [{ name: 'North', unit: 'm/s' }, { name: 'East', unit: 'm/s' }, { name: 'Up', unit: 'm/s' }] },
+  attitude: { name: 'Attitude', axes: [{ name: 'Roll', unit: '°' }, { name: 'Pitch', unit: '°' }, { name: 'Yaw', unit: '°' }] },
+};
+
+/** Columns of one plot: time, target, actual; null is a gap. */
+export type Columns = [number[], (number | null)[], (number | null)[]];
+
+interface Row {
+  t_s: number;
+  target: MaybeVector3;
+  actual: MaybeVector3;
+}
+
+export interface Seen {
+  unix_s: number;
+  local: LocalPosition | null;
+  attitude: Attitude | null;
+  /** What is asked for now; null while nothing is streamed. */
+  asked: Asked | null;
+}
+
+export interface Asked {
+  position_ned_m: MaybeVector3 | null;
+  velocity_ned_m_s: MaybeVector3 | null;
+  /** Roll, pitch, yaw. */
+  attitude_rad: MaybeVector3 | null;
+}
+
+const NOTHING: MaybeVector3 = [null, null, null];
+
+function upwards(v: MaybeVector3 | null): MaybeVector3 {
+  return v === null ? NOTHING : [v[0], v[1], v[2] === null ? null : 0 - v[2]];
+}
+
+function degrees(v: MaybeVector3): MaybeVector3 {
+  return v.map((a) => (a === null ? null : a * DEG)) as MaybeVector3;
+}
+
+export class Traces {
+  /** Counts what was added, so that a painter knows. */
+  revision = 0;
+  private rows: Readonly<Record<Quantity, Row[]>> = { position: [], velocity: [], attitude: [] };
+
+  clear(): void {
+    this.rows = { position: [], velocity: [], attitude: [] };
+    this.revision += 1;
+  }
+
+  add(seen: Seen): void {
+    const { local, attitude, asked, unix_s } = seen;
+    this.push('position', unix_s, upwards(asked?.position_ned_m ?? null), upwards(local?.position_ned_m ?? null));
+    this.push('velocity', unix_s, upwards(asked?.velocity_ned_m_s ?? null), upwards(local?.velocity_ned_m_s ?? null));
+    const now: MaybeVector3 = attitude === null ? NOTHING : [attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad];
+    this.push('attitude', unix_s, degrees(asked?.attitude_rad ?? NOTHING), degrees(now));
+    this.revision += 1;
+  }
+
+  /** One axis, seconds before `now`: −60 … 0. */
+  columns(quantity: Quantity, axis: 0 | 1 | 2, now_unix_s: number): Columns {
+    const from = now_unix_s - WINDOW_S;
+    const rows = this.rows[quantity].filter((r) => r.t_s >= from);
+    const turns = quantity === 'attitude' && axis === 2;
+    return [rows.map((r) => r.t_s - now_unix_s), column(rows.map((r) => r.target[axis]), turns), column(rows.map((r) => r.actual[axis]), turns)];
+  }
+
+  private push(quantity: Quantity, t_s: number, target: MaybeVector3, actual: MaybeVector3): void {
+    const rows = this.rows[quantity];
+    const last = rows.at(-1);
+    if (last !== undefined && t_s <= last.t_s) return;
+    if (last !== undefined && t_s - last.t_s > GAP_S) rows.push({ t_s: last.t_s + GAP_S / 2, target: NOTHING, actual: NOTHING });
+    rows.push({ t_s, target, actual });
+    if (rows.length > MOST) rows.splice(0, rows.length - MOST);
+  }
+}
+
+/** A heading that passes north leaves a gap, not a line across the plot. */
+function column(values: (number | null)[], turns: boolean): (number | null)[] {
+  if (!turns) return values;
+  return values.map((v, i) => {
+    const before = values[i - 1];
+    return v !== null && before != null && Math.abs(v - before) > 180 ? null : v;
+  });
+}
+
+/** Roll, pitch and yaw of a quaternion that takes FRD to NED. */
+export function eulerOf(q: readonly number[]): MaybeVector3 {
+  const [w = 1, x = 0, y = 0, z = 0] = q;
+  return [
+    Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+    Math.asin(Math.max(-1, Math.min(1, 2 * (w * y - z * x)))),
+    Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+  ];
+}
+
+/** What is asked for as far as it can be drawn against what is; what goes along the heading is turned north. */
+export function askedOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Asked | null {
+  if (stream === null || !stream.streaming) return null;
+  const q = setpoint?.['q_ned_frd'];
+  const attitude_rad: MaybeVector3 = Array.isArray(q) && q.length === 4 ? eulerOf(q as number[]) : [null, null, stream.yaw_ned_rad];
+  const along = stream.velocity_frd_m_s;
+  const turned = along === null || along === undefined || yaw_rad === null || along.some((v) => v === null) ? null : fromHeading(along as Vector3, yaw_rad);
+  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s ?? turned, attitude_rad };
+}

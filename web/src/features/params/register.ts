@@ -1,0 +1,15 @@
+import { registry } from '../../app/registry.svelte';
+import ParamPanel from './ParamPanel.svelte';
+import { params } from './panel.svelte';
+
+registry.addPanel({
+  id: 'params',
+  order: 30,
+  place: 'side',
+  ofVehicle: ParamPanel,
+  rail: { title: 'Params', icon: 'sliders', hint: 'Parameters (I)' },
+  isOpen: () => params.open,
+  toggle: () => params.toggle(),
+  close: () => params.close(),
+});
+registry.addKeys([{ order: 160, keys: 'I', what: 'Parameters: search, read, set', inScene: true, on: { i: () => params.toggle() } }]);

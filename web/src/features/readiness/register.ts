@@ -1,0 +1,14 @@
+import { registry } from '../../app/registry.svelte';
+import { readiness } from './panel.svelte';
+import ReadinessPanel from './ReadinessPanel.svelte';
+
+registry.addPanel({
+  id: 'readiness',
+  order: 20,
+  place: 'side',
+  ofVehicle: ReadinessPanel,
+  isOpen: () => readiness.open,
+  toggle: () => readiness.toggle(),
+  close: () => readiness.close(),
+});
+registry.addKeys([{ order: 150, keys: 'Y', what: 'Why it cannot arm or fly a mode', inScene: true, on: { y: () => readiness.toggle() } }]);

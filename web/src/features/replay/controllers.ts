@@ -1,0 +1,14 @@
+/** The one control of replays of this page. */
+
+import { page } from '../../app/page.svelte';
+import { ReplayControl } from './replay.svelte';
+
+export const replay = new ReplayControl({
+  api: page.api,
+  replays: () => {
+    void page.tick;
+    return page.store.replays;
+  },
+  selectedId: () => page.selectedId,
+  select: (id) => page.select(id),
+});

@@ -1,0 +1,25 @@
+import { page } from '../../app/page.svelte';
+import { registry } from '../../app/registry.svelte';
+import { replay } from './controllers';
+import FlightsButton from './FlightsButton.svelte';
+import RecordingList from './RecordingList.svelte';
+import ReplayBar from './ReplayBar.svelte';
+
+const close = (): void => void (replay.listOpen = false);
+
+page.onTelemetry.push(() => replay.follow());
+registry.addPanel({
+  id: 'recordings',
+  order: 40,
+  place: 'over',
+  component: RecordingList,
+  isOpen: () => replay.listOpen,
+  toggle: () => (replay.listOpen ? close() : void replay.list()),
+  close,
+});
+registry.addTo('bottom', { order: 10, component: ReplayBar, when: () => replay.shown !== null });
+registry.addTo('indicators', { order: 40, component: FlightsButton });
+registry.addKeys([
+  { order: 240, keys: 'Space', what: 'Replay: play or pause', inScene: false },
+  { order: 250, keys: '← →', what: 'Replay: 5 s back or on, 30 s with Shift', inScene: false },
+]);

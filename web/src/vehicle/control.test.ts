@@ -1,0 +1,72 @@
+import { describe, expect, it } from 'vitest';
+import { identity, leave, rename } from '../app/identity';
+import { chipText, forceHint, notYours, otherHolder, outsideText, ownRequest, readControl, standing, toAnswer, type Control } from './control';
+
+const FREE: Control = {
+  holder: null, holder_key: null, since_unix_s: null, expires_in_s: null, can_be_asked: false, on_expiry: null, requests: [], lease_s: 30, answer_s: 15, mode_cause: null,
+};
+const ASKING = { client: 'Bob', key: 'b', reason: null, since_unix_s: 1, answer_left_s: 11.2 };
+const ANNAS: Control = { ...FREE, holder: 'Anna', holder_key: 'a', since_unix_s: 1, can_be_asked: true };
+
+function memory(): Storage {
+  const kept = new Map<string, string>();
+  return { getItem: (k: string) => kept.get(k) ?? null, setItem: (k: string, v: string) => void kept.set(k, v), removeItem: (k: string) => void kept.delete(k) } as Storage;
+}
+
+describe('who has control', () => {
+  it('is this page, another, nobody, or not known', () => {
+    expect(standing(ANNAS, 'a')).toBe('yours');
+    expect(standing(ANNAS, 'b')).toBe('others');
+    expect(standing(FREE, 'a')).toBe('free');
+    expect(standing(ANNAS, null)).toBe('unknown');
+    expect([chipText(ANNAS, 'a'), chipText(ANNAS, 'b'), chipText(FREE, 'a')]).toEqual(['You have control', 'Anna has control', 'Control is free']);
+    expect(otherHolder(ANNAS, 'a')).toBeNull();
+    expect(readControl({ holder: 'x' })).toBeNull();
+  });
+  it('refuses in words what needs it, never what is open to all', () => {
+    expect(notYours('takeoff', 'Anna')).toMatchObject({ detail: 'Anna has control of this vehicle.' });
+    for (const open of ['hold', 'land_now', 'kill']) expect(notYours(open, 'Anna')).toBeNull();
+    expect(notYours('takeoff', null)).toBeNull();
+  });
+  it('shows a request to its holder only, and to who made it', () => {
+    const asked = { ...ANNAS, requests: [ASKING] };
+    expect(toAnswer(asked, 'a')).toEqual(ASKING);
+    expect(toAnswer(asked, 'b')).toBeNull();
+    expect(ownRequest(asked, 'b')).toEqual(ASKING);
+  });
+  it('lets force come after the question', () => {
+    expect(forceHint(ANNAS, 'b', false)).toBe('Ask first: Anna is there.');
+    expect(forceHint({ ...ANNAS, requests: [ASKING] }, 'b', false)).toBe('12 s left to answer.');
+    expect(forceHint({ ...ANNAS, requests: [{ ...ASKING, answer_left_s: 0 }] }, 'b', false)).toBeNull();
+    expect(forceHint(ANNAS, 'b', true)).toBeNull();
+    expect(forceHint({ ...ANNAS, can_be_asked: false }, 'b', false)).toBeNull();
+  });
+  it('says who from outside makes the vehicle fly its mode', () => {
+    const cause = (source: string, who: string | null = null): Control => ({ ...FREE, mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'] });
+    expect(outsideText(cause('pilot'))).toBe('by its transmitter');
+    expect(outsideText(cause('station', 'station 245/190'))).toBe('by station 245/190');
+    expect(outsideText(cause('command', 'Anna'))).toBeNull();
+    expect(outsideText(FREE)).toBeNull();
+  });
+});
+
+describe('who this page is', () => {
+  it('stays the same client over a reload, and a duplicated tab is another', () => {
+    const tab = memory();
+    const browser = memory();
+    const first = identity(tab, browser);
+    expect(identity(tab, browser).id).not.toBe(first.id); // its copy: the original has not gone
+    const second = identity(tab, browser);
+    leave(tab);
+    expect(identity(tab, browser).id).toBe(second.id);
+  });
+  it('keeps a person’s name for the browser', () => {
+    const browser = memory();
+    const who = identity(memory(), browser);
+    expect(who.name).toMatch(/^page-[0-9a-f]{4}$/);
+    rename(who, '  Anna ', browser);
+    expect([who.name, identity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
+    rename(who, '', browser);
+    expect(who.name).toMatch(/^page-/);
+  });
+});

@@ -1,0 +1,67 @@
+/** One vehicle read once for one frame: what several features need, with unknown as null. */
+
+import { readOffboard, type OffboardStatus } from './offboard';
+import { groundDistance_m } from './geo';
+import type { Attitude, Battery, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
+import type { Reading, VehicleState } from '../live/vehicle-state';
+import { readControl, type Control } from './control';
+import { vehicleName } from './names';
+
+export interface VehicleFacts {
+  id: string;
+  name: string;
+  now_unix_s: number;
+  /** No connection to it: the server has lost its link, or this page the server. */
+  lost: boolean;
+  /** This page has no connection to the server: nothing is known of the vehicle's link. */
+  offline: boolean;
+  /** Null until it has said so. */
+  simulated: boolean | null;
+  replayed: boolean;
+  inAir: boolean;
+  status: Reading<Status> | null;
+  attitude: Reading<Attitude> | null;
+  local: Reading<LocalPosition> | null;
+  global: Reading<GlobalPosition> | null;
+  hud: Reading<Hud> | null;
+  gps: Reading<Gps> | null;
+  battery: Reading<Battery> | null;
+  home: Reading<Home> | null;
+  health: Reading<Health> | null;
+  gimbal: Reading<Gimbal> | null;
+  offboard: (OffboardStatus & { age_s: number }) | null;
+  /** Who may command it; null for a recording, and before the server has told. */
+  control: Control | null;
+  fromHome_m: number | null;
+}
+
+/** @param connected whether the page hears the server. */
+export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connected: boolean): VehicleFacts {
+  const status = vehicle.read('status', now_unix_s);
+  const global = vehicle.read('global_position', now_unix_s);
+  const home = vehicle.read('home', now_unix_s);
+  const stream = vehicle.readAs<unknown>('offboard', now_unix_s);
+  const offboard = stream === null ? null : readOffboard(stream.value);
+  const landed = status?.value.landed_state;
+  return {
+    id: vehicle.id,
+    name: vehicleName(vehicle.id, vehicle.identity),
+    now_unix_s,
+    lost: !connected || vehicle.linkLost,
+    offline: !connected,
+    simulated: vehicle.identity.simulated,
+    replayed: vehicle.identity.replayed,
+    inAir: landed === 'in_air' || landed === 'landing',
+    status, global, home,
+    attitude: vehicle.read('attitude', now_unix_s),
+    local: vehicle.read('local_position', now_unix_s),
+    hud: vehicle.read('hud', now_unix_s),
+    gps: vehicle.read('gps', now_unix_s),
+    battery: vehicle.read('battery', now_unix_s),
+    health: vehicle.read('health', now_unix_s),
+    gimbal: vehicle.read('gimbal', now_unix_s),
+    offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
+    control: readControl(vehicle.raw('control')?.value),
+    fromHome_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
+  };
+}

@@ -1,0 +1,127 @@
+/** The server's offboard stream as the card shows it; reads what is there, unknown stays null. */
+
+import type { components } from '../api/schema';
+import type { MaybeVector3, Vector3 } from '../live/topics';
+import { kindName } from './setpoint-kinds';
+import type { PositionSetpoint } from './setpoint';
+
+export type LimitsOrigin = components['schemas']['LimitsOrigin'];
+
+export interface OffboardStatus {
+  /** The server sends setpoints to this vehicle. */
+  streaming: boolean;
+  /** idle, starting, streaming, holding, to_hold, landing, undoing. */
+  state: string;
+  type: string | null;
+  position_ned_m: MaybeVector3 | null;
+  velocity_ned_m_s: MaybeVector3 | null;
+  velocity_frd_m_s: MaybeVector3 | null;
+  yaw_ned_rad: number | null;
+  yaw_rate_ned_rad_s: number | null;
+  rate_hz: number | null;
+  rateAsked_hz: number | null;
+  validFor_s: number | null;
+  validLeft_s: number | null;
+  ifStreamStops: string | null;
+  onExpiry: string | null;
+  client: string | null;
+  /** Tells the client from others of its name. */
+  clientKey: string | null;
+  /** Where the operator's limits come from; null where an older server does not say. */
+  limitsOrigin: LimitsOrigin | null;
+  /** What the limits take away now, in words. */
+  limited: readonly string[];
+  /** Why the last stream ended. */
+  ended: string | null;
+}
+
+type Raw = Record<string, unknown>;
+
+function object(value: unknown): Raw | null {
+  return typeof value === 'object' && value !== null && !Array.isArray(value) ? (value as Raw) : null;
+}
+
+function number(raw: Raw | null, name: string): number | null {
+  const value = raw?.[name];
+  return typeof value === 'number' && Number.isFinite(value) ? value : null;
+}
+
+function text(raw: Raw | null, name: string): string | null {
+  const value = raw?.[name];
+  return typeof value === 'string' && value !== '' ? value : null;
+}
+
+function triple(raw: Raw | null, name: string): MaybeVector3 | null {
+  const value = raw?.[name];
+  if (!Array.isArray(value) || value.length !== 3) return null;
+  return value.map((v) => (typeof v === 'number' ? v : null)) as MaybeVector3;
+}
+
+function expiryWords(raw: Raw | null): string | null {
+  const action = text(raw, 'action');
+  if (action === 'hold') {
+    const time_s = number(raw, 'hold_for_s');
+    return time_s === null ? 'holds, then Hold mode' : `holds ${time_s} s, then Hold mode`;
+  }
+  if (action === 'land') return 'lands';
+  return action === 'stop_stream' ? 'stops the stream' : null;
+}
+
+export function readOffboard(value: unknown): OffboardStatus | null {
+  const raw = object(value);
+  if (raw === null) return null;
+  const setpoint = object(raw['setpoint']);
+  const state = text(raw, 'state') ?? 'idle';
+  return {
+    streaming: raw['streaming'] === true,
+    state,
+    type: text(setpoint, 'type'),
+    position_ned_m: triple(setpoint, 'position_ned_m'),
+    velocity_ned_m_s: triple(setpoint, 'velocity_ned_m_s'),
+    velocity_frd_m_s: triple(setpoint, 'velocity_frd_m_s'),
+    yaw_ned_rad: number(setpoint, 'yaw_ned_rad'),
+    yaw_rate_ned_rad_s: number(setpoint, 'yaw_rate_ned_rad_s'),
+    rate_hz: number(raw, 'rate_achieved_hz'),
+    rateAsked_hz: number(raw, 'rate_hz'),
+    validFor_s: number(raw, 'valid_for_s'),
+    validLeft_s: number(raw, 'valid_left_s'),
+    ifStreamStops: text(raw, 'if_stream_stops'),
+    onExpiry: expiryWords(object(raw['on_expiry'])),
+    client: text(raw, 'client'),
+    clientKey: text(raw, 'client_key'),
+    limitsOrigin: object(raw['limits_origin']) as LimitsOrigin | null,
+    limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
+    ended: text(raw, 'ended'),
+  };
+}
+
+const STATES: Readonly<Record<string, string>> = {
+  idle: 'no stream', starting: 'Starting', undoing: 'Not started: going back', holding: 'Expired: holding the place', to_hold: 'Expired: going to Hold', landing: 'Expired: landing',
+};
+
+/** What a person should know of the operator's limits before a start: that a restart of the server kept them, or lost them. */
+export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: string; caution: boolean } | null {
+  if (origin == null) return null;
+  if (origin.warning !== null) return { text: origin.warning, caution: true };
+  return origin.active && origin.restored ? { text: origin.text, caution: false } : null;
+}
+
+/** What the stream is, for the card's corner. */
+export function streamWords(status: OffboardStatus): string {
+  return STATES[status.state] ?? kindName(status.type);
+}
+
+/** Distance from the target [m]; null where the target is no full position. */
+export function error_m(status: OffboardStatus, position_ned_m: Vector3 | null): number | null {
+  const target = status.position_ned_m;
+  if (target === null || position_ned_m === null || target.some((v) => v === null)) return null;
+  return Math.hypot(...position_ned_m.map((v, i) => v - (target[i] ?? 0)));
+}
+
+/** The setpoint a nudge starts from: the streamed one where it is a position, else where the vehicle is. */
+export function nudgeBase(status: OffboardStatus, position_ned_m: Vector3 | null, yaw_ned_rad: number | null): PositionSetpoint | null {
+  const target = status.position_ned_m;
+  const full = target !== null && target.every((v) => v !== null) ? (target as Vector3) : position_ned_m;
+  const yaw = status.yaw_ned_rad ?? yaw_ned_rad;
+  return full === null || yaw === null ? null : { type: 'position', position_ned_m: full, yaw_ned_rad: yaw };
+}

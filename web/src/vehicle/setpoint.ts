@@ -1,0 +1,66 @@
+/** Setpoints as the API takes them, and the steps a person nudges them by. */
+
+import type { Outcome } from '../api/client';
+import type { Vector3 } from '../live/topics';
+
+export interface PositionSetpoint {
+  type: 'position';
+  position_ned_m: Vector3;
+  yaw_ned_rad: number;
+}
+
+export type Axis = 'north' | 'east' | 'up' | 'yaw';
+
+export interface Steps {
+  label: string;
+  metres: number;
+  yaw_deg: number;
+}
+
+export const STEPS: readonly Steps[] = [
+  { label: '0.5 m', metres: 0.5, yaw_deg: 5 },
+  { label: '1 m', metres: 1, yaw_deg: 15 },
+  { label: '5 m', metres: 5, yaw_deg: 45 },
+];
+
+/** Any setpoint as the API takes it. */
+export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
+
+export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
+
+/** How long a setpoint is good for, what follows then, and whether this page says it again in time. */
+export interface Lasting {
+  valid_for_s: number;
+  on_expiry: OnExpiry;
+  renew: boolean;
+}
+
+/** What the stream shall begin with. */
+export interface StartWish {
+  setpoint: AnySetpoint;
+  lasting: Lasting;
+  rate_hz: number;
+  /** What it asks for, for the question. */
+  words: string;
+  /** Told what came of it. */
+  settled?: (outcome: Outcome<unknown>) => void;
+}
+
+/** A setpoint lives this long unless the page says it again [s]; then the vehicle holds and falls back to Hold. */
+export const VALID_FOR_S = 10;
+export const ON_EXPIRY = { action: 'hold', hold_for_s: 5 } as const;
+export const LASTING: Lasting = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };
+
+function wrapPi(angle_rad: number): number {
+  const turn = 2 * Math.PI;
+  return ((((angle_rad + Math.PI) % turn) + turn) % turn) - Math.PI;
+}
+
+/** The setpoint one step further along an axis; `sign` is +1 or −1. */
+export function nudge(from: PositionSetpoint, axis: Axis, sign: 1 | -1, steps: Steps): PositionSetpoint {
+  const [n, e, d] = from.position_ned_m;
+  const by = sign * steps.metres;
+  if (axis === 'yaw') return { ...from, yaw_ned_rad: wrapPi(from.yaw_ned_rad + (sign * steps.yaw_deg * Math.PI) / 180) };
+  const moved: Record<Exclude<Axis, 'yaw'>, Vector3> = { north: [n + by, e, d], east: [n, e + by, d], up: [n, e, d - by] };
+  return { ...from, position_ned_m: moved[axis] };
+}
