@@ -309,7 +309,7 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()
             expect(notice).to_contain_text("What you see is old")
-            expect(chip).to_contain_text("lost")
+            expect(chip).to_contain_text("server away")
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
@@ -319,6 +319,6 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             wait_until(lambda: answers(url), "the second server")
             notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
-            expect(chip).not_to_contain_text("lost")
+            expect(chip).not_to_contain_text("server away")
             assert told.value.post_data_json["mode"] == "top"
     context.close()

@@ -40,7 +40,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
     ):
         one = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         two = gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
-        pill, chips = page.locator(".pill b"), page.get_by_label("Vehicles").get_by_role("button")
+        pill, chips = page.locator(".pill b"), page.locator("nav .chip")
         expect(chips).to_have_count(2)
         expect(chips.nth(1)).to_contain_text("simulated")
 
@@ -68,6 +68,23 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         chips.nth(0).click()
         expect(pill).to_have_text("Ready")
         page.keyboard.press("2")
+
+        # The list: found by text, chosen by keys, all that fly held by one press.
+        page.keyboard.press("1")
+        page.keyboard.press("j")
+        found = page.get_by_role("list", name="Vehicles found").get_by_role("button")
+        expect(found).to_have_count(2)
+        page.keyboard.type("102")
+        expect(found).to_have_count(1)
+        page.keyboard.press("ArrowDown")
+        page.keyboard.press("Enter")
+        expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
+        page.get_by_role("button", name="Hold all flying (1)").click()
+        expect(page.get_by_label("Vehicle list").get_by_role("status")).to_have_text("The vehicle took Hold.")
+        wait_until(lambda: two.status()["mode"] == "hold", "Hold of all that fly")
+        assert in_both_themes(page) == []
+        page.keyboard.press("Escape")
+        expect(found).to_have_count(0)
 
         # Silence: said at once in words and shape, and what was known is not shown as live.
         os.killpg(second.pid, signal.SIGSTOP)

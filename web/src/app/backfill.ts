@@ -14,7 +14,7 @@ function list(answer: unknown, name: string): Raw[] {
 }
 
 /** Reads the fleet into the store; returns the ids it has. */
-export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<string[]> {
+export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<readonly string[]> {
   const before = new Map(store.vehicles);
   const answer = await api.get<unknown>('/vehicles');
   if (!answer.ok) return store.ids();

@@ -7,7 +7,7 @@ import { ApiClient } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { TelemetrySocket, type SocketState } from '../live/socket';
 import type { WireEvent } from '../live/wire';
-import { PAGE_TOPICS } from '../live/topics';
+import { isLarge, ofAll, ofClose, type Subscription } from '../live/sight';
 import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
@@ -16,7 +16,8 @@ import { identity, leave, memory, rename } from './identity';
 
 /** Ages and expiries are repainted this often even when nothing arrives [ms]. */
 const QUIET_REPAINT_MS = 200;
-const RATE_HZ = 25;
+/** A large fleet's list and map are painted this often [ms]. */
+const FLEET_REPAINT_MS = 500;
 
 class Page {
   readonly store = new TelemetryStore();
@@ -24,8 +25,17 @@ class Page {
   readonly who = $state(identity(this.tab, memory(() => localStorage)));
   /** Loaded anew, the server's sign-in page comes. */
   readonly api = new ApiClient(this.who, () => location.reload());
+  /** Of all vehicles, with every event. */
   readonly socket: TelemetrySocket;
+  /** Of a large fleet: the vehicles in sight, in full; samples only. */
+  private readonly closeSocket: TelemetrySocket;
+  private closeOpen = false;
+  private subscribed = '';
+  /** Vehicles whose last minutes have been asked for. */
+  private readonly pastOf = new Set<string>();
   tick = $state(0);
+  /** Of what shows all vehicles: as `tick` with a small fleet, seldom with a large one. */
+  fleetTick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
   /** Vehicle the person chose; the first one where none was. */
   private chosen = $state<string | null>(null);
@@ -35,14 +45,15 @@ class Page {
   readonly onEvent: ((event: WireEvent) => void)[] = [];
   /** What the chosen values need besides what the page itself reads. */
   private moreTopics: readonly string[] = [];
+  /** Vehicles that a feature needs in full besides the selected one: those that this page renews setpoints for. */
+  readonly inSight: (() => Iterable<string>)[] = [];
   /** Called once per painted animation frame. */
   readonly onPaint: (() => void)[] = [];
 
   constructor() {
-    const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
     this.socket = new TelemetrySocket(
-      `${scheme}//${location.host}/api/v1/telemetry?${new URLSearchParams({ client: this.who.name, client_id: this.who.id }).toString()}`,
-      () => ({ vehicles: '*', topics: [...new Set([...PAGE_TOPICS, ...this.moreTopics])], rate_hz: RATE_HZ }),
+      this.socketUrl('/telemetry'),
+      () => ofAll(this.store.vehicles.size, this.moreTopics),
       (frame) => {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
@@ -57,6 +68,17 @@ class Page {
         // A socket that is refused does not say why, a call does.
         if (state.phase === 'waiting') void this.api.get('/version');
       },
+      () => this.store.vehicles.size > 0,
+    );
+    this.closeSocket = new TelemetrySocket(
+      this.socketUrl('/telemetry'),
+      () => this.closeSubscription() ?? ofAll(this.store.vehicles.size, []),
+      (frame) => {
+        if (frame.type !== 'samples') return;
+        this.store.apply(frame);
+        for (const callback of this.onTelemetry) callback();
+      },
+      () => undefined,
       () => this.store.vehicles.size > 0,
     );
   }
@@ -85,11 +107,17 @@ class Page {
     document.addEventListener('visibilitychange', () => this.socket.retryNow());
     let painted = -1;
     let paintedAt_ms = 0;
+    let fleetAt_ms = 0;
     const frame = (now_ms: number): void => {
       if (this.store.revision !== painted || now_ms - paintedAt_ms > QUIET_REPAINT_MS) {
         painted = this.store.revision;
         paintedAt_ms = now_ms;
         this.tick += 1;
+        if (!isLarge(this.store.vehicles.size) || now_ms - fleetAt_ms > FLEET_REPAINT_MS) {
+          fleetAt_ms = now_ms;
+          this.fleetTick += 1;
+        }
+        this.followSight();
       }
       for (const callback of this.onPaint) callback();
       requestAnimationFrame(frame);
@@ -97,7 +125,7 @@ class Page {
     requestAnimationFrame(frame);
   }
 
-  /** Ids of all vehicles, in order. */
+  /** Ids of all vehicles, in order; the same array until one comes or goes. */
   readonly ids = $derived.by(() => {
     void this.tick;
     return this.store.ids();
@@ -107,6 +135,8 @@ class Page {
 
   select(id: string): void {
     this.chosen = id;
+    this.followSight();
+    this.lookBack();
   }
 
   /** The selected vehicle itself, for lists too long to copy each frame. */
@@ -123,6 +153,11 @@ class Page {
   /** Any vehicle as of this frame. */
   factsOf(id: string): VehicleFacts | null {
     void this.tick;
+    return this.factsNow(id);
+  }
+
+  /** The same without a repaint at each frame: who lists all vehicles follows `fleetTick`. */
+  factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
   }
@@ -133,15 +168,49 @@ class Page {
   }
 
   wantTopics(topics: readonly string[]): void {
-    const news = topics.some((topic) => !this.moreTopics.includes(topic) && !PAGE_TOPICS.includes(topic));
     this.moreTopics = topics;
-    if (news) this.socket.resubscribe();
+    this.followSight();
+  }
+
+  private closeSubscription(): Subscription | null {
+    const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.inSight.flatMap((read) => [...read()])];
+    return ofClose(this.store.vehicles.size, ids, this.moreTopics);
+  }
+
+  /** Subscribes anew where what is in sight has changed. */
+  private followSight(): void {
+    const close = this.closeSubscription();
+    const all = JSON.stringify(ofAll(this.store.vehicles.size, this.moreTopics));
+    const both = all + JSON.stringify(close);
+    if (both === this.subscribed) return;
+    if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
+    this.subscribed = both;
+    if (close === null) {
+      this.closeSocket.stop();
+      this.closeOpen = false;
+    } else if (this.closeOpen) this.closeSocket.resubscribe();
+    else {
+      this.closeSocket.start();
+      this.closeOpen = true;
+    }
   }
 
   /** @param only the one that has just come: the others have their past already. */
   private async backfill(only: string | null = null): Promise<void> {
     const ids = await loadFleet(this.api, this.store);
-    await Promise.all(ids.filter((id) => only === null || id === only).map((id) => loadPast(this.api, this.store, id)));
+    if (only === null) this.pastOf.clear();
+    const wanted = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
+    for (const id of wanted) this.pastOf.add(id);
+    await Promise.all(wanted.map((id) => loadPast(this.api, this.store, id)));
+    this.lookBack();
+  }
+
+  /** Of a large fleet the past of a vehicle is asked for once it is selected. */
+  private lookBack(): void {
+    const id = this.selectedId;
+    if (id === null || this.pastOf.has(id) || !this.store.connected) return;
+    this.pastOf.add(id);
+    void loadPast(this.api, this.store, id);
   }
 }
 

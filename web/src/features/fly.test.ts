@@ -109,6 +109,13 @@ describe('the battery', () => {
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
   });
+  it('lists each of several batteries', () => {
+    const one = { battery_id: 0, remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: null };
+    const value = { ...one, batteries: [one, { ...one, battery_id: 1, remaining_percent: 44, current_a: null }] };
+    const details = batteryIndicator(reading(value)).details;
+    expect(details).toContainEqual(['Battery 1', '50 % · 12.00 V · 3.0 A']);
+    expect(details).toContainEqual(['Battery 2', '44 % · 12.00 V']);
+  });
 });
 
 const actionFacts: ActionFacts = {

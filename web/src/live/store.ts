@@ -18,6 +18,7 @@ export class TelemetryStore {
   replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;
   private offset_s: number | null = null;
+  private sorted: readonly string[] | null = null;
 
   /** @param localUnixS this machine's clock [s], injected for the tests. */
   constructor(localUnixS: () => number = () => Date.now() / 1000) {
@@ -35,8 +36,10 @@ export class TelemetryStore {
     return this.replays.find((replay) => replay.vehicles.includes(vehicleId)) ?? null;
   }
 
-  ids(): string[] {
-    return [...this.vehicles.keys()].sort((a, b) => a.localeCompare(b, undefined, { numeric: true }));
+  /** In the order of their numbers; the same array until a vehicle comes or goes. */
+  ids(): readonly string[] {
+    this.sorted ??= [...this.vehicles.keys()].sort((a, b) => a.localeCompare(b, undefined, { numeric: true }));
+    return this.sorted;
   }
 
   vehicle(id: string): VehicleState {
@@ -44,6 +47,7 @@ export class TelemetryStore {
     if (state === undefined) {
       state = new VehicleState(id);
       this.vehicles.set(id, state);
+      this.sorted = null;
     }
     return state;
   }
@@ -61,6 +65,7 @@ export class TelemetryStore {
   /** Forgets vehicles the server no longer lists: a restarted server starts from nothing. */
   keepOnly(ids: readonly string[]): void {
     for (const id of this.vehicles.keys()) if (!ids.includes(id)) this.vehicles.delete(id);
+    this.sorted = null;
     for (const id of ids) this.vehicle(id);
     this.revision += 1;
   }
@@ -77,6 +82,7 @@ export class TelemetryStore {
   private applyEvent(event: WireEvent): void {
     if (event.kind === 'vehicle_removed' && event.vehicle !== null) {
       this.vehicles.delete(event.vehicle);
+      this.sorted = null;
       return;
     }
     if (event.kind === 'progress') return; // of one command only; who asked listens itself

@@ -36,11 +36,14 @@ export interface Topics {
 
 export type TopicName = keyof Topics;
 
-/** What this page subscribes to; `offboard` and `identity` are read by their own modules. */
+/** What this page reads of a vehicle; `offboard` and `identity` are read by their own modules. */
 export const PAGE_TOPICS: readonly string[] = [
   'status', 'attitude', 'local_position', 'global_position', 'gps', 'battery', 'home', 'gimbal',
   'target_local', 'hud', 'health', 'readiness', 'offboard', 'control', 'identity',
 ];
+
+/** Of a large fleet, for the list and the map: what each vehicle is, does, and where it is. */
+export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity'];
 
 /** Periods PX4 sends at [s], used until a topic's own period has been measured. */
 export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {

@@ -2,6 +2,7 @@
 
 export const ICONS = {
   up: 'M12 19V7M7 12l5-5 5 5M5 21h14',
+  list: 'M4 6h16M4 12h16M4 18h16',
   down: 'M12 3v12M7 10l5 5 5-5M5 20h14',
   home: 'M4 12l8-7 8 7M7 10v9h10v-9',
   key: 'M9 9a4 4 0 10-.01 0zM11.5 8.5L20 17v3h-3v-2.5h-2.5V15l-3-3',

@@ -94,6 +94,11 @@ export class OffboardControl {
     return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, LASTING);
   }
 
+  /** Vehicles whose setpoint this page renews. */
+  renewed(): string[] {
+    return [...this.keepers].flatMap(([id, keeper]) => (keeper.setpoint === null ? [] : [id]));
+  }
+
   /** Called as telemetry arrives. */
   tick(streaming: (id: string) => boolean): void {
     for (const [id, keeper] of this.keepers) keeper.tick(this.nowS(), streaming(id));

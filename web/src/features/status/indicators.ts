@@ -53,6 +53,14 @@ function cellLines(cells_v: readonly number[] | null): [string, string][] {
   ];
 }
 
+/** Each of several batteries on a line of its own. */
+function batteryLines(batteries: Battery['batteries'] | undefined): [string, string][] {
+  return (batteries ?? []).map((one) => [
+    `Battery ${one.battery_id + 1}`,
+    join([one.remaining_percent === null ? null : `${one.remaining_percent} %`, one.voltage_v === null ? null : `${fixed(one.voltage_v, 2)} V`, one.current_a === null ? null : `${fixed(one.current_a, 1)} A`]),
+  ]);
+}
+
 export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
   if (reading === null) return empty('Battery');
   const { value: battery, stale, age_s } = reading;
@@ -70,12 +78,14 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
       ['Consumed', battery.consumed_mah === null ? UNKNOWN : `${battery.consumed_mah} mAh`],
       ['Time left', left === null || left <= 0 ? UNKNOWN : `${Math.round(left / 60)} min`],
       ...cellLines(battery.cell_voltages_v),
+      ...batteryLines(battery.batteries),
     ],
   };
 }
 
 /** The vehicle's link as far as its heartbeat tells; `links` adds what the server counts. */
-export function linkIndicator(heartbeatAge_s: number | null, lost: boolean, details: [string, string][], text: string | null, lost_percent: number | null = null): Indicator {
+export function linkIndicator(heartbeatAge_s: number | null, lost: boolean, details: [string, string][], text: string | null, lost_percent: number | null = null, offline = false): Indicator {
+  if (offline) return { ...empty('Link'), text: 'unknown', word: 'server away', severity: 'danger', details: [['', 'This page has no connection to the server: the state of the vehicle’s link is not known.']] };
   if (heartbeatAge_s === null) return { ...empty('Link'), details };
   const weak = !lost && lost_percent !== null && lost_percent > WEAK_PERCENT;
   return {

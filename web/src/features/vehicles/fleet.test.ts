@@ -1,0 +1,54 @@
+import { describe, expect, it, vi } from 'vitest';
+import { ApiClient } from '../../api/client';
+import { TelemetryStore } from '../../live/store';
+import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
+import { heldWords, narrowed, rowOf, stateWords, stepped } from './fleet';
+import { list } from './list.svelte';
+
+function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
+  const store = new TelemetryStore(() => 100);
+  const value = { armed: false, mode: 'hold', mode_label: 'Hold', landed_state: 'on_ground', link_lost: false };
+  store.apply({ type: 'samples', samples: [{ vehicle: id, topic: 'status', value, received_unix_s: 100, vehicle_time_boot_s: null }] });
+  return { ...vehicleFacts(store.vehicle(id), 100, true), ...over };
+}
+
+describe('list of vehicles', () => {
+  it('calls a vehicle lost only where the server says so, not where the server itself is away', () => {
+    expect(stateWords(facts('1', { lost: true }))).toEqual({ words: 'lost', tone: 'danger' });
+    expect(stateWords(facts('1', { lost: true, offline: true }))).toEqual({ words: 'server away', tone: 'danger' });
+    expect(stateWords(facts('1')).words).toBe('disarmed');
+  });
+
+  it('finds by number, type and state, and narrows to those that fly or need attention', () => {
+    const rows = [facts('1'), facts('12', { inAir: true }), facts('21', { lost: true })].map(rowOf);
+    const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => narrowed(rows, text, filter).map((row) => row.facts.id);
+    expect(ids('')).toEqual(['1', '12', '21']);
+    expect(ids('12')).toEqual(['12']);
+    expect(ids('lost')).toEqual(['21']);
+    expect(ids('2 disarmed')).toEqual(['12']);
+    expect(ids('', 'flying')).toEqual(['12']);
+    expect(ids('', 'attention')).toEqual(['21']);
+    expect(ids('9')).toEqual([]);
+  });
+
+  it('goes through the list by arrows and stops at its ends', () => {
+    expect([stepped(-1, 3, 'ArrowDown'), stepped(2, 3, 'ArrowDown'), stepped(0, 3, 'ArrowUp'), stepped(1, 3, 'End'), stepped(1, 3, 'Home')]).toEqual([0, 2, 0, 2, 0]);
+    expect(stepped(0, 3, 'h')).toBeNull();
+    expect(stepped(0, 0, 'ArrowDown')).toBeNull();
+  });
+
+  it('holds each vehicle once, and names those that did not take it', async () => {
+    const asked: string[] = [];
+    const fetch = vi.fn((url: string) => {
+      asked.push(url);
+      const ok = !url.includes('/7/');
+      return Promise.resolve(new Response(JSON.stringify(ok ? {} : { title: 'No answer', code: 'no_reply' }), { status: ok ? 200 : 504 }));
+    });
+    const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
+    await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
+    expect(asked).toHaveLength(20);
+    expect(new Set(asked).size).toBe(20);
+    expect(list.said).toEqual({ text: '19 of 20 vehicles took Hold. Not: 7 Quad.', refused: true });
+    expect(heldWords(3, [])).toBe('All 3 vehicles took Hold.');
+  });
+});

@@ -1,0 +1,76 @@
+/** The list of vehicles: each one's state in a word, found by text, narrowed by state. Pure. */
+
+import type { VehicleFacts } from '../../vehicle/facts';
+
+export type Filter = 'all' | 'flying' | 'attention';
+
+export const FILTERS: readonly { value: Filter; text: string }[] = [
+  { value: 'all', text: 'All' },
+  { value: 'flying', text: 'Flying' },
+  { value: 'attention', text: 'Attention' },
+];
+
+export interface Row {
+  facts: VehicleFacts;
+  /** Place in the whole fleet: its identity colour. */
+  index: number;
+  /** What it does, in a word or two. */
+  words: string;
+  tone: 'danger' | 'caution' | 'dim';
+  percent: number | null;
+  low: boolean;
+  flying: boolean;
+  attention: boolean;
+}
+
+const LOW_PERCENT = 25;
+
+/** What a vehicle does; a server that this page cannot reach says nothing of the vehicle's own connection. */
+export function stateWords(facts: VehicleFacts): { words: string; tone: Row['tone'] } {
+  if (facts.offline) return { words: 'server away', tone: 'danger' };
+  if (facts.lost) return { words: 'lost', tone: 'danger' };
+  const status = facts.status?.value;
+  if (status === undefined) return { words: '', tone: 'dim' };
+  return { words: status.armed ? status.mode_label : 'disarmed', tone: 'dim' };
+}
+
+export function rowOf(facts: VehicleFacts, index: number): Row {
+  const percent = facts.battery?.value.remaining_percent ?? null;
+  const low = percent !== null && percent <= LOW_PERCENT;
+  return { facts, index, ...stateWords(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, attention: facts.lost || low };
+}
+
+/** Those that a person asked for, in the order of their numbers. */
+export function narrowed(rows: readonly Row[], text: string, filter: Filter): Row[] {
+  const words = text.toLowerCase().split(/\s+/).filter(Boolean);
+  return rows.filter((row) => {
+    if (filter === 'flying' && !row.flying) return false;
+    if (filter === 'attention' && !row.attention) return false;
+    const all = `${row.facts.id} ${row.facts.name} ${row.words}`.toLowerCase();
+    return words.every((word) => all.includes(word));
+  });
+}
+
+/** The row that an arrow key leads to; null for another key. */
+export function stepped(at: number, count: number, key: string): number | null {
+  if (count === 0) return null;
+  switch (key) {
+    case 'ArrowDown':
+      return Math.min(count - 1, at + 1);
+    case 'ArrowUp':
+      return Math.max(0, at - 1);
+    case 'Home':
+      return 0;
+    case 'End':
+      return count - 1;
+    default:
+      return null;
+  }
+}
+
+/** What came of holding several vehicles. */
+export function heldWords(asked: number, refused: readonly string[]): string {
+  if (refused.length === 0) return asked === 1 ? 'The vehicle took Hold.' : `All ${asked} vehicles took Hold.`;
+  const named = refused.slice(0, 5).join(', ') + (refused.length > 5 ? ` and ${refused.length - 5} more` : '');
+  return `${asked - refused.length} of ${asked} vehicles took Hold. Not: ${named}.`;
+}
