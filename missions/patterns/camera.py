@@ -1,0 +1,71 @@
+"""How much ground a picture shows: a pinhole camera that looks straight at a flat surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from missions.errors import PlanError
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera by its data sheet."""
+
+    sensor_width_mm: float
+    sensor_height_mm: float
+    focal_length_mm: float
+    image_width_px: int
+    image_height_px: int
+    landscape: bool = True
+    """The picture's width lies across the line of flight."""
+
+    def footprint_m(self, distance_m: float) -> tuple[float, float]:
+        """Across and along the line of flight [m]: sensor · distance / focal length."""
+        width_m = self.sensor_width_mm * distance_m / self.focal_length_mm
+        height_m = self.sensor_height_mm * distance_m / self.focal_length_mm
+        return (width_m, height_m) if self.landscape else (height_m, width_m)
+
+    def resolution_m_px(self, distance_m: float) -> float:
+        """Ground sampling distance: the coarser of the two directions [m per pixel]."""
+        across_m = self.sensor_width_mm / self.image_width_px
+        along_m = self.sensor_height_mm / self.image_height_px
+        return max(across_m, along_m) * distance_m / self.focal_length_mm
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Pictures with overlaps at a distance to the surface: spacing of lines and of pictures."""
+
+    camera: Camera
+    distance_m: float
+    """From the camera to the surface."""
+    front_overlap: float = 0.75
+    """Of one picture and the next, along the line: 0 to 0.95 of the footprint."""
+    side_overlap: float = 0.65
+    """Of one line and the next."""
+
+    def __post_init__(self) -> None:
+        for name, value in (("front_overlap", self.front_overlap), ("side_overlap", self.side_overlap)):
+            if not 0.0 <= value <= 0.95:
+                raise PlanError(
+                    f"field {name}", f"{value:g} is not between 0 and 0.95", "Correct this value."
+                )
+        camera = self.camera
+        sizes = (camera.sensor_width_mm, camera.sensor_height_mm, camera.focal_length_mm, self.distance_m)
+        if not all(0.0 < size < 1e6 for size in sizes):
+            raise PlanError("the camera", "its sizes and distance are not all above 0", "Correct them.")
+
+    @property
+    def spacing_m(self) -> float:
+        """Between neighbouring lines [m]: footprint · (1 − side overlap)."""
+        return self.camera.footprint_m(self.distance_m)[0] * (1.0 - self.side_overlap)
+
+    @property
+    def trigger_m(self) -> float:
+        """Between two pictures on a line [m]: footprint · (1 − front overlap)."""
+        return self.camera.footprint_m(self.distance_m)[1] * (1.0 - self.front_overlap)
+
+    @property
+    def lead_out_m(self) -> float:
+        """How far a line goes on so that its last picture still shows its end [m]."""
+        return max(0.0, self.trigger_m - self.camera.footprint_m(self.distance_m)[1] / 2.0)

@@ -1,0 +1,87 @@
+"""Survey of a corridor: lines beside each other along a road, river or power line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from shapely.geometry import LineString
+
+from missions.errors import PlanError
+from missions.patterns.camera import Coverage
+from missions.patterns.ground import East, Map
+from missions.patterns.result import Pattern, bounded, photo_count, photographed
+from missions.patterns.sweep import MAX_LINES
+from missions.plan import SimpleItem
+from missions.values import Altitude, Point
+
+SHARPEST = -0.5
+"""Cosine of the sharpest bend: 120 degrees."""
+
+
+def corridor(
+    points: Sequence[Point],
+    width_m: float,
+    coverage: Coverage,
+    altitude: Altitude,
+    turnaround_m: float = 0.0,
+) -> Pattern:
+    """Lines that show a corridor of this whole width, flown to and fro.
+
+    The lines lie at equal distances, `spacing_m` or less, evenly about the middle. Where it bends by θ, the
+    outer corner is on pictures if half a footprint along less the trigger distance is at least
+    spacing / 2 · tan(θ / 2): with the usual overlaps, bends of 30 degrees and more.
+
+    Raises:
+        PlanError: The line or the width cannot be, or bends too sharply for the width.
+    """
+    if not 0.0 < width_m <= 10_000.0:
+        raise PlanError(
+            "field width_m", f"{width_m:g} m is not between 0 and 10,000 m", "Correct this value."
+        )
+    chart = Map.about(points, "the line")
+    middle = chart.line(points)
+    count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
+    if count > MAX_LINES:
+        raise PlanError("the lines", f"there would be {count}, {MAX_LINES} are the most", "Fly higher.")
+    spacing_m = width_m / count
+    items: list[SimpleItem] = []
+    lines: list[tuple[Point, Point]] = []
+    length_m, photos = 0.0, 0
+    for number in range(count):
+        path = _offset(middle, (number - (count - 1) / 2.0) * spacing_m)
+        path = path if number % 2 == 0 else path[::-1]
+        items += photographed(path, chart, altitude, coverage, turnaround_m)
+        parts = list(pairwise(path))
+        lines += [(chart.point(a), chart.point(b)) for a, b in parts]
+        length_m += sum(math.dist(a, b) for a, b in parts)
+        photos += photo_count(sum(math.dist(a, b) for a, b in parts), coverage)
+    return Pattern(
+        items=bounded(items),
+        lines=tuple(lines),
+        lines_length_m=length_m,
+        lower_bound_m=middle.length * width_m / coverage.spacing_m,
+        photos=photos,
+        spacing_m=spacing_m,
+        trigger_m=coverage.trigger_m,
+        resolution_m_px=coverage.camera.resolution_m_px(coverage.distance_m),
+    )
+
+
+def _offset(middle: LineString, offset_m: float) -> list[East]:
+    """A line beside another one on its right, in its direction; corners are where the two sides meet."""
+    places = np.array(middle.simplify(0.0).coords)
+    ahead = np.diff(places, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    right = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1)
+    before, after = np.vstack([right[:1], right]), np.vstack([right, right[-1:]])
+    cos_bend = np.sum(before * after, axis=1)
+    if cos_bend.min() < SHARPEST:
+        raise PlanError("the line", "it bends by more than 120 degrees", "Split it at the bend.")
+    beside = places + offset_m * (before + after) / (1.0 + cos_bend[:, None])
+    if np.sum(np.diff(beside, axis=0) * ahead, axis=1).min() <= 0.0:
+        reason = "it is so wide that the lines at the inside of a bend run backwards"
+        raise PlanError("the line", reason, "Make it narrower, or split it at the bend.")
+    return [(float(x), float(y)) for x, y in beside]

@@ -1,0 +1,103 @@
+"""Areas and lines on a flat map: x east and y north of an origin [m], for shapely."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import shapely
+from shapely.geometry import LineString, Polygon
+
+from missions.errors import PlanError
+from missions.geodesy import LocalOrigin
+from missions.items import Waypoint
+from missions.values import Altitude, Point
+
+East = tuple[float, float]
+"""East, north [m]."""
+MAX_POINTS = 2000
+"""Corners of one area or line."""
+MAX_EXTENT_M = 50_000.0
+"""The map is flat: over this distance it is wrong by 0.3 %."""
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """A flat map about an origin."""
+
+    origin: LocalOrigin
+
+    @classmethod
+    def about(cls, points: Sequence[Point], what: str) -> Map:
+        """About the middle of some points.
+
+        Raises:
+            PlanError: There are too many of them, or they are too far apart.
+        """
+        if not 1 <= len(points) <= MAX_POINTS:
+            raise PlanError(
+                what, f"it has {len(points)} points, 1 to {MAX_POINTS} are possible", "Redraw it."
+            )
+        first = points[0]
+        lons = [first.lon_deg + math.remainder(each.lon_deg - first.lon_deg, 360.0) for each in points]
+        lats = [each.lat_deg for each in points]
+        middle_lon = math.remainder((min(lons) + max(lons)) / 2.0, 360.0)
+        found = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon, 0.0))
+        if max(abs(lat) for lat in lats) > 85.0:
+            raise PlanError(what, "it lies beyond 85 degrees of latitude", "Maps are flat only up to there.")
+        if max(math.hypot(*found.local(each)) for each in points) > MAX_EXTENT_M:
+            reason = f"it reaches more than {MAX_EXTENT_M / 1000:.0f} km from its middle"
+            raise PlanError(what, reason, "Split it into smaller ones.")
+        return found
+
+    def local(self, point: Point) -> East:
+        """East and north of the origin [m]."""
+        north, east, _ = self.origin.to_ned(point.lat_deg, point.lon_deg, 0.0)
+        return (east, north)
+
+    def point(self, place: East) -> Point:
+        """The inverse of `local`."""
+        lat_deg, lon_deg, _ = self.origin.to_geodetic((place[1], place[0], 0.0))
+        return Point(lat_deg=lat_deg, lon_deg=lon_deg)
+
+    def waypoint(self, place: East, altitude: Altitude, yaw_ned_deg: float | None = None) -> Waypoint:
+        """A waypoint that the vehicle passes without waiting."""
+        point = self.point(place)
+        return Waypoint(
+            lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude, yaw_ned_deg=yaw_ned_deg
+        )
+
+    def polygon(self, outer: Sequence[Point], holes: Sequence[Sequence[Point]] = ()) -> Polygon:
+        """An area with holes.
+
+        Raises:
+            PlanError: Its sides cross, or it has no area.
+        """
+        if len(outer) < 3 or any(len(hole) < 3 for hole in holes):
+            raise PlanError("the area", "a side has fewer than 3 corners", "Draw it anew.")
+        shape = Polygon(
+            [self.local(each) for each in outer], [[self.local(each) for each in hole] for hole in holes]
+        )
+        if not shape.is_valid or shape.area < 1.0:
+            reason = shapely.is_valid_reason(shape) if not shape.is_valid else "it is smaller than 1 m²"
+            raise PlanError("the area", f"its sides cross or touch ({reason})", "Draw it anew.")
+        return shape
+
+    def line(self, points: Sequence[Point]) -> LineString:
+        """A line through some points.
+
+        Raises:
+            PlanError: It has no length.
+        """
+        if len(points) < 2:
+            raise PlanError("the line", "it has fewer than 2 points", "Draw it anew.")
+        shape = LineString([self.local(each) for each in points])
+        if shape.length < 1.0:
+            raise PlanError("the line", "it is shorter than 1 m", "Draw it anew.")
+        return shape
+
+
+def heading_deg(start: East, end: East) -> float:
+    """Clockwise from north, 0 to 360."""
+    return math.degrees(math.atan2(end[0] - start[0], end[1] - start[1])) % 360.0

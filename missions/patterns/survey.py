@@ -1,0 +1,66 @@
+"""Survey of an area: parallel lines with pictures that overlap as asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from missions.items import ChangeSpeed
+from missions.patterns.camera import Coverage
+from missions.patterns.ground import Map
+from missions.patterns.result import Pattern, bounded, photo_count, photographed
+from missions.patterns.sweep import Sweep, sweep
+from missions.plan import SimpleItem
+from missions.values import Altitude, Point
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What a survey is made from."""
+
+    outer: Sequence[Point]
+    coverage: Coverage
+    altitude: Altitude
+    """Of the flight; the camera's distance to the ground is `coverage.distance_m`."""
+    holes: Sequence[Sequence[Point]] = ()
+    """Areas inside that need no pictures; lines may cross their edges, and the vehicle may fly over them."""
+    heading_deg: float | None = None
+    """Of the lines, clockwise from north; None: the one with the shortest way."""
+    turnaround_m: float = 0.0
+    """How far the vehicle flies straight on before and after each line."""
+    crosshatch: bool = False
+    """The same again at right angles."""
+    speed_m_s: float | None = None
+
+
+def make(survey: Survey) -> Pattern:
+    """The items of a survey.
+
+    Raises:
+        PlanError: The area is no area, or there would be too many lines.
+    """
+    corners = [*survey.outer, *(point for hole in survey.holes for point in hole)]
+    chart = Map.about(corners, "the area")
+    area = chart.polygon(survey.outer, survey.holes)
+    coverage = survey.coverage
+    sweeps: list[Sweep] = [sweep(area, coverage.spacing_m, survey.heading_deg)]
+    if survey.crosshatch:
+        end = sweeps[0].lines[-1][1]
+        sweeps.append(sweep(area, coverage.spacing_m, sweeps[0].heading_deg + 90.0, end))
+    items: list[SimpleItem] = []
+    if survey.speed_m_s is not None:
+        items.append(ChangeSpeed(speed_m_s=survey.speed_m_s))
+    lines = [line for each in sweeps for line in each.lines]
+    for line in lines:
+        items += photographed(line, chart, survey.altitude, coverage, survey.turnaround_m)
+    return Pattern(
+        items=bounded(items),
+        lines=tuple((chart.point(start), chart.point(end)) for start, end in lines),
+        lines_length_m=sum(each.length_m for each in sweeps),
+        lower_bound_m=len(sweeps) * area.area / coverage.spacing_m,
+        photos=sum(photo_count(Sweep((line,), 0.0).length_m, coverage) for line in lines),
+        spacing_m=coverage.spacing_m,
+        trigger_m=coverage.trigger_m,
+        resolution_m_px=coverage.camera.resolution_m_px(coverage.distance_m),
+        heading_deg=sweeps[0].heading_deg,
+    )

@@ -1,0 +1,286 @@
+"""Patterns: what they cover, at which overlap, and how long they are beside what is possible."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import LineString, Polygon
+
+from missions.camera_items import GimbalPitchYaw, TriggerDistance
+from missions.checks import Limits, check
+from missions.errors import PlanError
+from missions.items import ChangeSpeed, RoiLocation, RoiNone, Takeoff, Waypoint
+from missions.patterns.camera import Camera, Coverage
+from missions.patterns.corridor import corridor
+from missions.patterns.ground import Map, heading_deg
+from missions.patterns.result import Pattern
+from missions.patterns.rounds import StructureScan, layer_heights, orbit, perimeter, structure
+from missions.patterns.survey import Survey, make
+from missions.plan import Plan
+from missions.values import Altitude, HomePosition, Point
+
+CAMERA = Camera(13.2, 8.8, 8.8, 5472, 3648)
+HIGH = Altitude(value_m=60.0, reference="home")
+COVERAGE = Coverage(CAMERA, distance_m=60.0)
+CHART = Map.about([Point(lat_deg=47.4, lon_deg=8.5)], "the test")
+
+
+def points(corners: list[tuple[float, float]]) -> list[Point]:
+    return [CHART.point(corner) for corner in corners]
+
+
+def star(radii: list[float], start: float = 0.0) -> list[tuple[float, float]]:
+    """A polygon about the middle, convex or not, whose sides never cross."""
+    step = math.tau / len(radii)
+    return [(r * math.sin(start + n * step), r * math.cos(start + n * step)) for n, r in enumerate(radii)]
+
+
+@st.composite
+def areas(draw: st.DrawFn) -> tuple[list[tuple[float, float]], list[list[tuple[float, float]]]]:
+    """An outline of 100 to 500 m about a hole of at most 60 m, or none."""
+    outer = star(draw(st.lists(st.floats(100.0, 500.0), min_size=4, max_size=12)), draw(st.floats(0.0, 1.0)))
+    hole = star(draw(st.lists(st.floats(10.0, 60.0), min_size=3, max_size=8)), draw(st.floats(0.0, 1.0)))
+    return outer, [hole] if draw(st.booleans()) else []
+
+
+def local_lines(found: Pattern) -> list[LineString]:
+    return [LineString([CHART.local(start), CHART.local(end)]) for start, end in found.lines]
+
+
+def pictures(line: LineString, coverage: Coverage) -> list[Polygon]:
+    """The ground on each picture of a line."""
+    across, along = coverage.camera.footprint_m(coverage.distance_m)
+    (x, y), (x_end, y_end) = line.coords
+    length = math.dist((x, y), (x_end, y_end))
+    u = np.array([x_end - x, y_end - y]) / length
+    side = np.array([-u[1], u[0]])
+    corners = np.array([[-along, -across], [along, -across], [along, across], [-along, across]]) / 2.0
+    count = 1 + int((length + coverage.lead_out_m) / coverage.trigger_m + 1e-9)
+    centers = [np.array([x, y]) + u * n * coverage.trigger_m for n in range(count)]
+    return [Polygon(center + corners[:, :1] * u + corners[:, 1:] * side) for center in centers]
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    area=areas(),
+    side=st.floats(0.0, 0.8),
+    front=st.floats(0.0, 0.8),
+    heading=st.none() | st.floats(0.0, 360.0),
+    distance=st.floats(30.0, 80.0),
+)
+def test_a_survey_covers_any_area_at_the_overlap_asked_for(
+    area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]],
+    side: float,
+    front: float,
+    heading: float | None,
+    distance: float,
+) -> None:
+    outer, holes = area
+    coverage = Coverage(CAMERA, distance, front, side)
+    found = make(Survey(points(outer), coverage, HIGH, [points(hole) for hole in holes], heading))
+    shape = Polygon(outer, holes)
+    lines = local_lines(found)
+
+    shown = [picture for line in lines for picture in pictures(line, coverage)]
+    ground = shapely.union_all(shown, grid_size=1e-3)
+    assert shape.intersection(ground).area / shape.area >= 0.995
+
+    across_m, along_m = CAMERA.footprint_m(distance)
+    assert found.spacing_m == pytest.approx(across_m * (1.0 - side))
+    assert found.trigger_m == pytest.approx(along_m * (1.0 - front))
+    assert found.heading_deg is not None
+    angle = math.radians(found.heading_deg)
+    offsets = np.array(
+        [line.coords[0][0] * math.cos(angle) - line.coords[0][1] * math.sin(angle) for line in lines]
+    )
+    steps = (offsets - offsets[0]) / found.spacing_m
+    assert np.abs(steps - np.round(steps)).max() < 0.01
+
+    edges_m = shape.length
+    assert found.lower_bound_m == pytest.approx(shape.area / found.spacing_m, rel=1e-3)
+    assert found.lower_bound_m * 0.999 <= found.lines_length_m <= (found.lower_bound_m + edges_m) * 1.001
+
+
+def test_the_best_heading_is_along_the_long_side() -> None:
+    rectangle = [(0.0, 0.0), (400.0, 300.0), (340.0, 380.0), (-60.0, 80.0)]
+    found = make(Survey(points(rectangle), COVERAGE, HIGH))
+    assert found.heading_deg == pytest.approx(heading_deg((0.0, 0.0), (400.0, 300.0)), abs=0.1)
+    assert found.lines_length_m == pytest.approx(500.0 * math.ceil(100.0 / found.spacing_m), rel=0.01)
+
+
+def test_a_simple_field_is_flown_to_and_fro() -> None:
+    found = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, HIGH, heading_deg=90.0))
+    lines = local_lines(found)
+    for before, after in pairwise(lines):
+        assert math.dist(before.coords[1], after.coords[0]) == pytest.approx(found.spacing_m, rel=0.01)
+
+
+def test_items_fly_each_line_with_pictures_on_and_turn_with_them_off() -> None:
+    square = points([(0, 0), (200, 0), (200, 20), (0, 20)])
+    found = make(Survey(square, COVERAGE, HIGH, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
+    speed, *items = found.items
+    assert speed == ChangeSpeed(speed_m_s=6.0)
+    on, off = TriggerDistance(distance_m=found.trigger_m, at_once=1.0), TriggerDistance(distance_m=0.0)
+    assert [item if isinstance(item, TriggerDistance) else None for item in items] == [
+        None,
+        None,
+        on,
+        None,
+        off,
+        None,
+    ]
+    east = [
+        CHART.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))[0]
+        for item in items
+        if isinstance(item, Waypoint)
+    ]
+    assert sorted(east) == pytest.approx([-15.0, 0.0, 200.0, 215.0], abs=0.01)
+    assert found.photos == 1 + int(200.0 / found.trigger_m)
+
+
+def test_a_crosshatch_is_the_same_again_at_right_angles() -> None:
+    field = points([(0, 0), (300, 0), (300, 200), (0, 200)])
+    once, twice = (
+        make(Survey(field, COVERAGE, HIGH, heading_deg=90.0, crosshatch=each)) for each in (False, True)
+    )
+    more = [heading_deg(*line.coords) % 180.0 for line in local_lines(twice)[len(once.lines) :]]
+    assert more
+    assert all(min(heading, 180.0 - heading) < 0.1 for heading in more)
+    assert twice.lower_bound_m == pytest.approx(2.0 * once.lower_bound_m)
+
+
+def test_a_survey_is_a_plan_without_findings() -> None:
+    home = CHART.point((0.0, 0.0))
+    takeoff = Takeoff(lat_deg=home.lat_deg, lon_deg=home.lon_deg, altitude=HIGH)
+    items = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, HIGH)).items
+    planned = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=400.0)
+    assert check(Plan(items=(takeoff, *items), planned_home=planned), Limits()) == ()
+
+
+def strip(line: LineString, across_m: float, beyond_m: float) -> Polygon:
+    """What the pictures of a line show at least, past its ends, too."""
+    start, end = np.array(line.coords)
+    ahead = (end - start) / line.length * beyond_m
+    return LineString([start - ahead, end + ahead]).buffer(across_m / 2.0, cap_style="flat")
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    bends=st.lists(st.floats(-30.0, 30.0), min_size=1, max_size=5),
+    width=st.floats(10.0, 150.0),
+    side=st.floats(0.0, 0.8),
+)
+def test_a_corridor_is_covered_on_its_whole_width(bends: list[float], width: float, side: float) -> None:
+    path, heading = [(0.0, 0.0)], 0.0
+    for bend in bends:
+        heading += math.radians(bend)
+        path.append((path[-1][0] + 300.0 * math.sin(heading), path[-1][1] + 300.0 * math.cos(heading)))
+    coverage = Coverage(CAMERA, 60.0, 0.7, side)
+    found = corridor(points(path), width, coverage, HIGH)
+    across_m, along_m = CAMERA.footprint_m(60.0)
+    beyond_m = along_m / 2.0 - found.trigger_m
+    strips = shapely.union_all(
+        [strip(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
+    )
+    wanted = LineString(path).buffer(width / 2.0, cap_style="flat", join_style="mitre")
+    assert wanted.intersection(strips).area / wanted.area >= 0.995
+    assert found.spacing_m <= coverage.spacing_m * 1.001
+    assert found.lines_length_m >= 0.99 * LineString(path).length * width / across_m
+
+
+def places(found: Pattern) -> list[tuple[float, float]]:
+    return [
+        CHART.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))
+        for item in found.items
+        if isinstance(item, Waypoint)
+    ]
+
+
+@settings(deadline=None, max_examples=30)
+@given(area=areas(), offset=st.floats(5.0, 50.0))
+def test_a_perimeter_keeps_its_distance_and_goes_clockwise(
+    area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]], offset: float
+) -> None:
+    ring = places(perimeter(points(area[0]), offset, HIGH))
+    assert ring[0] == pytest.approx(ring[-1])
+    assert Polygon(area[0]).distance(LineString(ring)) == pytest.approx(offset, rel=0.02)
+    assert not Polygon(ring).exterior.is_ccw
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_an_orbit_stays_near_its_circle_and_looks_at_the_middle(clockwise: bool) -> None:
+    center = CHART.point((0.0, 0.0))
+    foot = Altitude(value_m=5.0, reference="home")
+    found = orbit(
+        center, 50.0, HIGH, look_at=foot, rounds=2, clockwise=clockwise, start_deg=90.0, deviation_m=0.5
+    )
+    ring = places(found)
+    assert ring[0] == pytest.approx((50.0, 0.0), abs=0.01)
+    assert {round(math.hypot(*place), 2) for place in ring} == {50.0}
+    assert LineString(ring).distance(shapely.Point(0, 0)) >= 49.49
+    assert Polygon(ring[: len(ring) // 2]).exterior.is_ccw is not clockwise
+    assert found.items[0] == RoiLocation(lat_deg=center.lat_deg, lon_deg=center.lon_deg, altitude=foot)
+    assert found.items[-1] == RoiNone()
+    assert found.lines_length_m == pytest.approx(2 * math.tau * 50.0, rel=0.01)
+
+
+def test_a_structure_scan_looks_at_its_sides_from_foot_to_top() -> None:
+    tower = points([(-10, -10), (10, -10), (10, 10), (-10, 10)])
+    coverage = Coverage(CAMERA, 12.0, front_overlap=0.7, side_overlap=0.5)
+    scan = StructureScan(
+        tower, coverage, Altitude(value_m=0.0, reference="home"), height_m=40.0, lowest_m=4.0
+    )
+    found = structure(scan)
+    heights = layer_heights(scan)
+    picture_m = 8.8 * 12.0 / 8.8
+    assert np.diff(heights).max() <= picture_m * 0.5 + 1e-9
+    assert heights[0] == 4.0
+    assert heights[-1] + picture_m / 2.0 == pytest.approx(40.0)
+    assert found.trigger_m == pytest.approx(13.2 * 12.0 / 8.8 * 0.3)
+    assert isinstance(found.items[0], GimbalPitchYaw)
+    ring = places(found)[:5]
+    assert Polygon(ring).exterior.distance(shapely.box(-10, -10, 10, 10)) == pytest.approx(12.0, abs=0.01)
+    waypoints = [item for item in found.items if isinstance(item, Waypoint)][:5]
+    for (start, end), waypoint in zip(pairwise(ring), waypoints[1:], strict=True):
+        middle = ((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0)
+        assert waypoint.yaw_ned_deg is not None
+        looking = math.radians(waypoint.yaw_ned_deg - heading_deg(middle, (0.0, 0.0)))
+        assert abs(math.remainder(looking, math.tau)) < 0.01
+    down = structure(replace(scan, from_top=True))
+    first = next(item for item in down.items if isinstance(item, Waypoint))
+    assert first.altitude.value_m == heights[-1]
+
+
+BOW = points([(0, 0), (100, 100), (100, 0), (0, 100)])
+FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
+
+
+@pytest.mark.parametrize(
+    ("make_it", "message"),
+    [
+        (lambda: make(Survey(BOW, COVERAGE, HIGH)), "the area: its sides cross or touch"),
+        (lambda: make(Survey(FIELD[:2], COVERAGE, HIGH)), "fewer than 3 corners"),
+        (lambda: make(Survey(FIELD, Coverage(CAMERA, 0.1), HIGH)), "the lines: there would be"),
+        (
+            lambda: make(Survey([*FIELD[:3], Point(lat_deg=0, lon_deg=0)], COVERAGE, HIGH)),
+            "the area: it reaches",
+        ),
+        (lambda: Coverage(CAMERA, 60.0, side_overlap=1.0), "field side_overlap: 1 is not between"),
+        (lambda: Coverage(CAMERA, math.nan), "its sizes and distance are not all above 0"),
+        (lambda: perimeter(FIELD, -120.0, HIGH), "field offset_m: the area falls apart or vanishes"),
+        (lambda: perimeter(FIELD, 5.0, HIGH, rounds=0), "field rounds: 0 is not between"),
+        (lambda: orbit(FIELD[0], math.nan, HIGH), "field radius_m"),
+        (lambda: corridor(FIELD[:1], 50.0, COVERAGE, HIGH), "the line: it has fewer than 2 points"),
+        (lambda: corridor(FIELD, 0.0, COVERAGE, HIGH), "field width_m: 0 m is not between"),
+    ],
+)
+def test_what_cannot_be_made_is_said(make_it: object, message: str) -> None:
+    with pytest.raises(PlanError, match=message):
+        make_it()  # type: ignore[operator]
