@@ -16,16 +16,18 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gcs_server.streamer.news import Snapshot
 from gcs_server.streamer.order import Order
 from gcs_server.streamer.separation import (
+    TURNED_AFTER_S,
     UNKNOWN_ACCURACY_M,
     UNSTEERED_SHARE,
     Moving,
+    SpeedTrend,
     brakes_m_s2,
     closest_m,
     margin_m,
@@ -136,6 +138,7 @@ class GroupGuard:
         self._orders = dict(orders)
         self._others_go_on = others_go_on
         self._next_look_s = -math.inf
+        self._trends = {vehicle: SpeedTrend() for vehicle in orders}
 
     @property
     def members(self) -> tuple[str, ...]:
@@ -239,9 +242,13 @@ class GroupGuard:
                 continue
             common = common or origin
             order = seen[vehicle].order
-            known[vehicle] = moving(
-                snapshot, now_s, origin.to_frame_of(common, place), None if order is None else order.setpoint
-            )
+            setpoint = None if order is None else order.setpoint
+            one = moving(snapshot, now_s, origin.to_frame_of(common, place), setpoint)
+            self._trends[vehicle].add(snapshot.heard_s, one.velocity_ned_m_s)
+            if not is_steered(setpoint):
+                faster = self._trends[vehicle].faster_ned_m_s(one.age_s + TURNED_AFTER_S)
+                one = replace(one, velocity_ned_m_s=faster)
+            known[vehicle] = one
         return known
 
     def _keep_apart(self, now_s: float, actions: Actions, known: Mapping[str, Moving]) -> None:
@@ -306,6 +313,11 @@ class GroupGuard:
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
 
 
+def is_steered(setpoint: Setpoint | None) -> bool:
+    """Whether the vehicle's controllers of speed and place are at work; else wind and tilt accelerate it."""
+    return not isinstance(setpoint, Acceleration | Attitude | Rates)
+
+
 def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint | None) -> Moving:
     """A vehicle as it is kept apart.
 
@@ -315,12 +327,11 @@ def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint 
         place: where it is now by that, in the common frame [m].
         setpoint: what it flies.
     """
-    steered = not isinstance(setpoint, Acceleration | Attitude | Rates)
     accuracy_m = snapshot.accuracy_m
     return Moving(
         place,
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
         max(0.0, now_s - snapshot.heard_s),
-        brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if steered else UNSTEERED_SHARE),
+        brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if is_steered(setpoint) else UNSTEERED_SHARE),
     )

@@ -9,6 +9,7 @@ distance keeps the minimum, as long as the accuracies that the vehicles report a
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +36,10 @@ UNSTEADY_M = 0.4
 """Of each vehicle: what wind and the end of braking move it by beyond `STOP_M_S2` and `STOP_DELAY_S`."""
 SURPRISE_M_S2 = 1.5
 """The velocity that was heard may have changed by so much a second since."""
+TURNED_AFTER_S = 0.3
+"""A vehicle flown by attitude or rates goes on gaining speed for so long after it was told to stop."""
+TREND_S = 0.4
+"""Over so long a vehicle's acceleration is measured: over less, the noise of its velocity is all there is."""
 STEP_S = 0.1
 G_M_S2 = 9.81
 
@@ -59,6 +64,30 @@ class Moving:
     def unsure_m(self) -> float:
         """By how much it may be elsewhere, its accuracy left out."""
         return UNSTEADY_M + SURPRISE_M_S2 * self.age_s * (self.age_s / 2.0 + STOP_DELAY_S)
+
+
+class SpeedTrend:
+    """How a vehicle's velocity changes, which it goes on doing until a stop takes hold of it."""
+
+    def __init__(self) -> None:
+        self._heard: deque[tuple[float, Vector3]] = deque(maxlen=100)
+
+    def add(self, heard_s: float, velocity_ned_m_s: Vector3) -> None:
+        """A velocity, and when it was heard; one that is not newer is left out."""
+        if self._heard and heard_s <= self._heard[-1][0]:
+            return
+        self._heard.append((heard_s, velocity_ned_m_s))
+        while len(self._heard) > 2 and heard_s - self._heard[1][0] >= TREND_S:
+            self._heard.popleft()
+
+    def faster_ned_m_s(self, by_s: float) -> Vector3:
+        """The newest velocity, or what becomes of it in `by_s` seconds where that is faster."""
+        (first_s, old), (last_s, new) = self._heard[0], self._heard[-1]
+        if last_s - first_s < TREND_S / 2.0:
+            return new
+        share = by_s / (last_s - first_s)
+        n, e, d = (after + share * (after - before) for before, after in zip(old, new, strict=True))
+        return (n, e, d) if math.hypot(n, e, d) > math.hypot(*new) else new
 
 
 def margin_m(a: Moving, b: Moving) -> float:

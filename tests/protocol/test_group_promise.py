@@ -105,8 +105,16 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
     return jump(run)
 
 
-@pytest.mark.parametrize(("seed", "late_s", "wind_m_s"), [(1, 0.0, 4.0), (2, 0.4, 4.0)])
+@pytest.mark.parametrize(
+    ("seed", "late_s", "wind_m_s"), [(2, 0.4, 4.0), pytest.param(1, 0.0, 4.0, marks=pytest.mark.broad)]
+)
 def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(jump, seed, late_s, wind_m_s):
     nearest_m = encounters(jump, seed, late_s, wind_m_s)
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
-    assert max(nearest_m.values()) < 3 * MINIMUM_M, "and is not kept by stopping at once"
+    assert max(nearest_m.values()) < 4 * MINIMUM_M, "they begin 23 m apart, and are not stopped at once"
+
+
+@pytest.mark.parametrize("seed", [103, 108])
+def test_one_that_a_strong_wind_drives_ever_faster_is_stopped_in_time(jump, seed):
+    nearest_m = encounters(jump, seed, 0.4, 8.0, names=("drifting",))
+    assert nearest_m["drifting"] >= MINIMUM_M
