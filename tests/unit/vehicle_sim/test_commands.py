@@ -4,8 +4,11 @@ import math
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import flown
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
 from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, TAKEOFF
+
+pytestmark = pytest.mark.flight
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
 ARM, SET_MODE, REPOSITION, CHANGE_ALTITUDE, CHANGE_SPEED = 400, 176, 192, 186, 178
@@ -21,9 +24,8 @@ def ground() -> PlanStation:
 
 
 @pytest.fixture
-def air(ground: PlanStation) -> PlanStation:
-    ground.fly_to(8.0)
-    return ground
+def air() -> PlanStation:
+    return flown(PlanStation, 8.0, sensor_noise=False)
 
 
 def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:

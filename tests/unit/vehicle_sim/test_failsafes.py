@@ -4,11 +4,14 @@ import math
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import flown
 from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
 from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD, LAND, RTL
 from vehicle_sim.autopilot.demands import Conditions, demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Decision, Demand, Failsafe, Takeover
 from vehicle_sim.autopilot.modes import NavState
+
+pytestmark = pytest.mark.flight
 
 GCS = Demand("gcs", Action.RTL, Cause.GCS_LOSS, Clear.ON_MODE_CHANGE)
 LOW = Demand("battery low", Action.WARN, Cause.BATTERY_LOW)
@@ -112,10 +115,7 @@ def test_sticks_keep_the_altitude_where_the_position_is_lost() -> None:
 
 
 def flying(height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float) -> PlanStation:
-    station = PlanStation(parameters={"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise)
-    station.ready_to_arm()
-    station.fly_to(height_m)
-    return station
+    return flown(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise)
 
 
 def test_a_lost_link_returns_also_when_it_comes_back() -> None:

@@ -4,9 +4,12 @@ import math
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import flown
 from tests.unit.vehicle_sim.plan_station import PlanStation
 from tests.unit.vehicle_sim.sim_station import HOLD, LAND, NAN, OFFBOARD, RTL
 from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside
+
+pytestmark = pytest.mark.flight
 
 SQUARE = ((-10, -10), (-10, 10), (10, 10), (10, -10))
 LIMITS = Cylinder(0.0, 0.0, 100.0, 50.0, 30.0)
@@ -14,10 +17,7 @@ DEGREE_M = 111_194.9
 
 
 def flying(height_m: float = 3.0, **parameters: float) -> PlanStation:
-    station = PlanStation(parameters={"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
-    station.ready_to_arm()
-    station.fly_to(height_m)
-    return station
+    return flown(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
 
 
 def fly_out(s: PlanStation, speed_m_s: float = 4.0) -> None:

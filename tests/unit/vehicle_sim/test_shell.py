@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.snapshot import snapshot
 from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
+
+pytestmark = pytest.mark.flight
 
 
 class Terminal:
@@ -49,10 +52,15 @@ def terminal():
     return Terminal(log=True)
 
 
-@pytest.fixture
-def ready():
-    """Of a vehicle that may be armed."""
+@pytest.fixture(scope="module")
+def booted():
     return Terminal(12.0)
+
+
+@pytest.fixture
+def ready(booted):
+    """Of a vehicle that may be armed."""
+    return snapshot(booted)
 
 
 def test_a_line_is_echoed_answered_and_followed_by_the_prompt(terminal):

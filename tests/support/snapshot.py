@@ -1,0 +1,92 @@
+"""A whole simulated flight copied as it stands, so that what was flown once can be flown on many times.
+
+`copy.deepcopy` leaves functions as they are, with the objects that they captured, and makes arrays that share
+memory into arrays that do not; here both are copied with all that they hold. What belongs to a module (tables
+and layouts) stays shared.
+"""
+
+from __future__ import annotations
+
+import copy
+import struct
+import sys
+import types
+from typing import Any, TypeVar
+from unittest.mock import patch
+
+import numpy as np
+
+from vehicle_sim.mavlink.dialect import Message
+
+T = TypeVar("T")
+Memo = dict[int, Any]
+
+
+def snapshot(flown: T) -> T:
+    """A copy that flies on by itself: nothing that happens to it reaches the original, nor the other way."""
+    memo: Memo = {}
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0] == "vehicle_sim":
+            for value in list(vars(module).values()):
+                parts = (
+                    value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ()
+                )
+                memo |= {id(each): each for each in (value, *parts)}
+    with patch.dict(copy._deepcopy_dispatch, COPIERS):
+        return copy.deepcopy(flown, memo)
+
+
+def _function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
+    if not function.__closure__ and not function.__defaults__ and not function.__kwdefaults__:
+        return function
+    cells = [memo.setdefault(id(cell), types.CellType()) for cell in function.__closure__ or ()]
+    code, names = function.__code__, function.__globals__
+    made = types.FunctionType(code, names, function.__name__, None, tuple(cells) or None)
+    memo[id(function)] = made  # before its cells: one of them may hold the function itself
+    for old, new in zip(function.__closure__ or (), cells, strict=True):
+        if id(new) not in memo:  # two functions may have captured the same name
+            memo[id(new)] = new
+            new.cell_contents = copy.deepcopy(old.cell_contents, memo)
+    made.__defaults__ = copy.deepcopy(function.__defaults__, memo)
+    made.__kwdefaults__ = copy.deepcopy(function.__kwdefaults__, memo)
+    made.__dict__.update(function.__dict__)
+    return made
+
+
+def _builtin(function: types.BuiltinMethodType, memo: Memo) -> Any:
+    owner = function.__self__
+    if owner is None or isinstance(owner, types.ModuleType | type):
+        return function
+    return getattr(copy.deepcopy(owner, memo), function.__name__)
+
+
+def _array(array: np.ndarray, memo: Memo) -> np.ndarray:
+    base = array.base
+    if not isinstance(base, np.ndarray):
+        made = array.copy(order="K")
+    else:
+        whole = copy.deepcopy(base, memo)
+        offset = array.__array_interface__["data"][0] - base.__array_interface__["data"][0]
+        made = np.ndarray(array.shape, array.dtype, _bytes_of(whole), offset, array.strides)
+    made.flags.writeable = array.flags.writeable
+    memo[id(array)] = made
+    return made
+
+
+def _bytes_of(whole: np.ndarray) -> np.ndarray:
+    assert whole.flags.c_contiguous, "a view of an array that is not laid out row by row"
+    return whole.reshape(-1).view(np.uint8)
+
+
+def _same(value: T, _memo: Memo) -> T:
+    return value
+
+
+COPIERS: dict[type, Any] = {
+    types.FunctionType: _function,
+    types.BuiltinMethodType: _builtin,
+    np.ndarray: _array,
+    struct.Struct: _same,
+    Message: _same,
+}
+"""What was heard is not changed any more."""

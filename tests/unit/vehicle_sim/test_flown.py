@@ -1,0 +1,32 @@
+"""A copied flight flies on as the flight itself does, to the last bit, and touches no other."""
+
+from typing import Any
+
+import pytest
+
+from tests.support.snapshot import snapshot
+from tests.unit.vehicle_sim.sim_station import BOTH, LAND, Station
+
+GO_THERE = {"coordinate_frame": 1, "type_mask": 0xDF8, "x": 3.0, "y": 1.0, "z": -4.0}
+
+
+def flies_on(station: Station) -> str:
+    """Everything that is heard of a go-to and a landing."""
+    station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, **GO_THERE)
+    station.command(193, 5.0)
+    station.run(1.5)
+    station.command(21)
+    station.run_until(lambda: station.flown_mode == LAND, 2)
+    station.run(1.5)
+    return repr([(time_s, link, message.name, message.values) for time_s, link, message in station.log])
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize("fleet", [{}, {"links": BOTH, "camera": True}])
+def test_copies_fly_on_as_the_original_does(fleet: dict[str, Any]) -> None:
+    original = Station(seed=4, **fleet)
+    original.fly_to(3.0)
+    first, second = snapshot(original), snapshot(original)
+    as_copied = flies_on(first)
+    assert flies_on(original) == as_copied, "a copy's flight moved the original"
+    assert flies_on(second) == as_copied
