@@ -9,10 +9,11 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-clients bench screenshots lint web types wheel clean setup
+.PHONY: help run test test-fast test-clients bench screenshots lint web types wheel clean setup
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
+	@echo "make test-fast     for every save: what needs no socket, process, browser or long flight; under a minute"
 	@echo "make test          the whole suite: lint, Python, page, browser"
 	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy), and long fuzzing"
 	@echo "make bench         print the table of measurements"
@@ -83,15 +84,20 @@ lint: $(VENV)/.tested $(VENV)/.node
 	@$(BIN)/python -m tools.build_page npm run --silent lint
 
 # What waits most comes first, so that what computes fills the waiting.
-SUITE = tests/e2e tests/contract tests/unit tests/protocol tests/api
+SUITE = tests/e2e tests/integration tests/contract tests/unit tests/protocol tests/api
 
-test: $(VENV)/.tested $(VENV)/.browser web
+test-fast: $(VENV)/.tested
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/python -m pytest -q -n 2 -m "not flight and not realtime" tests/unit
+
+test: lint $(VENV)/.browser web
 	@$(BIN)/python -m tools.build_page npm run check
 	@$(BIN)/python -m tools.build_page npm test
-	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not realtime" $(SUITE)
+	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not realtime and not broad" $(SUITE)
 
 test-clients: $(VENV)/.clients web
 	@$(BIN)/python -m pytest -n 2 -m realtime tests/e2e
+	@$(BIN)/python -m pytest -n 2 -m broad tests/protocol
 	@$(BIN)/python -m pytest tests/clients
 	@$(BIN)/python -m pytest tests/hostile
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py

@@ -1,4 +1,4 @@
-"""The page's types come from the server's description of its API: they may not fall behind it."""
+"""What is generated and kept, the page's types and the blocking client, may not fall behind its source."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tools import build_page
+from tools.build_sync_client import TARGET, build
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TYPES = REPOSITORY / "web" / "src" / "api" / "schema.d.ts"
@@ -27,3 +28,7 @@ def test_the_pages_types_are_those_of_the_server(tmp_path: Path) -> None:
         assert made.read_text("utf-8") == kept.read_text("utf-8"), (
             f"the API has changed, {kept.name} has not: run `python -m tools.build_page npm run types`"
         )
+
+
+def test_the_blocking_client_is_what_the_asynchronous_one_makes_of_it() -> None:
+    assert TARGET.read_text("utf-8") == build(), "run `make types`"

@@ -1,7 +1,7 @@
 """A vehicle that flies Offboard as the recordings of PX4 show, and the whole streamer, on simulated time.
 
 The streams' rounds are run by the loop instead of their process, so that a flight is the same every time;
-the process itself is tested in `tests/unit/gcs_server/streamer/test_process.py`.
+the process itself is tested in `tests/integration/gcs_server/streamer/test_process.py`.
 """
 
 from __future__ import annotations

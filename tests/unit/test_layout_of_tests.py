@@ -1,8 +1,14 @@
 """How the tests are laid out: what several share lies in plain modules, each test module stands alone."""
 
 import ast
+import multiprocessing
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 TESTS = Path(__file__).resolve().parent.parent
 
@@ -44,3 +50,14 @@ def test_such_an_import_would_be_seen(tmp_path: Path) -> None:
     ):
         (tmp_path / "module.py").write_text(line, encoding="utf-8")
         assert any(is_run_by_pytest(name) for name in imported(tmp_path / "module.py")), line
+
+
+def test_a_unit_test_gets_no_socket_and_no_process() -> None:
+    with socket.socket() as probe, pytest.raises(AssertionError, match="move it to tests/integration"):
+        probe.bind(("127.0.0.1", 0))
+    with socket.socket() as probe, pytest.raises(AssertionError, match="move it to tests/integration"):
+        probe.connect(("127.0.0.1", 9))
+    with pytest.raises(AssertionError, match="move it to tests/integration"):
+        subprocess.Popen([sys.executable, "-V"])
+    with pytest.raises(AssertionError, match="move it to tests/integration"):
+        multiprocessing.get_context("spawn").Process(target=print).start()

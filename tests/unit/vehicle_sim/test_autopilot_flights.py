@@ -15,6 +15,8 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.geodesy import to_global
 
+pytestmark = pytest.mark.flight
+
 TICK_S = 0.02
 HEIGHTS_M = (10.0, 10.0, 10.0, math.nan)
 TAKEOFFS = {"takeoff_10m": 0, "takeoff_2p5m": 3}

@@ -12,6 +12,8 @@ from vehicle_sim.payload.picture import HEIGHT, WIDTH, Painter
 from vehicle_sim.world.terrain import Hill, Terrain
 from vehicle_sim.world.world import Box, World
 
+pytestmark = pytest.mark.flight
+
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -1,52 +1,9 @@
-"""`python -m vehicle_sim` as a process: ready lines, taken ports, clean ends, bad arguments."""
-
-import socket
-import subprocess
-import sys
+"""Arguments of `python -m vehicle_sim`: what is wrong with bad ones, and its help."""
 
 import pytest
 
 from vehicle_sim.__main__ import main
-from vehicle_sim.mavlink.framing import FrameParser
 from vehicle_sim.options import build_parser
-
-
-def run(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "vehicle_sim", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def test_it_streams_answers_the_first_sender_and_ends_on_sigterm() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-        station.bind(("127.0.0.1", 0))
-        station.settimeout(10)
-        port = station.getsockname()[1]
-        process = run("--gcs-local-port", "0", "--gcs-remote-port", str(port), "--no-api", "--tcp-port", "0")
-        try:
-            parser = FrameParser()
-            names: set[str] = set()
-            while "HEARTBEAT" not in names:
-                names |= {m.name for m in parser.feed(station.recv(65536))}
-        finally:
-            process.terminate()
-            out, _ = process.communicate(timeout=10)
-        assert process.returncode == 0
-        assert out.startswith("vehicle 1 ready (instance 0): gcs UDP ")
-
-
-def test_taken_ports_are_named_and_only_all_of_them_end_it() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen(1)
-        port = taken.getsockname()[1]
-        process = run("--gcs-remote-port", "0", "--no-api", "--tcp-port", str(port))
-        _, err = process.communicate(timeout=20)
-    assert process.returncode == 1
-    assert f"TCP port {port} on 127.0.0.1" in err
 
 
 @pytest.mark.parametrize(

@@ -1,21 +1,9 @@
-"""A fleet in several processes: how it is cut, that it flies as one, and that all end together."""
-
-import contextlib
-import os
-import select
-import signal
-import socket
-import subprocess
-import sys
-from collections.abc import Iterator
-from pathlib import Path
+"""A fleet in several processes: how it is cut."""
 
 import pytest
 
-from tests.bench.process import family
 from vehicle_sim import options
 from vehicle_sim.crew import VEHICLES_A_PROCESS, Share, processes_for, shares
-from vehicle_sim.mavlink.framing import FrameParser
 from vehicle_sim.simulation import row_east
 
 
@@ -44,67 +32,3 @@ def test_few_vehicles_stay_in_one_process() -> None:
 @pytest.mark.parametrize("together", [["--lockstep"], ["--speed", "max"]])
 def test_what_needs_one_clock_stays_in_one_process(together: list[str]) -> None:
     assert options.parse(["--instances", "100", *together]).processes == 1
-
-
-@contextlib.contextmanager
-def crew(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
-    """Three vehicles in two processes, of which each has been heard."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-        station.bind(("127.0.0.1", 0))
-        station.settimeout(20)
-        command = [sys.executable, "-m", "vehicle_sim", "--instances", "3", "--processes", "2", "--no-log"]
-        command += ["--no-api", "--tcp-port", "0", "--gcs-local-port", "0", *more]
-        command += ["--gcs-remote-port", str(station.getsockname()[1])]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        try:
-            parser, heard = FrameParser(), set[int]()
-            while heard != {1, 2, 3}:
-                heard |= {message.system_id for message in parser.feed(station.recv(65536))}
-            yield process, station
-        finally:
-            process.kill()
-            process.communicate(timeout=10)
-
-
-class Watch:
-    """Processes whose ends can be waited for, also when they are not our own children."""
-
-    def __init__(self, first: int) -> None:
-        self.pids = family(first)
-        self._ends = [os.pidfd_open(pid) for pid in self.pids]
-
-    def all_end(self) -> bool:
-        """Whether all have ended within ten seconds each."""
-        ended = [bool(select.select([end], [], [], 10.0)[0]) for end in self._ends]
-        for end in self._ends:
-            os.close(end)
-        return all(ended)
-
-
-def test_told_to_end_all_end_cleanly() -> None:
-    with crew() as (process, _):
-        watch = Watch(process.pid)
-        assert len(watch.pids) >= 3
-        process.terminate()
-        out, _ = process.communicate(timeout=10)
-        assert process.returncode == 0
-        assert sorted(line.split()[1] for line in out.splitlines()) == ["1", "2", "3"]
-        assert watch.all_end()
-
-
-def test_the_first_process_killed_ends_the_others() -> None:
-    with crew() as (process, _):
-        watch = Watch(process.pid)
-        process.kill()
-        assert watch.all_end()
-
-
-def test_one_that_fails_ends_the_others_and_is_told() -> None:
-    with crew() as (process, _):
-        watch = Watch(process.pid)
-        workers = [pid for pid in watch.pids if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-        os.kill(workers[0], signal.SIGKILL)
-        _, err = process.communicate(timeout=10)
-        assert process.returncode == 1
-        assert "has ended (SIGKILL); the others are ended too" in err
-        assert watch.all_end()

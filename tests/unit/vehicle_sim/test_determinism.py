@@ -1,18 +1,16 @@
 """Same seed and same stimulus, same flight: every byte on every link, every number of the truth."""
 
 import hashlib
-import socket
-import subprocess
-import sys
 
 import numpy as np
+import pytest
 
 from tests.unit.vehicle_sim.sim_station import NAN, Station
-from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.script import script_of
 from vehicle_sim.world.files import load_world
 from vehicle_sim.yaml_fields import parse_yaml
+
+pytestmark = pytest.mark.flight
 
 FAULTS = """
 events:
@@ -58,53 +56,3 @@ def test_two_runs_are_the_same_bit_for_bit_and_another_seed_is_another_flight() 
     assert np.array_equal(truth_a, truth_b)
     assert early_a[0, 2] < -0.2
     assert not np.array_equal(early_a, early_c)
-
-
-class Steered:
-    """A client of a simulator process in lockstep, over TCP."""
-
-    def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=20)
-        self.parser = FrameParser()
-        self.digest = hashlib.sha256()
-        self.sequence = 0
-
-    def send(self, name: str, **fields: float) -> None:
-        layout, payload = pack(name, **fields)
-        self.socket.sendall(frame_v2(layout, payload, self.sequence & 0xFF, 255, 190))
-        self.sequence += 1
-
-    def until(self, time_ms: int) -> None:
-        self.send("SYSTEM_TIME", time_boot_ms=time_ms)
-        while True:
-            data = self.socket.recv(65536)
-            assert data, "the simulator has gone"
-            self.digest.update(data)
-            for message in self.parser.feed(data):
-                if message.name == "SYSTEM_TIME" and message.time_boot_ms >= time_ms:
-                    return
-
-
-def steered_flight() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "vehicle_sim", "--lockstep", "--tcp-port", str(port), "--no-api"]
-    command += ["--gcs-remote-port", "0", "--seed", "5", "--wind", "1,2,1", "--no-log"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert "ready" in process.stdout.readline()
-            client = Steered(port)
-            for time_ms in range(500, 9_001, 500):
-                client.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
-                if time_ms == 8_000:
-                    client.send("COMMAND_LONG", target_system=1, target_component=1, command=400, param1=1.0)
-                client.until(time_ms)
-            return client.digest.hexdigest()
-        finally:
-            process.terminate()
-
-
-def test_in_lockstep_a_client_of_another_process_hears_the_same_bytes_twice() -> None:
-    assert steered_flight() == steered_flight()

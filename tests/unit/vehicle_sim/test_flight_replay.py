@@ -12,6 +12,8 @@ from tests.bench import (
     ros2_recordings,
 )
 
+pytestmark = pytest.mark.flight
+
 SHORT = ("att_roll_10", "rate_roll_pulse", "vel_z_up1p5", "pos_step_z_up3", "yaw_step_90")
 
 

@@ -6,6 +6,8 @@ import pytest
 
 from tests.unit.vehicle_sim.sim_station import Station
 
+pytestmark = pytest.mark.flight
+
 SPEED_M_S = 2.0
 M_PER_DEG = 111_195.0
 

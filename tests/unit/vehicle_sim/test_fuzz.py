@@ -15,6 +15,8 @@ from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, Layout, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.world.files import load_world
 
+pytestmark = pytest.mark.flight
+
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "1"))
 """More of them with `make test-clients`."""
 ODD_FLOATS = (

@@ -7,6 +7,8 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import PlanStation
 from tests.unit.vehicle_sim.sim_station import NAN, Station
 
+pytestmark = pytest.mark.flight
+
 
 def ready() -> Station:
     s = Station()

@@ -13,6 +13,8 @@ from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.estimator.terrain import LASTS_FROM_GROUND_S, LASTS_S, Terrain
 from vehicle_sim.parameters import Parameters
 
+pytestmark = pytest.mark.flight
+
 LIMITS = Limits(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
 FLYING = Motion(
     armed=True, thrust=0.49, hover_thrust=0.49, hover_thrust_known=True, velocity_ned_m_s=(0.0, 0.0, 0.0),

@@ -8,6 +8,8 @@ from tests.unit.vehicle_sim.ftp_client import FtpClient
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.mavlink.services import ftp
 
+pytestmark = pytest.mark.flight
+
 TARGET = {"target_system": 1, "target_component": 1}
 
 

@@ -7,6 +7,8 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
 from tests.unit.vehicle_sim.sim_station import HOLD, NAN, RTL
 
+pytestmark = pytest.mark.flight
+
 WAYPOINT, RETURN, LAND, TAKEOFF, DELAY, JUMP, SPEED = 16, 20, 21, 22, 93, 177, 178
 ROI, ROI_NONE, LOITER_UNLIMITED = 195, 197, 17
 

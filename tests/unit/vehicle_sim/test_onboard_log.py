@@ -11,6 +11,8 @@ from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.storage.files import VehicleFiles
 
+pytestmark = pytest.mark.flight
+
 ARMED_AT_S, BOOT_UNIX_S = 12.0, 1795222005  # 2026-11-21 00:46:45 UTC
 RECORDED_HEAD = (
     "554c6f67011235014072070000000000280042010000000000000000000000000000000000000000000000000000000000000000"

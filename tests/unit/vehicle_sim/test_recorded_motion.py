@@ -11,6 +11,8 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.frames import GRAVITY_M_S2, quaternion_from_euler
 from vehicle_sim.parameters import Parameters
 
+pytestmark = pytest.mark.flight
+
 AIRFRAME = Airframe.from_parameters(Parameters())
 
 

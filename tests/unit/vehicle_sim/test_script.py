@@ -9,6 +9,8 @@ from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.script import script_of
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
 
+pytestmark = pytest.mark.flight
+
 
 def script(*events):
     return script_of(

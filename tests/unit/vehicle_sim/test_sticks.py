@@ -8,6 +8,8 @@ import pytest
 from tests.unit.vehicle_sim.sim_station import POSITION, Station
 from vehicle_sim.geodesy import to_global
 
+pytestmark = pytest.mark.flight
+
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
 NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
 NEEDED = {0, 1}

@@ -8,6 +8,8 @@ import pytest
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.frames import euler_of
 
+pytestmark = pytest.mark.flight
+
 WITHOUT_GPS = {"EKF2_GPS_CTRL": 0, "SYS_HAS_GPS": 0}
 
 

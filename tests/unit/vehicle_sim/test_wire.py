@@ -15,6 +15,8 @@ from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.rates import API, GCS
 
+pytestmark = pytest.mark.flight
+
 ONLY_IN_ORBIT = {"ORBIT_EXECUTION_STATUS"}
 NOT_ON_GROUND = {"POSITION_TARGET_GLOBAL_INT"} | ONLY_IN_ORBIT
 

@@ -15,6 +15,8 @@ from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
 from vehicle_sim.world.world import Box, Lidars, World, wall
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
 
+pytestmark = pytest.mark.flight
+
 BOX = Box("box", 10.0, 0.0, 2.0, 4.0, 3.0)
 
 

@@ -13,7 +13,7 @@ from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, 
 from gcs_server.scene.proxy import understood
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
 from missions.frames import q_from_yaw
-from tests.unit.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
 
 pack = msgspec.msgpack.encode
 MOVED = {

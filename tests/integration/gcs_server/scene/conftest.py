@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tests.unit.gcs_server.scene.scene_running import Running, serving
+from tests.integration.gcs_server.scene.scene_running import Running, serving
 
 
 @pytest.fixture(scope="module")

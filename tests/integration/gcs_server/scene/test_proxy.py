@@ -21,7 +21,13 @@ from gcs_server.scene.host import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import understood
 from gcs_server.scene.scene import MAX_VIEWS
-from tests.unit.gcs_server.scene.scene_running import CAMERA, PROTOCOL, Running, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import (
+    CAMERA,
+    PROTOCOL,
+    Running,
+    eventually,
+    open_stream,
+)
 
 
 def types_in(data: bytes) -> list[str]:

@@ -16,8 +16,8 @@ from gcs_server.scene.host import SceneError, ViserHost
 from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
+from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying
-from tests.unit.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
 
 
 def test_viser_says_nothing_and_leaves_nothing(capfd):

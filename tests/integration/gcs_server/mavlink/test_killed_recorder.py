@@ -1,0 +1,39 @@
+"""A server that is killed leaves what its recorder had flushed."""
+
+import signal
+import subprocess
+import sys
+import time
+
+from gcs_server.mavlink.codec import encode_frame
+from gcs_server.replay.records import read_tlog
+
+NOW_US = 1_700_000_000_000_000
+FRAME = encode_frame(0, b"\x01" * 9, 0, 1, 1)
+
+
+def files(folder):
+    return sorted(folder.glob("*.tlog"))
+
+
+def test_a_killed_server_leaves_what_was_flushed(tmp_path):
+    program = (
+        "import sys,time;from pathlib import Path\n"
+        "from gcs_server.mavlink.tlog_writer import TlogRecorder,stamp\n"
+        "t=TlogRecorder(Path(sys.argv[1]),max_bytes=10**9,keep_free_bytes=0);t.start();c=t.channel('a')\n"
+        f"[c.append(stamp({NOW_US}+n),bytes.fromhex('{FRAME.hex()}')) for n in range(500)]\n"
+        "print('ready',flush=True);time.sleep(60)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)
+    try:
+        assert process.stdout.readline() == b"ready\n"
+        until_s = time.monotonic() + 30
+        while [len(list(read_tlog(path))) for path in files(tmp_path)] != [500]:
+            assert time.monotonic() < until_s, "it was never flushed"
+            time.sleep(0.05)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+    (path,) = files(tmp_path)
+    assert len(list(read_tlog(path))) == 500

@@ -1,0 +1,80 @@
+"""The process that reads a vehicle's metadata files: its limits, and what it hands back."""
+
+import asyncio
+import json
+import lzma
+import subprocess
+import sys
+
+import pytest
+
+from gcs_server.vehicle import metadata_files, metadata_process, param_document
+from gcs_server.vehicle.metadata_files import PARAMETERS
+
+GOOD = {"name": "GOOD", "type": "Float", "max": 3.0}
+
+
+def parameters(*entries):
+    return json.dumps({"version": 1, "parameters": [*entries, GOOD]}).encode()
+
+
+def in_a_process(kind, packed, crc=0):
+    return asyncio.run(metadata_process.DocumentReader().read(kind, packed, crc))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b'{"version":1,"parameters":[' + b"{}," * 10_000_000 + b"{}]}", "more than 8,000,000 bytes"),
+        (b'{"version":1,"x":' + b"[" * 3_000_000 + b"]" * 3_000_000 + b"}", "recursion|memory"),
+        (bytes(300_000_000), "more than 8,000,000 bytes"),
+    ],
+)
+def test_a_packed_file_that_unpacks_to_too_much_is_refused(content, words):
+    packed = lzma.compress(content, preset=1)
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 the words are compared below
+        in_a_process(PARAMETERS, packed)
+    assert any(word in str(caught.value) for word in words.split("|"))
+
+
+def test_a_file_is_read_in_another_process_and_comes_back_whole(monkeypatch):
+    content = parameters({"name": "A", "type": "Int32", "values": [{"value": 1, "description": "one"}]})
+    expected = dict(param_document.parse(content))
+    monkeypatch.setattr(metadata_files, "answer", None)  # this process must not need it
+    monkeypatch.setattr(param_document, "parse", None)
+    found = in_a_process(PARAMETERS, content)
+    assert dict(found) == expected
+    assert found.left_out is None
+
+
+@pytest.mark.parametrize("work", ["bytes(10**9)", "[0 for _ in iter(int, 1)]"])
+def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
+    code = (
+        "from gcs_server.vehicle import metadata_files, metadata_process as process\n"
+        f"metadata_files.answer = lambda *_: {work}\n"
+        "process.COMPUTING_S = 1\n"
+        "process.main(['1', '0'])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], input=b"", capture_output=True, timeout=60)
+    assert ended.returncode != 0
+    assert not ended.stdout
+
+
+def test_a_process_that_ends_without_an_answer_is_a_sentence(monkeypatch):
+    monkeypatch.setattr(metadata_process, "__name__", "gcs_server.vehicle.no_such_module")
+    with pytest.raises(ValueError, match="more memory or time than"):
+        in_a_process(PARAMETERS, b"{}")
+
+
+def test_documents_of_all_vehicles_together_take_limited_memory(monkeypatch):
+    monkeypatch.setattr(metadata_process, "MOST_HELD_BYTES", 250)
+    reader = metadata_process.DocumentReader()
+
+    async def read():
+        return await reader.read(PARAMETERS, parameters(), 0)
+
+    held = [asyncio.run(read())]
+    with pytest.raises(ValueError, match="of other vehicles"):
+        asyncio.run(read())
+    held.clear()
+    assert list(asyncio.run(read())) == ["GOOD"]
