@@ -174,7 +174,10 @@ def test_a_flight_longer_than_allowed_returns() -> None:
 
 
 def test_the_wind_is_felt_and_too_much_of_it_lands() -> None:
-    s = flying(EKF2_DRAG_CTRL=1, COM_WIND_WARN=2.0, COM_WIND_MAX=4.0, COM_WIND_MAX_ACT=5)
+    wind = {"EKF2_DRAG_CTRL": 1, "COM_WIND_WARN": 2.0, "COM_WIND_MAX": 4.0, "COM_WIND_MAX_ACT": 5}
+    s = PlanStation(parameters=wind | {"COM_FAIL_ACT_T": 1.0}, sensor_noise=False)  # read at boot
+    s.ready_to_arm()
+    s.fly_to(3.0)
     monitors = s.sim.autopilots[0].commander.monitors
     assert monitors.wind_m_s < 0.5
     s.sim.simulation.set_wind([0.0, -6.0, 0.0])

@@ -255,6 +255,7 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
     numbers = []
     link = MemoryLink("memory", outgoing=lambda data, _: numbers.append(data[4]))
     link._state = "open"
+    link.now_s = lambda: 0.0  # nothing expires, however busy the machine
     sender = FrameSender(link, 255, 190, lambda _: None)
     peer = Peer("peer")
     ready = threading.Barrier(4)
