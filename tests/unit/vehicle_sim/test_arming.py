@@ -2,7 +2,6 @@
 
 import pytest
 
-from tests.support.snapshot import snapshot
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.parameters import Parameters
 
@@ -12,16 +11,11 @@ ARM, SET_MODE, CALIBRATE = 400, 176, 241
 POSITION, ALTITUDE, STABILIZED = 3, 2, 7
 
 
-@pytest.fixture(scope="module")
-def booted() -> Station:
+@pytest.fixture
+def station() -> Station:
     station = Station(sensor_noise=False)
     station.run(12.0)
     return station
-
-
-@pytest.fixture
-def station(booted: Station) -> Station:
-    return snapshot(booted)
 
 
 def with_sticks(station: Station, seconds: float, throttle: int) -> None:

@@ -4,7 +4,6 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.flown import flown
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
 from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, TAKEOFF
 
@@ -24,8 +23,9 @@ def ground() -> PlanStation:
 
 
 @pytest.fixture
-def air() -> PlanStation:
-    return flown(PlanStation, 8.0, sensor_noise=False)
+def air(ground: PlanStation) -> PlanStation:
+    ground.fly_to(8.0)
+    return ground
 
 
 def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:

@@ -1,12 +1,10 @@
 """What any quadrotor's physics and any estimator must keep, whatever the numbers."""
 
-import functools
 import math
 
 import numpy as np
 import pytest
 
-from tests.support.snapshot import snapshot
 from vehicle_sim import frames
 from vehicle_sim.simulation import ControlLevel, Simulation
 
@@ -33,16 +31,6 @@ def hovering(count=1, *, noise=False, seed=0):
     sim.setpoints.yaw_ned_rad[:] = 0.0
     run(sim, 8.0)
     return sim
-
-
-@functools.cache
-def _hovered(noise):
-    return hovering(noise=noise)
-
-
-def hover(*, noise=False):
-    """One vehicle in hover, flown up once for all tests."""
-    return snapshot(_hovered(noise))
 
 
 def test_the_airframe_is_the_recordings():
@@ -73,7 +61,7 @@ def test_what_stands_does_not_drift():
 
 
 def test_a_hover_without_noise_does_not_drift():
-    sim = hover()
+    sim = hovering()
     run(sim, 8.0)
     before = sim.truth.position_ned_m[0].copy()
     run(sim, 5.0)
@@ -81,7 +69,7 @@ def test_a_hover_without_noise_does_not_drift():
 
 
 def test_a_vehicle_sinking_under_thrust_stops_on_the_ground():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.position_ned_m[:] = np.nan
     sim.setpoints.velocity_ned_m_s[:] = (0.0, 0.0, 0.3)
     sim.setpoints.climb_limit_m_s[:] = np.nan
@@ -107,7 +95,7 @@ def test_four_directions_answer_alike():
 
 
 def test_thrust_and_torque_go_past_the_rate_controller():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.level[:] = ControlLevel.THRUST_TORQUE
     sim.setpoints.thrust[:] = 0.49
     sim.setpoints.torque_frd[:] = (0.0, 0.0, 0.05)
@@ -122,7 +110,7 @@ def test_thrust_and_torque_go_past_the_rate_controller():
 
 
 def test_motors_go_past_the_mixer_and_no_number_stops_them():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.level[:] = ControlLevel.MOTORS
     sim.setpoints.motors[:] = (0.25, np.nan, -0.5, 2.0)
     sim.step()
@@ -133,7 +121,7 @@ def test_motors_go_past_the_mixer_and_no_number_stops_them():
 
 
 def test_a_gps_glitch_is_rejected_and_believed_in_the_end():
-    sim = hover(noise=True)
+    sim = hovering(noise=True)
     sim.set_gps_offset(0, np.array([60.0, 0.0, 0.0]))
     run(sim, 3.0)
     assert sim.estimate.gps_rejected[0]
@@ -147,7 +135,7 @@ def test_a_gps_glitch_is_rejected_and_believed_in_the_end():
 
 
 def test_a_glitch_that_passes_leaves_nothing_behind():
-    sim = hover(noise=True)
+    sim = hovering(noise=True)
     sim.set_gps_offset(0, np.array([0.0, -40.0, 0.0]))
     run(sim, 2.0)
     sim.set_gps_offset(0, np.zeros(3))

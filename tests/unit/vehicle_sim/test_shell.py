@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.snapshot import snapshot
 from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
@@ -52,15 +51,10 @@ def terminal():
     return Terminal(log=True)
 
 
-@pytest.fixture(scope="module")
-def booted():
-    return Terminal(12.0)
-
-
 @pytest.fixture
-def ready(booted):
+def ready():
     """Of a vehicle that may be armed."""
-    return snapshot(booted)
+    return Terminal(12.0)
 
 
 def test_a_line_is_echoed_answered_and_followed_by_the_prompt(terminal):

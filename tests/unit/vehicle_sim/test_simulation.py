@@ -1,12 +1,10 @@
 """What must hold for any flight of the simulated body: balance, signs, symmetry, determinism."""
 
-import functools
 import math
 
 import numpy as np
 import pytest
 
-from tests.support.snapshot import snapshot
 from vehicle_sim import frames
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import ControlLevel, Simulation
@@ -30,16 +28,6 @@ def hovering(count: int = 1, *, noise: bool = False, seconds: float = 10.0, **ar
     sim.setpoints.yaw_ned_rad[:] = 0.0
     run(sim, seconds)
     return sim
-
-
-@functools.cache
-def _hovered(count: int) -> Simulation:
-    return hovering(count)
-
-
-def hover(count: int = 1) -> Simulation:
-    """The same without noise, flown up once for all tests."""
-    return snapshot(_hovered(count))
 
 
 def test_on_the_ground_nothing_drifts():
@@ -94,7 +82,7 @@ def test_hover_with_noise_wanders_little():
 
 
 def test_a_yaw_setpoint_turns_clockwise_with_the_right_motors():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.yaw_ned_rad[:] = math.radians(30.0)
     run(sim, 0.2)
     front_right, rear_left, front_left, rear_right = sim.motors_us[0]
@@ -104,7 +92,7 @@ def test_a_yaw_setpoint_turns_clockwise_with_the_right_motors():
 
 
 def test_velocity_north_pitches_down_and_settles_below_the_setpoint():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.position_ned_m[:] = np.nan
     sim.setpoints.velocity_ned_m_s[:] = (1.0, 0.0, 0.0)
     run(sim, 0.4)
@@ -115,7 +103,7 @@ def test_velocity_north_pitches_down_and_settles_below_the_setpoint():
 
 
 def test_steps_east_and_west_mirror_each_other():
-    sim = hover(2)
+    sim = hovering(2)
     sim.setpoints.position_ned_m[0, 1] += 4.0
     sim.setpoints.position_ned_m[1, 1] -= 4.0
     start = sim.truth.position_ned_m.copy()
@@ -152,7 +140,7 @@ def test_wind_is_held_against():
 
 
 def test_body_rates_follow():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.level[:] = ControlLevel.RATES
     sim.setpoints.thrust[:] = 0.49
     sim.setpoints.rates_frd_rad_s[:] = (1.0, 0.0, 0.0)
@@ -161,7 +149,7 @@ def test_body_rates_follow():
 
 
 def test_attitude_setpoint_follows():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.level[:] = ControlLevel.ATTITUDE
     sim.setpoints.thrust[:] = 0.5
     sim.setpoints.q_ned_frd[:] = frames.quaternion_from_euler(math.radians(10), math.radians(-5), 0.0)
@@ -235,7 +223,7 @@ def test_battery_drains_armed_and_fills_when_disarmed():
 
 
 def test_parameters_take_effect_when_reloaded():
-    sim = hover()
+    sim = hovering()
     sim.parameters[0].set("SIH_MASS", 1.2)
     assert sim.reload_parameters(0) is None
     run(sim, 10.0)
@@ -251,7 +239,7 @@ def test_parameters_take_effect_when_reloaded():
 
 
 def test_reset_puts_one_vehicle_back_and_leaves_the_other():
-    sim = hover(2)
+    sim = hovering(2)
     sim.reset_vehicle(0)
     assert np.array_equal(sim.truth.position_ned_m[0], [0.0, 0.0, 0.0])
     assert not sim.setpoints.armed[0]
@@ -262,7 +250,7 @@ def test_reset_puts_one_vehicle_back_and_leaves_the_other():
 
 
 def test_a_partial_setpoint_controls_what_it_names():
-    sim = hover()
+    sim = hovering()
     sim.setpoints.position_ned_m[:] = (np.nan, np.nan, -12.0)
     sim.setpoints.velocity_ned_m_s[:] = (0.0, 2.0, np.nan)
     run(sim, 5.0)

@@ -2,7 +2,6 @@
 
 import pytest
 
-from tests.support.snapshot import snapshot
 from tests.unit.vehicle_sim.sim_station import NAN, Station
 
 pytestmark = pytest.mark.flight
@@ -11,16 +10,10 @@ STORAGE, ARM = 245, 400
 ACCEPTED, TEMPORARILY_REJECTED = 0, 1
 
 
-@pytest.fixture(scope="module")
-def booted() -> Station:
+@pytest.fixture
+def station() -> Station:
     station = Station()
     station.run(12.0)
-    return station
-
-
-@pytest.fixture
-def station(booted: Station) -> Station:
-    station = snapshot(booted)
     station.sim.set_parameter(0, "MPC_XY_CRUISE", 7.0)
     station.sim.set_parameter(0, "COM_FLIGHT_UUID", 42)
     station.run(0.2)
