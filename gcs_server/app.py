@@ -21,6 +21,7 @@ from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
 from gcs_server.api.offboard_models import LimitsRequest
+from gcs_server.api.operation_routes import operation_view
 from gcs_server.api.permission import bind_commands, command_of
 from gcs_server.api.principals import principal_of
 from gcs_server.api.schema import bare_app
@@ -33,6 +34,7 @@ from gcs_server.errors import GcsError
 from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.operations.operations import Operation, Operations
 from gcs_server.replay.service import Replays
 from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
 from gcs_server.settings import Settings, token_of
@@ -114,6 +116,7 @@ class Server:
             authority=Authority(clock, self.fleet, journal, self.supervisor, terms),
             replays=replays,
             groups=self.streamer.groups,
+            operations=Operations(clock, self.supervisor, self._operation_told),
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
@@ -122,6 +125,7 @@ class Server:
         )
         self.station.hub.watch_replays(replays.all)
         self.streamer.groups.tell = self._group_told
+        self.fleet.subscribe(self._watch_for_losses)
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
@@ -158,6 +162,7 @@ class Server:
     async def stop(self) -> None:
         """Vehicles into Hold first, the simulator last."""
         await self._stop_streams()
+        await self.station.operations.close()
         self.streamer.close()
         self.station.hub.close()
         if self.scene is not None:
@@ -196,6 +201,21 @@ class Server:
         severity = MAV_SEVERITY_WARNING if warning else MAV_SEVERITY_INFO
         unix_s = self.station.clock.unix_s()
         self.fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
+
+    def _operation_told(self, operation: Operation) -> None:
+        # Told, not kept: GET /operations has them.
+        data = {"operation": operation_view(operation)}
+        unix_s = self.station.clock.unix_s()
+        event = Event(0, "operation", operation.vehicle, unix_s, MAV_SEVERITY_DEBUG, operation.text, data)
+        self.station.hub.tell(event)
+
+    def _watch_for_losses(self, event: Event) -> None:
+        gone = event.kind == "vehicle_removed"
+        if event.vehicle is not None and (gone or (event.kind == "link" and self._is_lost(event.vehicle))):
+            self.station.operations.vehicle_lost(event.vehicle, event.text)
+
+    def _is_lost(self, vehicle_id: str) -> bool:
+        return any(v.id == vehicle_id and v.status.link_lost for v in self.fleet.all())
 
     def _scene_clicked(self, click: SceneClick) -> None:
         # Only told, not kept: a click is no event of the vehicle's.

@@ -5,6 +5,7 @@
     ├── UnknownVehicle           no vehicle of that id (or it has gone)
     ├── UnknownLink              no link of that name
     ├── UnknownGroup             no group of that id
+    ├── UnknownOperation         no operation of that id (or it was forgotten)
     ├── UnknownRecording         no recording, or no replay, of that name
     ├── RecordingUnusable        a recording in which nothing can be read
     ├── InvalidRequest           what was asked is not well-formed; names the field
@@ -71,6 +72,12 @@ class UnknownGroup(GcsError):
     """No group has this id."""
 
     code = "unknown_group"
+
+
+class UnknownOperation(GcsError):
+    """No operation has this id, or it was forgotten."""
+
+    code = "unknown_operation"
 
 
 class UnknownRecording(GcsError):

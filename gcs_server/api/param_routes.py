@@ -15,6 +15,9 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import StrictBody
+from gcs_server.control.commands import API
+from gcs_server.errors import Refused
+from gcs_server.operations.operations import Report
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.param_facts import Choice, ParamFacts, is_default
 from gcs_server.vehicle.param_table import Param
@@ -109,22 +112,47 @@ async def all_params(vehicle: VehicleDep) -> Response:
     responses={202: {"model": ListModel, "description": "They are being read."}},
 )
 async def refresh_params(
-    vehicle: VehicleDep, body: Annotated[RefreshRequest | None, Body()] = None
+    vehicle: VehicleDep,
+    station: StationDep,
+    principal: PrincipalDep,
+    body: Annotated[RefreshRequest | None, Body()] = None,
 ) -> Response:
     """Reads all (929 of a PX4) unless the vehicle's checksum says that those known still hold.
 
-    Answers at once how far it is, unless asked to wait. What they mean is fetched from the vehicle's own
-    files, the first time with this firmware.
+    Answers at once how far it is, unless asked to wait; `Location` is the operation that reads them, which
+    can be followed and cancelled. What they mean is fetched from the vehicle's own files, the first time with
+    this firmware.
     """
     request = body or RefreshRequest()
     vehicle.require_commandable()
     params = vehicle.params
+
+    async def read(report: Report) -> dict[str, object]:
+        def told(known: ParamList) -> None:
+            share = None if not known.count else known.received / known.count
+            report(f"{known.received} of {known.count or 'unknown'} parameters have come.", share)
+
+        known = await params.refresh(ignore_cache=request.ignore_cache, progress=told)
+        return {"received": known.received, "source": known.source}
+
+    operation = station.operations.start(
+        "parameters/read",
+        read,
+        text=f"Reading the parameters of vehicle {vehicle.id}.",
+        vehicle=vehicle.id,
+        by=(principal.name, principal.key),
+        needs_vehicle=True,
+    )
     if request.wait:
-        return answer(await params.refresh(ignore_cache=request.ignore_cache))
+        ended = await station.operations.wait(operation.id)
+        if ended.state == "cancelled":
+            raise Refused(f"Reading the parameters of vehicle {vehicle.id} was cancelled.")
+        return answer(params.list)
     if params.list.state != "reading":
         params.announce()
-        vehicle.in_background("parameters", params.refresh(ignore_cache=request.ignore_cache))
-    return answer(params.list, 202)
+    response = answer(params.list, 202)
+    response.headers["Location"] = f"{API}/operations/{operation.id}"
+    return response
 
 
 @router.get("/{v}/params/{name}", response_model=ParameterView)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
@@ -24,6 +25,7 @@ from gcs_server.errors import (
     Rejected,
     UnknownGroup,
     UnknownLink,
+    UnknownOperation,
     UnknownRecording,
     UnknownVehicle,
 )
@@ -45,6 +47,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
     (UnknownGroup, 404, "Unknown group"),
     (UnknownLink, 404, "Unknown link"),
+    (UnknownOperation, 404, "Unknown operation"),
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
     (InvalidRequest, 422, "Not possible as asked"),
@@ -100,7 +103,7 @@ class Problem(BaseModel):
 RESPONSES: dict[int | str, dict[str, object]] = {
     status: {"model": Problem, "description": text}
     for status, text in (
-        (404, "No such vehicle, group, link or recording."),
+        (404, "No such vehicle, group, link, recording or operation."),
         (409, "Refused by this server or by the vehicle, with the reason."),
         (422, "Malformed; names the field."),
         (503, "The link to the vehicle was lost."),
@@ -119,9 +122,19 @@ def status_of(error: GcsError) -> tuple[int, str]:
 
 def problem(status: int, title: str, code: str, detail: str, **more: object) -> Response:
     """A problem+json response; fields that are None are left out."""
-    body = {"type": f"/problems/{code}", "title": title, "status": status, "code": code, "detail": detail}
-    body |= {key: value for key, value in more.items() if value is not None}
+    body = _body(status, title, code, detail, more)
     return Response(encode(body), status_code=status, media_type="application/problem+json")
+
+
+def problem_of(error: GcsError) -> dict[str, object]:
+    """An error's problem+json, where it is told in something else: an operation, an event."""
+    status, title = status_of(error)
+    return _body(status, title, error.code, error.message, {"remedy": error.remedy, **error.details()})
+
+
+def _body(status: int, title: str, code: str, detail: str, more: Mapping[str, object]) -> dict[str, object]:
+    body = {"type": f"/problems/{code}", "title": title, "status": status, "code": code, "detail": detail}
+    return body | {key: value for key, value in more.items() if value is not None}
 
 
 def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:

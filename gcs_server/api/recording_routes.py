@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncGenerator
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import StationDep
+from gcs_server.errors import RecordingUnusable
+from gcs_server.operations.operations import Report
 
 PIECE_BYTES = 1 << 16
 
@@ -41,9 +44,32 @@ async def download_recording(name: str, station: StationDep) -> StreamingRespons
 
 
 @router.get("/recordings/{name}/index", response_model=responses.RecordingIndexModel)
-async def index_recording(name: str, station: StationDep) -> Response:
-    """Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once."""
-    return answer(await station.replays.index_of_recording(name))
+async def index_recording(name: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once.
+
+    The first time it is an operation, which can be followed and cancelled (409 then).
+    """
+    replays = station.replays
+    if not replays.is_indexed(name):
+
+        async def read(report: Report) -> dict[str, object]:
+            try:
+                index = await replays.index_of_recording(name)
+            except asyncio.CancelledError:
+                replays.stop_reading(name)
+                raise
+            return {"records": index.records}
+
+        operation = station.operations.start(
+            "recording/index",
+            read,
+            text=f"Reading {name}.",
+            subject=name,
+            by=(principal.name, principal.key),
+        )
+        if (await station.operations.wait(operation.id)).state == "cancelled":
+            raise RecordingUnusable(f"{name}: reading it was cancelled.")
+    return answer(await replays.index_of_recording(name))
 
 
 @router.get("/replays", response_model=responses.Replays)

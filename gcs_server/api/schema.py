@@ -16,6 +16,7 @@ from gcs_server.api import (
     group_routes,
     map_routes,
     offboard_routes,
+    operation_routes,
     param_routes,
     problems,
     readiness_routes,
@@ -45,6 +46,7 @@ def api_router() -> APIRouter:
         readiness_routes,
         map_routes,
         recording_routes,
+        operation_routes,
     ):
         router.include_router(part.router)
     return router

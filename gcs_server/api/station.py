@@ -16,6 +16,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.mavlink.router import Router
+from gcs_server.operations.operations import Operations
 from gcs_server.replay.service import Replays
 from gcs_server.streamer.groups import Groups
 from gcs_server.telemetry.hub import Hub
@@ -35,6 +36,7 @@ class Station:
     authority: Authority
     replays: Replays
     groups: Groups
+    operations: Operations
     started_s: float
     own_ids: tuple[int, int]
     maps: Path

@@ -183,6 +183,14 @@ ALL: tuple[Command, ...] = (
     Command("replays/open", "replay", ("POST /replays",)),
     Command("replays/change", "replay", ("POST /replays/{name}",), journaled=False),
     Command("replays/close", "replay", ("DELETE /replays/{name}",)),
+    # long work
+    Command(
+        "operations/cancel",
+        "configure",
+        ("DELETE /operations/{o}",),
+        "not_anothers",
+        "the operation's vehicle, unless the caller started it",
+    ),
     # looking
     _views(
         "vehicles",
@@ -200,6 +208,7 @@ ALL: tuple[Command, ...] = (
         "GET /groups",
         "GET /groups/{g}",
     ),
+    _views("operations", "GET /operations", "GET /operations/{o}"),
     _views("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
     _views(
         "recordings",

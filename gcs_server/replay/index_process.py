@@ -33,7 +33,7 @@ class IndexProcess:
     """Makes an index in a process of its own; `run` is for a worker thread, `stop` for any."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
 
@@ -43,7 +43,7 @@ class IndexProcess:
         Raises:
             UnreadableRecording: what is wrong with the file, in words.
         """
-        command = [sys.executable, "-m", "gcs_server.replay.index_process", str(self._path)]
+        command = [sys.executable, "-m", "gcs_server.replay.index_process", str(self.path)]
         with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as process:
             self._process = process
             if self._stopped:

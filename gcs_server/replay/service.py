@@ -6,6 +6,7 @@ import asyncio
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -112,6 +113,22 @@ class Replays:
         """
         path = self.path(name)
         return await self._view(path, await self._index(path))
+
+    def is_indexed(self, name: str) -> bool:
+        """Whether `index_of_recording` answers at once. Raises UnknownRecording."""
+        path = self.path(name)
+        with suppress(OSError):
+            future = self._indexes.get((path, stamp_of(path)))
+            return future is not None and future.done() and not future.cancelled()
+        return False
+
+    def stop_reading(self, name: str) -> None:
+        """Ends the making of this recording's index; who else waits for it is told so."""
+        for process in tuple(self._processes):
+            if process.path.name == name:
+                process.stop()
+                for key in [key for key in self._indexes if key[0] == process.path]:
+                    del self._indexes[key]
 
     async def index_of_replay(self, name: str) -> RecordingIndex:
         """As `index_of_recording`, of one that is played. Raises UnknownRecording, RecordingUnusable."""

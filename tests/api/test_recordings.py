@@ -3,6 +3,7 @@
 import gzip
 import itertools
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from fastapi.testclient import TestClient
@@ -38,6 +39,10 @@ def client(server):
     yield server
     for replay in server.get(f"{API}/replays").json()["replays"]:
         server.delete(f"{API}/replays/{replay['name']}")
+
+
+def operations(client):
+    return client.get(f"{API}/operations").json()["operations"]
 
 
 def listed(client):
@@ -141,6 +146,41 @@ def test_what_cannot_be_played_says_why(client, folder, content, words):
         assert "bad.tlog" in answer.json()["detail"]
         assert words in answer.json()["detail"]
     assert client.get(f"{API}/replays").json() == {"replays": []}
+
+
+def test_making_an_index_is_an_operation_that_is_told_and_made_once(client, folder):
+    (folder / "once.tlog").write_bytes(log_bytes(flight(seconds=5)))
+    states = []
+    with client.websocket_connect(f"ws://localhost{API}/telemetry") as socket:
+        assert client.get(f"{API}/recordings/once.tlog/index").status_code == 200
+        while states[-1:] != ["succeeded"]:
+            event = socket.receive_json().get("event", {})
+            if event.get("kind") == "operation":
+                states.append(event["operation"]["state"])
+                assert (event["operation"]["kind"], event["operation"]["subject"]) == (
+                    "recording/index",
+                    "once.tlog",
+                )
+    assert states == ["running", "succeeded"]
+    assert client.get(f"{API}/recordings/once.tlog/index").status_code == 200
+    found = [o for o in operations(client) if o["subject"] == "once.tlog"]
+    assert [(o["state"], o["vehicle"]) for o in found] == [("succeeded", None)]
+    assert client.get(f"{API}/operations/{found[0]['id']}").json() == found[0]
+    assert client.delete(f"{API}/operations/{found[0]['id']}").json() == found[0]
+    assert client.get(f"{API}/operations/77").json()["code"] == "unknown_operation"
+
+
+def test_an_index_that_is_cancelled_says_so_and_can_be_made_again(client, folder):
+    (folder / "long.tlog").write_bytes(log_bytes(flight(seconds=60)))
+    with ThreadPoolExecutor(1) as other:
+        asked = other.submit(client.get, f"{API}/recordings/long.tlog/index")
+        while not (running := [o for o in operations(client) if o["subject"] == "long.tlog"]):
+            assert not asked.done()
+        assert client.delete(f"{API}/operations/{running[0]['id']}").json()["state"] == "cancelled"
+        answer = asked.result()
+    assert (answer.status_code, answer.json()["code"]) == (409, "recording_unusable")
+    assert "cancelled" in answer.json()["detail"]
+    assert client.get(f"{API}/recordings/long.tlog/index").json()["records"] > 500
 
 
 def test_the_index_says_modes_armed_spans_and_messages(client):

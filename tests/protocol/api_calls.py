@@ -10,6 +10,7 @@ from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
+from gcs_server.operations.operations import Operations
 from gcs_server.replay.service import Replays
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
@@ -33,6 +34,7 @@ def station_of(world):
         started_s=0.0,
         replays=Replays(world.router, world.fleet, Path("no recordings")),
         groups=world.streamer.groups,
+        operations=Operations(world.clock, world.supervisor, lambda _: None),
         own_ids=(255, 190),
         maps=Path("no maps"),
     )

@@ -114,8 +114,14 @@ class ParamService:
         """What the vehicle's metadata says of one; None where they are not at hand or say nothing."""
         return None if self._facts is None else self._facts.get(name)
 
-    async def refresh(self, *, ignore_cache: bool = False) -> ParamList:
+    async def refresh(
+        self, *, ignore_cache: bool = False, progress: Callable[[ParamList], None] = lambda _: None
+    ) -> ParamList:
         """Reads all, unless those known still hold; who asks meanwhile waits for the same reading.
+
+        Args:
+            ignore_cache: reads them though the vehicle's checksum is equal.
+            progress: told how far the reading is.
 
         Raises:
             NoReply: the vehicle did not send them all; what came is kept.
@@ -127,7 +133,7 @@ class ParamService:
             self._state, self._problem = "reading", None
             try:
                 self._vehicle.require_commandable()
-                await self._read_all(ignore_cache)
+                await self._read_all(ignore_cache, lambda: progress(self.list))
             except GcsError as error:
                 self._state, self._problem = "failed", str(error)
                 raise
@@ -156,8 +162,8 @@ class ParamService:
         except GcsError as error:
             self._facts_problem = str(error)
 
-    async def _read_all(self, ignore_cache: bool) -> None:
-        reader = ParamReader(self._vehicle, lambda: None)
+    async def _read_all(self, ignore_cache: bool, progress: Callable[[], None]) -> None:
+        reader = ParamReader(self._vehicle, progress)
         before = await reader.hash()
         if before is not None and not ignore_cache:
             if self._table.complete and (self._table.hash, self._table.count) == before:

@@ -993,8 +993,9 @@ export interface paths {
          * Refresh Params
          * @description Reads all (929 of a PX4) unless the vehicle's checksum says that those known still hold.
          *
-         *     Answers at once how far it is, unless asked to wait. What they mean is fetched from the vehicle's own
-         *     files, the first time with this firmware.
+         *     Answers at once how far it is, unless asked to wait; `Location` is the operation that reads them, which
+         *     can be followed and cancelled. What they mean is fetched from the vehicle's own files, the first time with
+         *     this firmware.
          */
         post: operations["refresh_params_api_v1_vehicles__v__params_refresh_post"];
         delete?: never;
@@ -1183,6 +1184,8 @@ export interface paths {
         /**
          * Index Recording
          * @description Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once.
+         *
+         *     The first time it is an operation, which can be followed and cancelled (409 then).
          */
         get: operations["index_recording_api_v1_recordings__name__index_get"];
         put?: never;
@@ -1260,6 +1263,52 @@ export interface paths {
         put?: never;
         post?: never;
         delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/operations": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Operations
+         * @description What runs, and what ended last; the `operation` events of the telemetry socket tell every change.
+         */
+        get: operations["list_operations_api_v1_operations_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/operations/{o}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Operation
+         * @description How far one is, or how it ended.
+         */
+        get: operations["show_operation_api_v1_operations__o__get"];
+        put?: never;
+        post?: never;
+        /**
+         * Cancel Operation
+         * @description Cancels one, and answers once it has cleaned up; one that has ended stays as it is.
+         *
+         *     Who started it may cancel it; others only while no other client has control of its vehicle.
+         */
+        delete: operations["cancel_operation_api_v1_operations__o__delete"];
         options?: never;
         head?: never;
         patch?: never;
@@ -4220,6 +4269,88 @@ export interface components {
             failsafe: components["schemas"]["OffboardFailsafe"] | null;
         };
         /**
+         * Operation
+         * @description How long work stands.
+         */
+        Operation: {
+            /**
+             * Id
+             * @description Unique in this run of the server.
+             */
+            id: string;
+            /**
+             * Kind
+             * @description What it does: `parameters/read`, `recording/index`.
+             */
+            kind: string;
+            /**
+             * Vehicle
+             * @description The vehicle's id; null: it concerns none.
+             */
+            vehicle: string | null;
+            /**
+             * Subject
+             * @description What it works on beside the vehicle: a recording's name.
+             */
+            subject: string | null;
+            /**
+             * Client
+             * @description Who started it.
+             */
+            client: string;
+            /**
+             * Client Key
+             * @description Tells the client from others of its name.
+             */
+            client_key: string;
+            /**
+             * State
+             * @description State.
+             * @enum {string}
+             */
+            state: "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Progress
+             * @description How much is done, 0 to 1; null: not known.
+             */
+            progress: number | null;
+            /**
+             * Text
+             * @description What is happening, or how it ended.
+             */
+            text: string;
+            /**
+             * Started Unix S
+             * @description When it began [s since 1970 UTC].
+             */
+            started_unix_s: number;
+            /**
+             * Ended Unix S
+             * @description When it ended [s since 1970 UTC]; null while it runs.
+             */
+            ended_unix_s: number | null;
+            /**
+             * Result
+             * @description What came of it; null unless it succeeded.
+             */
+            result: {
+                [key: string]: unknown;
+            } | null;
+            /** @description Why it failed. */
+            error: components["schemas"]["Problem"] | null;
+        };
+        /**
+         * OperationList
+         * @description All operations.
+         */
+        OperationList: {
+            /**
+             * Operations
+             * @description Those that run, and the last that ended; oldest first.
+             */
+            operations: components["schemas"]["Operation"][];
+        };
+        /**
          * OperatorLimits
          * @description What the operator allows; None: no limit of the operator's.
          */
@@ -7033,7 +7164,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7093,7 +7224,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7213,7 +7344,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7272,7 +7403,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7329,7 +7460,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7393,7 +7524,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7455,7 +7586,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7514,7 +7645,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7573,7 +7704,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7632,7 +7763,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7691,7 +7822,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7750,7 +7881,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7813,7 +7944,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7876,7 +8007,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7939,7 +8070,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8002,7 +8133,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8065,7 +8196,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8122,7 +8253,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8179,7 +8310,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8238,7 +8369,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8301,7 +8432,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8364,7 +8495,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8427,7 +8558,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8490,7 +8621,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8549,7 +8680,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8608,7 +8739,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8667,7 +8798,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8730,7 +8861,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8793,7 +8924,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8852,7 +8983,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8911,7 +9042,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8974,7 +9105,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9037,7 +9168,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9094,7 +9225,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9155,7 +9286,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9214,7 +9345,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9277,7 +9408,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9336,7 +9467,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9395,7 +9526,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9454,7 +9585,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9513,7 +9644,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9576,7 +9707,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9639,7 +9770,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9702,7 +9833,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9761,7 +9892,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9820,7 +9951,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9892,7 +10023,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9952,7 +10083,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10016,7 +10147,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10075,7 +10206,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10134,7 +10265,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10234,7 +10365,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10312,7 +10443,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10369,7 +10500,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10419,7 +10550,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10469,7 +10600,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10517,7 +10648,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10569,7 +10700,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10619,7 +10750,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10673,7 +10804,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10721,7 +10852,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10771,7 +10902,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link or recording. */
+            /** @description No such vehicle, group, link, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10796,6 +10927,184 @@ export interface operations {
             429: components["responses"]["Refused429"];
             431: components["responses"]["Refused431"];
             503: components["responses"]["Refused503"];
+        };
+    };
+    list_operations_api_v1_operations_get: {
+        parameters: {
+            query?: {
+                /** @description Only its. */
+                vehicle?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OperationList"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_operation_api_v1_operations__o__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                o: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cancel_operation_api_v1_operations__o__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                o: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
         };
     };
 }

@@ -85,7 +85,7 @@ export class TelemetryStore {
       this.sorted = null;
       return;
     }
-    if (event.kind === 'progress') return; // of one command only; who asked listens itself
+    if (event.kind === 'progress' || event.kind === 'operation') return; // of one command or operation only; who asked listens itself
     if (event.kind === 'readiness') return; // the topic of that name says what has changed
     // A recording's messages are of its own time: that it was opened now is none of them.
     if (event.vehicle !== null && event['replayed'] === true) this.vehicle(event.vehicle);

@@ -1,0 +1,68 @@
+"""Long work as a resource: what runs, how far it is, how it ended; and cancelling it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES, Problem, problem_of
+from gcs_server.api.reflect import model_of
+from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.station import StationDep
+from gcs_server.operations.operations import Operation
+
+router = APIRouter(prefix="/operations", tags=["operations"], responses=RESPONSES)
+
+OperationModel = model_of(Operation, "Operation", error=Problem | None)
+
+
+class OperationList(BaseModel):
+    """All operations."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    operations: list[OperationModel] = Field(  # type: ignore[valid-type]
+        description="Those that run, and the last that ended; oldest first."
+    )
+
+
+def operation_view(operation: Operation) -> dict[str, Any]:
+    """As routes and events tell it; the error as problem+json."""
+    error = operation.error
+    return {**fields_of(operation), "error": None if error is None else problem_of(error)}
+
+
+@router.get("", response_model=OperationList)
+async def list_operations(
+    station: StationDep, vehicle: Annotated[str | None, Query(max_length=32, description="Only its.")] = None
+) -> Response:
+    """What runs, and what ended last; the `operation` events of the telemetry socket tell every change."""
+    all_ = station.operations.all()
+    return answer({"operations": [operation_view(o) for o in all_ if vehicle in (None, o.vehicle)]})
+
+
+@router.get("/{o}", response_model=OperationModel)
+async def show_operation(o: str, station: StationDep) -> Response:
+    """How far one is, or how it ended."""
+    return answer(operation_view(station.operations.get(o)))
+
+
+@router.delete("/{o}", response_model=OperationModel)
+async def cancel_operation(o: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Cancels one, and answers once it has cleaned up; one that has ended stays as it is.
+
+    Who started it may cancel it; others only while no other client has control of its vehicle.
+    """
+    operation = station.operations.get(o)
+    with authorized_command(
+        station, principal, "operations/cancel", None, {"operation": o, "kind": operation.kind}
+    ):
+        if operation.vehicle is not None and operation.client_key != principal.key:
+            refused = station.authority.refusal(principal, "operations/cancel", [operation.vehicle])
+            if refused is not None:
+                raise refused
+        return answer(operation_view(await station.operations.cancel(o)))

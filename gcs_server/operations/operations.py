@@ -1,0 +1,301 @@
+"""Long work as a resource: started by a request, followed by all, cancelled by anybody who may.
+
+One operation is an asyncio task with a status. It belongs to no connection: a page that reloads, or a client
+that goes, finds it again. What ends it:
+
+- it returns: `succeeded`, with a small result; it raises: `failed`, with the error;
+- somebody cancels it: `cancelled`, once the work has cleaned up after itself;
+- its vehicle's link is lost, or the vehicle is removed, and the work needs the vehicle: `failed`, by its own
+  error or after `LINK_GRACE_S` by ours (`disconnected`); other work goes on;
+- the server stops: `cancelled`. Nothing of an operation is kept across a restart.
+
+`MOST_RUNNING` may run at once; of those that ended the newest `MOST_ENDED` are kept, the oldest go first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from gcs_server.clock import Clock
+from gcs_server.errors import Disconnected, GcsError, Refused, UnknownOperation
+from gcs_server.supervise import Supervisor
+
+log = logging.getLogger(__name__)
+
+MOST_RUNNING = 20
+LINK_GRACE_S = 1.0
+"""So long, work that waits for a lost vehicle may fail in its own words; then it is ended [s]."""
+LARGEST_RESULT = 16_384
+"""As JSON [characters]."""
+MOST_ENDED = 50
+LONGEST_TEXT = 300
+TELL_PERIOD_S = 0.2
+"""Between two events about one operation's progress; its end is told at once."""
+
+State = Literal["running", "succeeded", "failed", "cancelled"]
+Report = Callable[[str, float | None], None]
+"""(what is happening, as a sentence; how much is done, 0 to 1, None: not known)."""
+Work = Callable[[Report], Coroutine[Any, Any, dict[str, object] | None]]
+"""Returns a small result: what is large stays with the resource that the work was about."""
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """How long work stands."""
+
+    id: str
+    """Unique in this run of the server."""
+    kind: str
+    """What it does: `parameters/read`, `recording/index`."""
+    vehicle: str | None
+    """The vehicle's id; null: it concerns none."""
+    subject: str | None
+    """What it works on beside the vehicle: a recording's name."""
+    client: str
+    """Who started it."""
+    client_key: str
+    """Tells the client from others of its name."""
+    state: State
+    progress: float | None
+    """How much is done, 0 to 1; null: not known."""
+    text: str
+    """What is happening, or how it ended."""
+    started_unix_s: float
+    """When it began [s since 1970 UTC]."""
+    ended_unix_s: float | None
+    """When it ended [s since 1970 UTC]; null while it runs."""
+    result: dict[str, object] | None
+    """What came of it; null unless it succeeded."""
+    error: GcsError | None
+    """Why it failed."""
+
+
+@dataclass(slots=True)
+class _Running:
+    task: asyncio.Task[Any]
+    ended: asyncio.Event
+    needs_vehicle: bool
+    told_s: float
+    stop_error: GcsError | None = None
+    """Why it is being stopped, where that is a failure."""
+
+
+class Operations:
+    """All operations of one server.
+
+    Args:
+        clock: the server's.
+        supervisor: owns the tasks.
+        tell: called with each change; nothing of an operation is kept in a vehicle's history.
+    """
+
+    def __init__(self, clock: Clock, supervisor: Supervisor, tell: Callable[[Operation], None]) -> None:
+        self._clock = clock
+        self._supervisor = supervisor
+        self._tell = tell
+        self._count = 0
+        self._known: dict[str, Operation] = {}
+        """In the order of their starts."""
+        self._running: dict[str, _Running] = {}
+        self._closed = False
+
+    def all(self) -> list[Operation]:
+        """Those that run, and the last that ended; oldest first."""
+        return list(self._known.values())
+
+    def get(self, operation_id: str) -> Operation:
+        """How one stands.
+
+        Raises:
+            UnknownOperation: there is none of that id, or it was forgotten.
+        """
+        found = self._known.get(operation_id)
+        if found is None:
+            raise UnknownOperation(
+                f"There is no operation {operation_id!r}.",
+                remedy=f"GET /operations lists them; the last {MOST_ENDED} that ended are kept.",
+            )
+        return found
+
+    def start(
+        self,
+        kind: str,
+        work: Work,
+        *,
+        text: str,
+        vehicle: str | None = None,
+        subject: str | None = None,
+        by: tuple[str, str] = ("server", ""),
+        needs_vehicle: bool = False,
+    ) -> Operation:
+        """Begins work in the background. One of the same kind, vehicle and subject that runs is joined.
+
+        Args:
+            kind: what it does.
+            work: is given a function to report progress with; cancelled by `asyncio.CancelledError`.
+            text: what is said until it reports.
+            vehicle: whose, where it concerns one.
+            subject: what it works on beside.
+            by: name and key of who asks.
+            needs_vehicle: whether it ends with the vehicle's link.
+
+        Raises:
+            Refused: as many as possible run, or the server stops.
+        """
+        for operation_id in self._running:
+            known = self._known[operation_id]
+            if (known.kind, known.vehicle, known.subject) == (kind, vehicle, subject):
+                return known
+        if self._closed:
+            raise Refused("The server is stopping; it begins no more operations.")
+        if len(self._running) >= MOST_RUNNING:
+            raise Refused(
+                f"{MOST_RUNNING} operations are running, and no more are begun.",
+                remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
+            )
+        self._count += 1
+        operation_id = str(self._count)
+        now = self._clock.unix_s()
+        name, key = by
+        operation = Operation(
+            operation_id, kind, vehicle, subject, name, key, "running", None, text, now, None, None, None
+        )
+        self._known[operation_id] = operation
+        task = self._supervisor.spawn(f"operation {operation_id}: {kind}", self._run(operation_id, work))
+        self._running[operation_id] = _Running(
+            task, asyncio.Event(), needs_vehicle, self._clock.monotonic_s()
+        )
+        task.add_done_callback(lambda _: self._never_ran(operation_id))
+        self._tell(operation)
+        return operation
+
+    async def wait(self, operation_id: str) -> Operation:
+        """Waits for its end; whoever waits may go without ending it.
+
+        Raises:
+            UnknownOperation: there is none of that id.
+            GcsError: what it failed with.
+        """
+        operation = self.get(operation_id)
+        running = self._running.get(operation_id)
+        if running is not None:
+            await running.ended.wait()
+            operation = self._known.get(operation_id, operation)
+        if operation.error is not None:
+            raise operation.error
+        return operation
+
+    async def cancel(self, operation_id: str) -> Operation:
+        """Ends it, and answers once its work has cleaned up; nothing happens to one that has ended.
+
+        Raises:
+            UnknownOperation: there is none of that id.
+        """
+        operation = self.get(operation_id)
+        running = self._running.get(operation_id)
+        if running is None:
+            return operation
+        running.task.cancel()
+        await running.ended.wait()
+        return self._known.get(operation_id, operation)
+
+    def vehicle_lost(self, vehicle_id: str, why: str) -> None:
+        """The vehicle's link is lost, or it was removed: what needs it fails."""
+        concerned = [
+            running
+            for operation_id, running in self._running.items()
+            if running.needs_vehicle and self._known[operation_id].vehicle == vehicle_id
+        ]
+        if concerned:
+            self._supervisor.spawn("operations of a lost vehicle", self._fail(concerned, vehicle_id, why))
+
+    async def close(self) -> None:
+        """Cancels all, and waits for them; begins no more."""
+        self._closed = True
+        running = list(self._running.values())
+        for each in running:
+            each.task.cancel()
+        for each in running:
+            await each.ended.wait()
+
+    # --- inside -------------------------------------------------------------------------------------
+
+    async def _fail(self, concerned: list[_Running], vehicle_id: str, why: str) -> None:
+        await self._clock.sleep(LINK_GRACE_S)
+        for running in concerned:
+            if not running.ended.is_set():
+                running.stop_error = Disconnected(f"Vehicle {vehicle_id} was lost: {why}")
+                running.task.cancel()
+
+    async def _run(self, operation_id: str, work: Work) -> None:
+        try:
+            result = await work(lambda text, progress: self._report(operation_id, text, progress))
+            if len(json.dumps(result)) > LARGEST_RESULT:
+                raise ValueError("the result is too large")
+        except asyncio.CancelledError:
+            error = self._running[operation_id].stop_error
+            if error is not None:
+                self._end(operation_id, "failed", str(error), error=error)
+            else:
+                why = "The server stopped." if self._closed else "Cancelled."
+                self._end(operation_id, "cancelled", why)
+            raise
+        except GcsError as error:
+            self._end(operation_id, "failed", str(error), error=error)
+        except Exception as error:
+            log.exception("operation %s failed", operation_id)
+            words = f"The server failed: {type(error).__name__}."
+            self._end(operation_id, "failed", words, error=GcsError(words, remedy="See the server's log."))
+        else:
+            self._end(operation_id, "succeeded", "Done.", result=result)
+
+    def _never_ran(self, operation_id: str) -> None:
+        """A task that is cancelled before its first step never reaches `_run`."""
+        if operation_id in self._running:
+            error = self._running[operation_id].stop_error
+            state: State = "cancelled" if error is None else "failed"
+            self._end(operation_id, state, "Cancelled." if error is None else str(error), error=error)
+
+    def _report(self, operation_id: str, text: str, progress: float | None) -> None:
+        running = self._running.get(operation_id)
+        if running is None:
+            return
+        share = None if progress is None else min(1.0, max(0.0, progress))
+        changed = replace(self._known[operation_id], text=text[:LONGEST_TEXT], progress=share)
+        self._known[operation_id] = changed
+        now_s = self._clock.monotonic_s()
+        if now_s - running.told_s >= TELL_PERIOD_S:
+            running.told_s = now_s
+            self._tell(changed)
+
+    def _end(
+        self,
+        operation_id: str,
+        state: State,
+        text: str,
+        *,
+        result: dict[str, object] | None = None,
+        error: GcsError | None = None,
+    ) -> None:
+        running = self._running.pop(operation_id)
+        ended = replace(
+            self._known.pop(operation_id),
+            state=state,
+            text=text[:LONGEST_TEXT],
+            ended_unix_s=self._clock.unix_s(),
+            result=result,
+            error=error,
+        )
+        if state == "succeeded":
+            ended = replace(ended, progress=1.0)
+        self._known[operation_id] = ended  # at the end: forgotten in the order of their ends
+        done = [key for key in self._known if key not in self._running]
+        for key in done[: max(0, len(done) - MOST_ENDED)]:
+            del self._known[key]
+        running.ended.set()
+        self._tell(ended)

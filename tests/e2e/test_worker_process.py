@@ -1,0 +1,97 @@
+"""Work in a process of its own: what it reports, what it ends with, and that cancelling reaches it."""
+
+import asyncio
+import os
+import sys
+import textwrap
+
+import pytest
+
+from gcs_server.operations.process import WorkerFailed, run_process
+
+HEAD = "import os, signal, sys, time\nfrom gcs_server.operations.process import serve\n"
+
+
+def program(body):
+    return [sys.executable, "-c", HEAD + textwrap.dedent(body)]
+
+
+def ended(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def test_its_progress_and_result_arrive():
+    said = []
+    body = """
+    def work(report):
+        for n in range(3):
+            report(f"flight {n}", n / 3)
+        return {"flights": 3}
+    serve(work)
+    """
+    result = asyncio.run(run_process(program(body), lambda text, progress: said.append((text, progress))))
+    assert result == {"flights": 3}
+    assert said == [("flight 0", 0.0), ("flight 1", 1 / 3), ("flight 2", 2 / 3)]
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("def work(report): raise ValueError('no home')\nserve(work)", "no home"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "exit status -9"),
+        ("print('no JSON', flush=True); time.sleep(60)", "cannot be read"),
+        ("print('x' * 1_000_000, flush=True); time.sleep(60)", "cannot be read"),
+        ("print('[1]', flush=True); time.sleep(60)", "cannot be read"),
+    ],
+)
+def test_what_ends_otherwise_fails_in_words(body, words):
+    with pytest.raises(WorkerFailed, match=words):
+        asyncio.run(run_process(program(body), lambda *_: None))
+
+
+@pytest.mark.parametrize("stubborn", [False, True])
+def test_cancelling_ends_the_process_even_one_that_does_not_listen(stubborn):
+    body = f"""
+    if {stubborn}:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    def work(report):
+        report(str(os.getpid()), None)
+        time.sleep(600)
+    serve(work)
+    """
+
+    async def run():
+        heard = asyncio.get_running_loop().create_future()
+        task = asyncio.ensure_future(
+            run_process(program(body), lambda text, _: heard.done() or heard.set_result(int(text)))
+        )
+        pid = await heard
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        return pid
+
+    assert ended(asyncio.run(run()))
+
+
+def test_it_ends_when_its_server_does():
+    body = """
+    def work(report):
+        report("there", None)
+        time.sleep(600)
+    serve(work)
+    """
+
+    async def run():
+        process = await asyncio.create_subprocess_exec(
+            *program(body), stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+        )
+        await process.stdout.readline()
+        process.stdin.close()
+        return await process.wait()
+
+    assert asyncio.run(run()) == 1
