@@ -111,6 +111,14 @@ def _serving_flags(parser: argparse.ArgumentParser) -> None:
         help="holds the token that everybody needs; made where it is missing. Without it: GCS_TOKEN, else "
         "with --host a file of the data folder, else (this machine only) none",
     )
+    parser.add_argument(
+        "--trusted-proxy",
+        dest="trusted_proxies",
+        action="append",
+        metavar="ADDRESS",
+        help="an https proxy whose X-Forwarded-For and X-Forwarded-Proto are believed; may be given several "
+        "times",
+    )
     parser.add_argument("--system-id", type=int, metavar="ID", help="our MAVLink system id (default 255)")
     parser.add_argument("--no-record", dest="record", action="store_false", default=None)
     parser.add_argument("--no-scene", dest="scene", action="store_false", default=None)
@@ -209,7 +217,7 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     app = create_app(settings, clock, more_links=more_links)
     connections: Connections = app.state.connections
     connections.limits = connections.limits.within(descriptors.for_connections())
-    server = HttpServer(app, connections, clock, links(settings.host, port, token))
+    server = HttpServer(app, connections, clock, links(settings.host, port, token), settings.trusted_proxies)
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again once it has shut down
         server.run(sockets=[listener])
     return 0 if server.started else 1

@@ -23,6 +23,18 @@ A person reads `str(error)`: what happened, why, and what to do.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+MOST_REASONS = 12
+LONGEST_REASON = 300
+
+
+def bounded_reasons(reasons: Iterable[str]) -> tuple[str, ...]:
+    """A vehicle's own words, few and short enough for a person: it may send any number of them."""
+    each = [text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}…" for text in reasons]
+    more = len(each) - MOST_REASONS
+    return (*each[:MOST_REASONS], f"and {more} more") if more > 0 else tuple(each)
+
 
 class GcsError(Exception):
     """Root of all errors that a caller may see."""
@@ -174,7 +186,7 @@ class NotTogether(Refused):
         self.vehicles = vehicles
         """On whose account."""
         self.distance_m = distance_m
-        self.reasons = reasons
+        self.reasons = bounded_reasons(reasons)
 
     def details(self) -> dict[str, object]:
         return {
@@ -200,7 +212,7 @@ class Rejected(GcsError):
         super().__init__(message, remedy=remedy)
         self.mav_result = mav_result
         """MAV_RESULT of the acknowledgement; None where the vehicle's state told."""
-        self.reasons = reasons
+        self.reasons = bounded_reasons(reasons)
         """The vehicle's own words: status texts and decoded events that came with the refusal."""
 
     def details(self) -> dict[str, object]:

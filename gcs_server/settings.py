@@ -18,7 +18,7 @@ from gcs_server.storage.token import FORM_IN_WORDS, is_well_formed, kept_token
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
-LISTS = frozenset({"links"})
+LISTS = frozenset({"links", "trusted_proxies"})
 SECRET = frozenset({"token"})
 
 
@@ -43,6 +43,11 @@ class Settings(BaseModel):
     )
     token_file: Path | None = Field(
         default=None, description="File that holds the token; made with a random one where it is missing."
+    )
+    trusted_proxies: tuple[str, ...] = Field(
+        default=(),
+        description="Addresses of proxies (https) whose X-Forwarded-For and X-Forwarded-Proto are believed; "
+        "none unless given.",
     )
     system_id: int = Field(default=255, ge=1, le=255, description="Our MAVLink system id.")
     record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")

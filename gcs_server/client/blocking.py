@@ -354,9 +354,13 @@ class SyncGimbal:
 
     def angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
-    ) -> None:
-        """Points it; yaw from the nose, from north with `yaw_lock`."""
-        self._portal.call(
+    ) -> dict[str, Any] | None:
+        """Points it; yaw from the nose, from north with `yaw_lock`.
+
+        Returns:
+            Where it stopped, as `limited` of the answer, where that is short of what was asked; else None.
+        """
+        return self._portal.call(
             lambda: self._inner.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
         )
 

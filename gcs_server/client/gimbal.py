@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from gcs_server.client.control import Requester
 from gcs_server.client.setpoints import Body
 
@@ -12,8 +14,8 @@ class Gimbal:
     def __init__(self, vehicle: Requester) -> None:
         self._vehicle = vehicle
 
-    async def _post(self, path: str, body: Body | None = None) -> None:
-        await self._vehicle.request("POST", f"/gimbal/{path}", body)
+    async def _post(self, path: str, body: Body | None = None) -> Any:
+        return await self._vehicle.request("POST", f"/gimbal/{path}", body)
 
     async def take(self) -> None:
         """Takes control."""
@@ -25,10 +27,16 @@ class Gimbal:
 
     async def angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
-    ) -> None:
-        """Points it; yaw from the nose, from north with `yaw_lock`."""
-        roll: Body = {} if roll_deg is None else {"roll_deg": roll_deg}
-        await self._post("angles", {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock, **roll})
+    ) -> dict[str, Any] | None:
+        """Points it; yaw from the nose, from north with `yaw_lock`.
+
+        Returns:
+            Where it stopped, as `limited` of the answer, where that is short of what was asked; else None.
+        """
+        body: Body = {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock}
+        if roll_deg is not None:
+            body = {**body, "roll_deg": roll_deg}
+        return (await self._post("angles", body))["limited"]
 
     async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
         """Turns it steadily until told otherwise; zeros stop both axes."""

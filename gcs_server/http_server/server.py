@@ -24,9 +24,17 @@ class HttpServer(uvicorn.Server):
         connections: what it knows of its connections, with their limits.
         clock: the server's.
         addresses: said when it is ready.
+        trusted_proxies: whose word on the caller's address and scheme is believed.
     """
 
-    def __init__(self, app: Any, connections: Connections, clock: Clock, addresses: Sequence[str]) -> None:
+    def __init__(
+        self,
+        app: Any,
+        connections: Connections,
+        clock: Clock,
+        addresses: Sequence[str],
+        trusted_proxies: Sequence[str] = (),
+    ) -> None:
         super().__init__(
             uvicorn.Config(
                 app,
@@ -37,6 +45,8 @@ class HttpServer(uvicorn.Server):
                 ws_per_message_deflate=False,
                 ws_max_size=LARGEST_MESSAGE_BYTES,
                 access_log=False,
+                proxy_headers=bool(trusted_proxies),
+                forwarded_allow_ips=list(trusted_proxies),
                 timeout_graceful_shutdown=3,
                 lifespan="on",
             )

@@ -17,8 +17,15 @@ Reply = Any
 Matches = Callable[[Reply], bool]
 
 
+MOST_WAITING = 4096
+"""Messages that wait for one who awaits them; more than PX4's parameters in one burst."""
+
+
 class Waiter:
-    """A stream of awaited messages: `await next()` gives each match in order."""
+    """A stream of awaited messages: `await next()` gives each match in order.
+
+    Beyond `MOST_WAITING` that nobody has taken, further ones are as if the link had lost them.
+    """
 
     def __init__(self, msg_ids: frozenset[int], matches: Matches | None) -> None:
         self.msg_ids = msg_ids
@@ -49,7 +56,7 @@ class Waiter:
 
     def offer(self, message: MAVLink_message) -> None:
         """Called by the mailbox."""
-        if self._matches is None or self._matches(message):
+        if self._queue.qsize() < MOST_WAITING and (self._matches is None or self._matches(message)):
             self._queue.put_nowait(message)
 
     def fail(self, error: GcsError) -> None:

@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
+from gcs_server.errors import Disconnected, NoReply, Refused, Rejected, bounded_reasons
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
@@ -304,7 +304,7 @@ class Transaction:
     def _rejected(self, message: str, mav_result: int | None) -> Rejected:
         said = self._said()
         standing = self._goal.against() if self._goal.against is not None else ()
-        reasons = tuple(dict.fromkeys((*said, *standing)))
+        reasons = bounded_reasons(dict.fromkeys((*said, *standing)))
         if reasons:
             message += f" It says: {'; '.join(reasons)}."
         return Rejected(message, mav_result=mav_result, reasons=reasons)

@@ -1,0 +1,25 @@
+"""The gimbal in a program's hands."""
+
+import asyncio
+
+from gcs_server.client.gimbal import Gimbal
+
+LIMITED = {"pitch_deg": -45.0, "asked_pitch_deg": -90.0, "text": "The gimbal stopped at its own limit."}
+
+
+class Vehicle:
+    def __init__(self, limited):
+        self.limited, self.asked = limited, []
+
+    async def request(self, method, path="", body=None):
+        self.asked.append((method, path, body))
+        return {"command": "gimbal/angles", "limited": self.limited}
+
+
+def test_angles_hands_on_where_the_gimbal_stopped_short():
+    for limited in (None, LIMITED):
+        vehicle = Vehicle(limited)
+        assert asyncio.run(Gimbal(vehicle).angles(-90, 0)) == limited
+        assert vehicle.asked == [
+            ("POST", "/gimbal/angles", {"pitch_deg": -90, "yaw_deg": 0, "yaw_lock": False})
+        ]

@@ -1,0 +1,38 @@
+"""A caller's address is where its bytes come from: what it says of itself counts only by a proxy we know."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.api.connections import Connections
+from gcs_server.clock import SystemClock
+from gcs_server.http_server.server import HttpServer
+
+
+def address_seen(trusted, came_from):
+    """(address, scheme) that the application is told."""
+    seen = {}
+
+    async def app(scope, receive, send):
+        seen.update(scope)
+
+    clock = SystemClock()
+    connections = Connections(clock, in_control=lambda key: False)
+    config = HttpServer(app, connections, clock, (), trusted).config
+    config.load()
+    headers = [(b"x-forwarded-for", b"10.9.9.9"), (b"x-forwarded-proto", b"https")]
+    scope = {"type": "http", "client": (came_from, 50000), "scheme": "http", "headers": headers}
+    asyncio.run(config.loaded_app(scope, None, None))
+    return seen["client"][0], seen["scheme"]
+
+
+@pytest.mark.parametrize(
+    ("trusted", "came_from", "address", "scheme"),
+    [
+        ((), "127.0.0.1", "127.0.0.1", "http"),
+        (("192.168.1.5",), "127.0.0.1", "127.0.0.1", "http"),
+        (("127.0.0.1",), "127.0.0.1", "10.9.9.9", "https"),
+    ],
+)
+def test_a_forwarded_address_counts_only_from_a_proxy_that_was_named(trusted, came_from, address, scheme):
+    assert address_seen(trusted, came_from) == (address, scheme)

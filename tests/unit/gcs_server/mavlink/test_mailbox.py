@@ -1,0 +1,27 @@
+"""Who waits for a message gets it, and a flood of matches has an end."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import Disconnected
+from gcs_server.mavlink.mailbox import MOST_WAITING, Mailbox
+
+
+class Frame:
+    msg_id = 22
+
+
+def test_a_flood_of_matches_is_bounded_and_the_lost_link_still_told():
+    async def run():
+        mailbox = Mailbox(lambda frame: frame)
+        with mailbox.expect(Frame.msg_id) as waiter:
+            for _ in range(3 * MOST_WAITING):
+                mailbox.deliver(Frame())
+            mailbox.fail_all(Disconnected("The link was lost."))
+            for _ in range(MOST_WAITING):
+                assert isinstance(await waiter.next(), Frame)
+            with pytest.raises(Disconnected):
+                await waiter.next()
+
+    asyncio.run(run())
