@@ -15,8 +15,7 @@ const LAYERS = {
 };
 
 /** A feature may import its own files only. */
-const itself = (layer) =>
-  layer === 'feature' ? { type: layer, captured: { name: '{{from.element.captured.name}}' } } : { type: layer };
+const itself = (layer) => (layer === 'feature' ? { type: layer, captured: { name: '{{from.element.captured.name}}' } } : { type: layer });
 
 export default ts.config(
   { ignores: ['node_modules', 'src/api/schema.d.ts', 'src/api/fields.ts', 'dev'] },

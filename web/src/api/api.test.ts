@@ -6,7 +6,10 @@ import { Turns } from './turns';
 describe('problems', () => {
   it('reads the vehicle’s words and what to do', () => {
     const problem = parseProblem(409, {
-      title: 'The vehicle refused', code: 'rejected', detail: 'Arming denied: Resolve system health failures first', remedy: 'Wait for GPS.',
+      title: 'The vehicle refused',
+      code: 'rejected',
+      detail: 'Arming denied: Resolve system health failures first',
+      remedy: 'Wait for GPS.',
       reasons: ['Preflight Fail: ekf2 missing data', 'Arming denied: Resolve system health failures first'],
     });
     expect(problem).toMatchObject({ title: 'The vehicle refused', code: 'rejected', status: 409, remedy: 'Wait for GPS.' });
@@ -45,7 +48,12 @@ describe('client', () => {
   it('says that the server wants another token', async () => {
     let told = 0;
     const answer = (status: number) => Promise.resolve(new Response('{"detail":"no","code":"token_missing"}', { status }));
-    for (const status of [401, 403]) await new ApiClient('p', () => (told += 1), () => answer(status)).get('/x');
+    for (const status of [401, 403])
+      await new ApiClient(
+        'p',
+        () => (told += 1),
+        () => answer(status),
+      ).get('/x');
     expect(told).toBe(1);
   });
   it('tells two pages apart', () => {
@@ -63,10 +71,11 @@ describe('turns', () => {
     const turns = new Turns();
     const sent: string[] = [];
     const answers = new Map<string, () => void>();
-    const order = (name: string, vehicles: string[]): Promise<Outcome<string>> => turns.run(vehicles, () => {
-      sent.push(name);
-      return new Promise((done) => answers.set(name, () => done({ ok: true, value: name })));
-    });
+    const order = (name: string, vehicles: string[]): Promise<Outcome<string>> =>
+      turns.run(vehicles, () => {
+        sent.push(name);
+        return new Promise((done) => answers.set(name, () => done({ ok: true, value: name })));
+      });
     return { turns, sent, answer: (name) => answers.get(name)?.(), order };
   }
 

@@ -68,5 +68,7 @@ export class ApiClient {
 
 /** A name for this page that tells two of them apart in the journal. */
 export function pageName(random: () => number = Math.random): string {
-  return `page-${Math.floor(random() * 0xffff).toString(16).padStart(4, '0')}`;
+  return `page-${Math.floor(random() * 0xffff)
+    .toString(16)
+    .padStart(4, '0')}`;
 }

@@ -14,8 +14,15 @@ export interface Problem {
 }
 
 const TITLES: Readonly<Record<string, string>> = {
-  refused: 'Not sent', not_verified: 'Not sent', not_together: 'Not as a group', unknown_group: 'Unknown group', rejected: 'The vehicle refused', no_reply: 'No answer',
-  disconnected: 'Link lost', unknown_vehicle: 'Unknown vehicle', invalid_request: 'Not possible as asked',
+  refused: 'Not sent',
+  not_verified: 'Not sent',
+  not_together: 'Not as a group',
+  unknown_group: 'Unknown group',
+  rejected: 'The vehicle refused',
+  no_reply: 'No answer',
+  disconnected: 'Link lost',
+  unknown_vehicle: 'Unknown vehicle',
+  invalid_request: 'Not possible as asked',
 };
 
 function text(value: unknown): string | null {

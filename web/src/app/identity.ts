@@ -37,7 +37,13 @@ export function memory(storage: () => Memory): Memory {
 export function identity(tab: Memory, browser: Memory, random: () => number = Math.random): Identity {
   const known = tab.getItem(LEFT) === null ? null : tab.getItem(ID);
   tab.removeItem(LEFT);
-  const id = known ?? Array.from({ length: 4 }, () => Math.floor(random() * 0x100000000).toString(16).padStart(8, '0')).join('');
+  const id =
+    known ??
+    Array.from({ length: 4 }, () =>
+      Math.floor(random() * 0x100000000)
+        .toString(16)
+        .padStart(8, '0'),
+    ).join('');
   tab.setItem(ID, id);
   return { id, key: null, name: browser.getItem(NAME) ?? pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0) };
 }

@@ -7,17 +7,30 @@ const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPU
 const withRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
 
 describe('whom a character belongs to', () => {
-  it.each(['text', 'search', 'url', 'tel', 'email', 'password', 'number', 'date', 'datetime-local', 'month', 'week', 'time', 'not-a-type-yet'])('an input of type %s takes text', (type) => {
-    expect(takesText(input(type))).toBe(true);
-    expect(isShortcut('h', input(type))).toBe(false);
-    expect(isShortcut('K', input(type))).toBe(false);
-  });
-  it.each(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden', 'CHECKBOX'])('an input of type %s takes none: Hold works', (type) => {
-    expect(takesText(input(type))).toBe(false);
-    expect(isShortcut('h', input(type))).toBe(true);
-  });
+  it.each(['text', 'search', 'url', 'tel', 'email', 'password', 'number', 'date', 'datetime-local', 'month', 'week', 'time', 'not-a-type-yet'])(
+    'an input of type %s takes text',
+    (type) => {
+      expect(takesText(input(type))).toBe(true);
+      expect(isShortcut('h', input(type))).toBe(false);
+      expect(isShortcut('K', input(type))).toBe(false);
+    },
+  );
+  it.each(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden', 'CHECKBOX'])(
+    'an input of type %s takes none: Hold works',
+    (type) => {
+      expect(takesText(input(type))).toBe(false);
+      expect(isShortcut('h', input(type))).toBe(true);
+    },
+  );
   it('counts an input without a type, a text area and what is edited in place as text', () => {
-    for (const target of [input(), { tagName: 'TEXTAREA' }, { tagName: 'DIV', isContentEditable: true }, { tagName: 'textarea' }, withRole('textbox'), withRole('combobox')]) {
+    for (const target of [
+      input(),
+      { tagName: 'TEXTAREA' },
+      { tagName: 'DIV', isContentEditable: true },
+      { tagName: 'textarea' },
+      withRole('textbox'),
+      withRole('combobox'),
+    ]) {
       expect(takesText(target)).toBe(true);
     }
   });
@@ -87,7 +100,11 @@ describe('a key that went down on one control', () => {
 describe('single-key shortcuts', () => {
   it('are on until somebody switches them off, and stay off for this browser', () => {
     const kept = new Map<string, string>();
-    const storage = { getItem: (key: string) => kept.get(key) ?? null, setItem: (key: string, value: string) => void kept.set(key, value), removeItem: (key: string) => void kept.delete(key) };
+    const storage = {
+      getItem: (key: string) => kept.get(key) ?? null,
+      setItem: (key: string, value: string) => void kept.set(key, value),
+      removeItem: (key: string) => void kept.delete(key),
+    };
     const first = new Shortcuts(storage);
     expect(first.on).toBe(true);
     first.set(false);

@@ -22,7 +22,12 @@ const FLEET_REPAINT_MS = 500;
 class Page {
   readonly store = new TelemetryStore();
   private readonly tab = memory(() => sessionStorage);
-  readonly who = $state(identity(this.tab, memory(() => localStorage)));
+  readonly who = $state(
+    identity(
+      this.tab,
+      memory(() => localStorage),
+    ),
+  );
   /** Loaded anew, the server's sign-in page comes. */
   readonly api = new ApiClient(this.who, () => location.reload());
   /** Of all vehicles, with every event. */
@@ -91,7 +96,11 @@ class Page {
 
   /** A person's own name for this browser's pages. */
   rename(name: string): void {
-    rename(this.who, name, memory(() => localStorage));
+    rename(
+      this.who,
+      name,
+      memory(() => localStorage),
+    );
   }
 
   /** Which of the clients that the server speaks of is this page. */

@@ -12,7 +12,12 @@ export const turns = new Turns();
 
 export const nameOf = (id: string): string => page.factsOf(id)?.name ?? `Vehicle ${id}`;
 
-export const actions = new ActionController(page.api, nowS, (facts, wish) => service('offboard').start(facts, wish), (id) => page.factsOf(id));
+export const actions = new ActionController(
+  page.api,
+  nowS,
+  (facts, wish) => service('offboard').start(facts, wish),
+  (id) => page.factsOf(id),
+);
 
 registry.addCloser({ order: 0, isOpen: () => actions.asked !== null, close: () => actions.cancel() });
 registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismiss('bar') });

@@ -20,16 +20,25 @@ import { linkDetails, recordingIndicator, type LinkLine } from './status/links';
 import { statusWords, type StatusFacts } from './status/status-words';
 
 const status = (over: Partial<Status> = {}): Status => ({
-  armed: true, mode: 'hold', mode_label: 'Hold', custom_mode: 1, intended_custom_mode: null, landed_state: 'in_air',
-  system_status: 4, link_lost: false, last_heartbeat_age_s: 0.2, ...over,
+  armed: true,
+  mode: 'hold',
+  mode_label: 'Hold',
+  custom_mode: 1,
+  intended_custom_mode: null,
+  landed_state: 'in_air',
+  system_status: 4,
+  link_lost: false,
+  last_heartbeat_age_s: 0.2,
+  ...over,
 });
-const words = (over: Partial<StatusFacts>) =>
-  statusWords({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
+const words = (over: Partial<StatusFacts>) => statusWords({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
 
 describe('status words', () => {
   it('says who makes it fly', () => {
     expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
-      title: 'Offboard', who: 'server streams position, 50 Hz for a', tone: 'target',
+      title: 'Offboard',
+      who: 'server streams position, 50 Hz for a',
+      tone: 'target',
     });
     expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
     expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
@@ -51,8 +60,16 @@ describe('status words', () => {
 });
 
 const facts: ActionFacts = {
-  vehicleId: '1', vehicleName: '1 Quad', armed: true, inAir: true, alt_home_m: 12.44, fromHome_m: 48.2, mode: 'offboard', streaming: true,
-  takeoffAlt_home_m: 10, battery_percent: 82,
+  vehicleId: '1',
+  vehicleName: '1 Quad',
+  armed: true,
+  inAir: true,
+  alt_home_m: 12.44,
+  fromHome_m: 48.2,
+  mode: 'offboard',
+  streaming: true,
+  takeoffAlt_home_m: 10,
+  battery_percent: 82,
 };
 
 describe('actions', () => {
@@ -157,19 +174,49 @@ describe('confirmation', () => {
 
 describe('offboard', () => {
   const raw = {
-    streaming: true, state: 'streaming', client: 'page-1', rate_hz: 50, rate_achieved_hz: 49.9, age_s: 0.1, valid_for_s: 10, valid_left_s: 8.2,
-    setpoint: { type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 }, on_expiry: { action: 'hold', hold_for_s: 5 }, if_stream_stops: 'it lands', sends_failed: 0, ended: null,
+    streaming: true,
+    state: 'streaming',
+    client: 'page-1',
+    rate_hz: 50,
+    rate_achieved_hz: 49.9,
+    age_s: 0.1,
+    valid_for_s: 10,
+    valid_left_s: 8.2,
+    setpoint: { type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 },
+    on_expiry: { action: 'hold', hold_for_s: 5 },
+    if_stream_stops: 'it lands',
+    sends_failed: 0,
+    ended: null,
   };
   it('tells of limits that a restart kept or lost, and of no others', () => {
-    const origin = { active: true, restored: false, set_by: 'anna', set_unix_s: 1, kept: true, recognised_by: 'uid' as const, warning: null, text: 'Limits of anna.' };
+    const origin = {
+      active: true,
+      restored: false,
+      set_by: 'anna',
+      set_unix_s: 1,
+      kept: true,
+      recognised_by: 'uid' as const,
+      warning: null,
+      text: 'Limits of anna.',
+    };
     expect(limitsNotice(readOffboard({ ...raw, limits_origin: origin })?.limitsOrigin)).toBeNull();
     expect(limitsNotice({ ...origin, restored: true })).toEqual({ text: 'Limits of anna.', caution: false });
-    expect(limitsNotice({ ...origin, warning: 'Not in force: the file cannot be read.' })).toEqual({ text: 'Not in force: the file cannot be read.', caution: true });
+    expect(limitsNotice({ ...origin, warning: 'Not in force: the file cannot be read.' })).toEqual({
+      text: 'Not in force: the file cannot be read.',
+      caution: true,
+    });
     expect(limitsNotice(readOffboard(raw)?.limitsOrigin)).toBeNull();
   });
   it('reads the server’s stream and how far the vehicle is off', () => {
     const stream = readOffboard(raw);
-    expect(stream).toMatchObject({ streaming: true, type: 'position', rate_hz: 49.9, validLeft_s: 8.2, onExpiry: 'holds 5 s, then Hold mode', ifStreamStops: 'it lands' });
+    expect(stream).toMatchObject({
+      streaming: true,
+      type: 'position',
+      rate_hz: 49.9,
+      validLeft_s: 8.2,
+      onExpiry: 'holds 5 s, then Hold mode',
+      ifStreamStops: 'it lands',
+    });
     expect(stream && error_m(stream, [1, 2, 1])).toBe(4);
     expect(stream && error_m(stream, null)).toBeNull();
     expect(readOffboard({ streaming: false, state: 'idle', setpoint: null })).toMatchObject({ streaming: false, type: null, rate_hz: null });
@@ -254,8 +301,14 @@ describe('offboard', () => {
     now_s = 3.1;
     control.tick(() => true);
     await settle();
-    expect(said).toEqual([[1, 0, -5], [2, 0, -5], [1, 0, -5]]);
-    answer = () => { throw new TypeError('network'); };
+    expect(said).toEqual([
+      [1, 0, -5],
+      [2, 0, -5],
+      [1, 0, -5],
+    ]);
+    answer = () => {
+      throw new TypeError('network');
+    };
     await control.send('1', at(3), LASTING);
     answer = () => Response.json({});
     now_s = 20;
@@ -327,7 +380,9 @@ describe('instruments, messages, indicators', () => {
     expect(horizonTransform(Math.PI / 18, 0, 62, 62)).toBe('rotate(-10.00 62 62) translate(0 0.00)');
   });
   it('names the marks of the tape through north', () => {
-    const named = tapeTicks(350, 196, 1.5).filter((t) => t.label !== '').map((t) => t.label);
+    const named = tapeTicks(350, 196, 1.5)
+      .filter((t) => t.label !== '')
+      .map((t) => t.label);
     expect(named).toEqual(['NW', 'N', 'NE'].filter((n) => named.includes(n)));
     expect(named).toContain('N');
   });
@@ -338,14 +393,56 @@ describe('instruments, messages, indicators', () => {
     expect(shown([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
   });
   it('shows severity with a word, and unknown as unknown', () => {
-    const reading = (remaining_percent: number | null) => ({ value: { remaining_percent, voltage_v: null, current_a: null, consumed_mah: null, time_remaining_s: null, cell_voltages_v: null, battery_id: 0, batteries: [] }, age_s: 0, stale: false });
+    const reading = (remaining_percent: number | null) => ({
+      value: {
+        remaining_percent,
+        voltage_v: null,
+        current_a: null,
+        consumed_mah: null,
+        time_remaining_s: null,
+        cell_voltages_v: null,
+        battery_id: 0,
+        batteries: [],
+      },
+      age_s: 0,
+      stale: false,
+    });
     expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: 'empty', text: '9 %' });
     expect(batteryIndicator(reading(null)).text).toBe('–');
     expect(batteryIndicator(null).text).toBe('–');
-    expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({ text: '3 · no fix', severity: 'danger' });
+    expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({
+      text: '3 · no fix',
+      severity: 'danger',
+    });
   });
   it('says that a recording stopped, and does not claim one that nobody told of', () => {
-    const link: LinkLine = { name: 'a', url: 'udpin://x', state: 'open', detail: '', replay: false, forward: false, peers: [], bytes_received: 5, bytes_sent: 0, bytes_dropped: 0, recording: { file: 'a.tlog', bytes: 2_000_000, started_unix_s: 1000, stopped: null }, frames_received: 3, frames_unknown: 0, frames_lost: 0, crc_errors: 0, bytes_skipped: 0, handler_errors: 0, frames_sent: 0, frames_waiting: 0, frames_replaced: 0, frames_expired: 0, frames_dropped: 0, frames_refused: 0, frames_unverified: 0, signing: null };
+    const link: LinkLine = {
+      name: 'a',
+      url: 'udpin://x',
+      state: 'open',
+      detail: '',
+      replay: false,
+      forward: false,
+      peers: [],
+      bytes_received: 5,
+      bytes_sent: 0,
+      bytes_dropped: 0,
+      recording: { file: 'a.tlog', bytes: 2_000_000, started_unix_s: 1000, stopped: null },
+      frames_received: 3,
+      frames_unknown: 0,
+      frames_lost: 0,
+      crc_errors: 0,
+      bytes_skipped: 0,
+      handler_errors: 0,
+      frames_sent: 0,
+      frames_waiting: 0,
+      frames_replaced: 0,
+      frames_expired: 0,
+      frames_dropped: 0,
+      frames_refused: 0,
+      frames_unverified: 0,
+      signing: null,
+    };
     const recorded = (change: object): LinkLine => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
     expect(recordingIndicator([], false, 1221).text).toBe('–');
     expect(recordingIndicator([link], true, 1221)).toMatchObject({ text: '03:41', severity: 'none' });
@@ -356,14 +453,26 @@ describe('instruments, messages, indicators', () => {
     const stopped = recordingIndicator([link, recorded({ stopped: 'disk full' })], true, 1221);
     expect(stopped).toMatchObject({ text: 'Stopped', severity: 'danger' });
     expect(stopped.details[1]?.[1]).toBe('disk full');
-    const two = linkDetails([{ ...link, frames_received: 98, frames_lost: 2, crc_errors: 1 }, { ...link, name: 'b', state: 'waiting', detail: 'port taken' }], null).details;
+    const two = linkDetails(
+      [
+        { ...link, frames_received: 98, frames_lost: 2, crc_errors: 1 },
+        { ...link, name: 'b', state: 'waiting', detail: 'port taken' },
+      ],
+      null,
+    ).details;
     expect(two.filter(([name]) => name === '').map(([, value]) => value)).toEqual(['a', 'b']);
     expect(two).toContainEqual(['Frames', '98 in, 2 lost (2.0 %)']);
     expect(two).toContainEqual(['CRC errors', '1']);
     expect(two.some(([, value]) => value.includes('port taken'))).toBe(true);
     expect(two.some(([name]) => name === 'Signing')).toBe(false);
     const signing = { key: 'field', mode: 'required', link_id: 0, unsigned: 2, wrong_signature: 1, replayed: 0, too_old: 0, too_many_streams: 0 };
-    const signed = linkDetails([{ ...link, signing, frames_refused: 3 }, { ...link, frames_unverified: 4 }], null).details;
+    const signed = linkDetails(
+      [
+        { ...link, signing, frames_refused: 3 },
+        { ...link, frames_unverified: 4 },
+      ],
+      null,
+    ).details;
     expect(signed).toContainEqual(['Signing', 'key field, required; 3 frames refused']);
     expect(signed).toContainEqual(['Not verified', '4 signed frames (this link has no key)']);
     expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');

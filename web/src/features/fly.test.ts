@@ -17,8 +17,32 @@ import { lossPercent } from './status/links';
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
 
 function source(topics: Record<string, Record<string, unknown>>, stale = false): Source {
-  const none = { status: null, attitude: null, local: null, global: null, hud: null, gps: null, battery: null, home: null, health: null, gimbal: null, offboard: null, control: null };
-  const facts: VehicleFacts = { id: '1', name: '1 Quad', now_unix_s: 100, lost: false, offline: false, simulated: true, replayed: false, inAir: true, fromHome_m: null, ...none };
+  const none = {
+    status: null,
+    attitude: null,
+    local: null,
+    global: null,
+    hud: null,
+    gps: null,
+    battery: null,
+    home: null,
+    health: null,
+    gimbal: null,
+    offboard: null,
+    control: null,
+  };
+  const facts: VehicleFacts = {
+    id: '1',
+    name: '1 Quad',
+    now_unix_s: 100,
+    lost: false,
+    offline: false,
+    simulated: true,
+    replayed: false,
+    inAir: true,
+    fromHome_m: null,
+    ...none,
+  };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
 }
 
@@ -31,7 +55,12 @@ describe('the catalogue of values', () => {
     for (const id of USUAL) expect(BY_ID.has(id)).toBe(true);
   });
   it('shows what the vehicle says, angles in degrees, unknown as a dash', () => {
-    const now = source({ attitude: { roll_rad: Math.PI / 6 }, motors: { pwm_us: [1500] }, battery: { voltage_v: null }, global_position: { lat_deg: 47.3977421 } });
+    const now = source({
+      attitude: { roll_rad: Math.PI / 6 },
+      motors: { pwm_us: [1500] },
+      battery: { voltage_v: null },
+      global_position: { lat_deg: 47.3977421 },
+    });
     const read = (id: string) => BY_ID.get(id)?.read(now);
     expect(read('attitude.roll_rad')).toMatchObject({ text: '30.0', unit: '°', stale: false });
     expect(read('motors.pwm_us.0')).toMatchObject({ text: '1500', unit: 'µs' });
@@ -105,7 +134,16 @@ describe('the link', () => {
 
 describe('the battery', () => {
   it('names its weakest cell', () => {
-    const value = { remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: [4.02, 3.91, 4.01], battery_id: 0, batteries: [] };
+    const value = {
+      remaining_percent: 50,
+      voltage_v: 12,
+      current_a: 3,
+      consumed_mah: 200,
+      time_remaining_s: 240,
+      cell_voltages_v: [4.02, 3.91, 4.01],
+      battery_id: 0,
+      batteries: [],
+    };
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
   });
@@ -119,7 +157,16 @@ describe('the battery', () => {
 });
 
 const actionFacts: ActionFacts = {
-  vehicleId: '1', vehicleName: '1 Quad', armed: true, inAir: true, alt_home_m: 12, fromHome_m: 48, mode: 'hold', streaming: false, takeoffAlt_home_m: 10, battery_percent: null,
+  vehicleId: '1',
+  vehicleName: '1 Quad',
+  armed: true,
+  inAir: true,
+  alt_home_m: 12,
+  fromHome_m: 48,
+  mode: 'hold',
+  streaming: false,
+  takeoffAlt_home_m: 10,
+  battery_percent: null,
 };
 
 describe('what is asked', () => {
@@ -141,9 +188,18 @@ describe('what is asked', () => {
   });
   it('shows how far it is to the page that asked, and to no other', async () => {
     let answer: (outcome: Outcome<unknown>) => void = () => undefined;
-    const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'k7' }, undefined, () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))));
+    const api = new ApiClient(
+      { name: 'Anna', id: 'tab', key: 'k7' },
+      undefined,
+      () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))),
+    );
     const { facts } = source({});
-    const actions = new ActionController(api, () => 0, () => Promise.reject(new Error('not asked')), () => facts);
+    const actions = new ActionController(
+      api,
+      () => 0,
+      () => Promise.reject(new Error('not asked')),
+      () => facts,
+    );
     actions.request('hold', facts);
     expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
     const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Asking vehicle 1 to hold (2. attempt)', command: 'hold', fraction: 0.5 };
@@ -158,7 +214,12 @@ describe('what is asked', () => {
   });
   it('takes no height that the server would refuse', () => {
     const { facts } = source({});
-    const actions = new ActionController(new ApiClient('p'), () => 0, () => Promise.reject(new Error('not asked')), () => facts);
+    const actions = new ActionController(
+      new ApiClient('p'),
+      () => 0,
+      () => Promise.reject(new Error('not asked')),
+      () => facts,
+    );
     actions.request('takeoff', { ...facts, inAir: false });
     for (const bad of [NaN, 0, 121]) {
       actions.typeTakeoffHeight(bad);
@@ -181,9 +242,19 @@ describe('the gimbal', () => {
     const api = new ApiClient('p', undefined, async (path, init) => {
       const body = JSON.parse(init.body as string) as { wait?: boolean };
       sent.push({ path: path.split('/').at(-1) ?? '', ...('wait' in body ? { wait: body.wait as boolean } : {}) });
-      return Promise.resolve(Response.json({ limited: body.wait === true ? { text: 'The gimbal stopped at its own limit: pitch -45° instead of -90°.' } : null }));
+      return Promise.resolve(
+        Response.json({ limited: body.wait === true ? { text: 'The gimbal stopped at its own limit: pitch -45° instead of -90°.' } : null }),
+      );
     });
-    const gimbal = new GimbalControl(api, new ActionController(api, () => 0, () => Promise.reject(new Error('not asked')), () => facts));
+    const gimbal = new GimbalControl(
+      api,
+      new ActionController(
+        api,
+        () => 0,
+        () => Promise.reject(new Error('not asked')),
+        () => facts,
+      ),
+    );
     for (const pitch_deg of [-70, -80, -90]) gimbal.point(facts, { pitch_deg, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(300);
     expect(gimbal.limitedOf(facts)).toBeNull();

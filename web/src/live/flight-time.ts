@@ -15,7 +15,11 @@ export interface FlightClock {
 }
 
 export const NO_FLIGHT: FlightClock = {
-  airborneSince_unix_s: null, exact: true, seenGround: false, last_s: null, updated_unix_s: 0,
+  airborneSince_unix_s: null,
+  exact: true,
+  seenGround: false,
+  last_s: null,
+  updated_unix_s: 0,
 };
 
 function flying(status: Status): boolean | null {

@@ -9,16 +9,37 @@ import { severityNumber } from './vehicle-state';
 import { parseFrame, type Replay, type WireSample } from './wire';
 
 const status = (over: Partial<Status> = {}): Status => ({
-  armed: false, mode: 'hold', mode_label: 'Hold', custom_mode: 1, intended_custom_mode: null, landed_state: 'on_ground',
-  system_status: 3, link_lost: false, last_heartbeat_age_s: 0, ...over,
+  armed: false,
+  mode: 'hold',
+  mode_label: 'Hold',
+  custom_mode: 1,
+  intended_custom_mode: null,
+  landed_state: 'on_ground',
+  system_status: 3,
+  link_lost: false,
+  last_heartbeat_age_s: 0,
+  ...over,
 });
 const sample = (topic: string, value: unknown, at: number, vehicle = '1'): WireSample => ({
-  vehicle, topic, value, received_unix_s: at, vehicle_time_boot_s: null,
+  vehicle,
+  topic,
+  value,
+  received_unix_s: at,
+  vehicle_time_boot_s: null,
 });
 
-const replay = (vehicles: string[], position_unix_s: number): Replay => ({
-  name: 'replay-1', recording: 'a.tlog', vehicles, position_unix_s, begin_unix_s: position_unix_s - 10, end_unix_s: position_unix_s + 60, playing: true, speed: 1, detail: '',
-} as unknown as Replay);
+const replay = (vehicles: string[], position_unix_s: number): Replay =>
+  ({
+    name: 'replay-1',
+    recording: 'a.tlog',
+    vehicles,
+    position_unix_s,
+    begin_unix_s: position_unix_s - 10,
+    end_unix_s: position_unix_s + 60,
+    playing: true,
+    speed: 1,
+    detail: '',
+  }) as unknown as Replay;
 
 describe('age', () => {
   it('is stale after three of the measured periods, not before', () => {

@@ -23,20 +23,27 @@ function rig() {
   let timers: { at: number; run: () => void }[] = [];
   let now = 0;
   const server = { vehicles: true };
-  const socket = new TelemetrySocket('ws://x', () => ({ vehicles: '*', topics: ['gps'], rate_hz: 25 }), (f) => frames.push(f), (s) => states.push(s), () => server.vehicles, {
-    open: () => {
-      const one = new FakeSocket();
-      sockets.push(one);
-      return one;
+  const socket = new TelemetrySocket(
+    'ws://x',
+    () => ({ vehicles: '*', topics: ['gps'], rate_hz: 25 }),
+    (f) => frames.push(f),
+    (s) => states.push(s),
+    () => server.vehicles,
+    {
+      open: () => {
+        const one = new FakeSocket();
+        sockets.push(one);
+        return one;
+      },
+      nowMs: () => now,
+      setTimer: (run, ms) => {
+        const timer = { at: now + ms, run };
+        timers.push(timer);
+        return timer;
+      },
+      clearTimer: (timer) => (timers = timers.filter((t) => t !== timer)),
     },
-    nowMs: () => now,
-    setTimer: (run, ms) => {
-      const timer = { at: now + ms, run };
-      timers.push(timer);
-      return timer;
-    },
-    clearTimer: (timer) => (timers = timers.filter((t) => t !== timer)),
-  });
+  );
   const pass = (ms: number): void => {
     now += ms;
     const due = timers.filter((t) => t.at <= now);
@@ -64,7 +71,9 @@ describe('telemetry socket', () => {
     const first = sockets[0];
     first?.onopen?.();
     first?.onmessage?.({ data: HELLO });
-    const seconds = (count: number): void => { for (let i = 0; i < count; i++) pass(1000); };
+    const seconds = (count: number): void => {
+      for (let i = 0; i < count; i++) pass(1000);
+    };
     seconds(SILENT_MS / 1000);
     expect(first?.sent).toHaveLength(2); // a vehicle whose link is lost sends nothing: no reason to worry yet
     first?.onmessage?.({ data: '{"type":"samples","samples":[]}' });

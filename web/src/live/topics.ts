@@ -38,8 +38,21 @@ export type TopicName = keyof Topics;
 
 /** What this page reads of a vehicle; `offboard` and `identity` are read by their own modules. */
 export const PAGE_TOPICS: readonly string[] = [
-  'status', 'attitude', 'local_position', 'global_position', 'gps', 'battery', 'home', 'gimbal',
-  'target_local', 'hud', 'health', 'readiness', 'offboard', 'control', 'identity',
+  'status',
+  'attitude',
+  'local_position',
+  'global_position',
+  'gps',
+  'battery',
+  'home',
+  'gimbal',
+  'target_local',
+  'hud',
+  'health',
+  'readiness',
+  'offboard',
+  'control',
+  'identity',
 ];
 
 /** Of a large fleet, for the list and the map: what each vehicle is, does, and where it is. */
@@ -47,6 +60,17 @@ export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_po
 
 /** Periods PX4 sends at [s], used until a topic's own period has been measured. */
 export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
-  status: 1, attitude: 0.05, local_position: 0.1, global_position: 0.2, gps: 1, battery: 2, home: 2,
-  gimbal: 0.2, target_local: 0.2, hud: 0.2, health: 1, offboard: 0.5, control: 0.5,
+  status: 1,
+  attitude: 0.05,
+  local_position: 0.1,
+  global_position: 0.2,
+  gps: 1,
+  battery: 2,
+  home: 2,
+  gimbal: 0.2,
+  target_local: 0.2,
+  hud: 0.2,
+  health: 1,
+  offboard: 0.5,
+  control: 0.5,
 };

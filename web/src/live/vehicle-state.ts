@@ -18,7 +18,13 @@ export interface Identity {
 }
 
 export const UNKNOWN_IDENTITY: Identity = {
-  system_id: null, autopilot: null, vehicle_type: null, simulated: null, replayed: false, firmware: null, warnings: [],
+  system_id: null,
+  autopilot: null,
+  vehicle_type: null,
+  simulated: null,
+  replayed: false,
+  firmware: null,
+  warnings: [],
 };
 
 export interface Held {

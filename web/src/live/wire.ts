@@ -37,8 +37,11 @@ function isObject(value: unknown): value is Record<string, unknown> {
 
 function isSample(value: unknown): value is WireSample {
   return (
-    isObject(value) && typeof value['vehicle'] === 'string' && typeof value['topic'] === 'string' &&
-    typeof value['received_unix_s'] === 'number' && 'value' in value
+    isObject(value) &&
+    typeof value['vehicle'] === 'string' &&
+    typeof value['topic'] === 'string' &&
+    typeof value['received_unix_s'] === 'number' &&
+    'value' in value
   );
 }
 
@@ -57,7 +60,10 @@ function toEvent(value: unknown): WireEvent | null {
 
 function isReplay(value: unknown): value is Replay {
   return (
-    isObject(value) && typeof value['name'] === 'string' && Array.isArray(value['vehicles']) && typeof value['speed'] === 'number' &&
+    isObject(value) &&
+    typeof value['name'] === 'string' &&
+    Array.isArray(value['vehicles']) &&
+    typeof value['speed'] === 'number' &&
     (value['position_unix_s'] === null || typeof value['position_unix_s'] === 'number')
   );
 }

@@ -1,6 +1,7 @@
 /** Svelte actions for what opens over the page: who takes the keyboard, keeps it, and gives it back. */
 
-const FOCUSABLE = 'a[href], button:not([disabled]), input:not([disabled]), select:not([disabled]), textarea:not([disabled]), summary, iframe, [tabindex]:not([tabindex="-1"])';
+const FOCUSABLE =
+  'a[href], button:not([disabled]), input:not([disabled]), select:not([disabled]), textarea:not([disabled]), summary, iframe, [tabindex]:not([tabindex="-1"])';
 
 function reachable(node: HTMLElement): HTMLElement[] {
   return [...node.querySelectorAll<HTMLElement>(FOCUSABLE)].filter((one) => one.tabIndex >= 0 && one.getClientRects().length > 0);
@@ -48,9 +49,10 @@ export function modalFocus(node: HTMLElement, first: string): { destroy: () => v
     else reachable(node)[0]?.focus({ preventScroll: true });
   };
   /** A pointer went where nothing takes the keyboard, or into the 3D view, which tells nobody. */
-  const left = (): void => void setTimeout(() => {
-    if (node.isConnected && !node.contains(document.activeElement) && last.isConnected) last.focus({ preventScroll: true });
-  });
+  const left = (): void =>
+    void setTimeout(() => {
+      if (node.isConnected && !node.contains(document.activeElement) && last.isConnected) last.focus({ preventScroll: true });
+    });
   node.addEventListener('keydown', tab);
   node.addEventListener('focusout', left);
   document.addEventListener('focusin', moved);

@@ -3,14 +3,27 @@ import { identity, leave, rename } from '../app/identity';
 import { chipText, forceHint, notYours, otherHolder, outsideText, ownRequest, readControl, standing, toAnswer, type Control } from './control';
 
 const FREE: Control = {
-  holder: null, holder_key: null, since_unix_s: null, expires_in_s: null, can_be_asked: false, on_expiry: null, requests: [], lease_s: 30, answer_s: 15, mode_cause: null,
+  holder: null,
+  holder_key: null,
+  since_unix_s: null,
+  expires_in_s: null,
+  can_be_asked: false,
+  on_expiry: null,
+  requests: [],
+  lease_s: 30,
+  answer_s: 15,
+  mode_cause: null,
 };
 const ASKING = { client: 'Bob', key: 'b', reason: null, since_unix_s: 1, answer_left_s: 11.2 };
 const ANNAS: Control = { ...FREE, holder: 'Anna', holder_key: 'a', since_unix_s: 1, can_be_asked: true };
 
 function memory(): Storage {
   const kept = new Map<string, string>();
-  return { getItem: (k: string) => kept.get(k) ?? null, setItem: (k: string, v: string) => void kept.set(k, v), removeItem: (k: string) => void kept.delete(k) } as Storage;
+  return {
+    getItem: (k: string) => kept.get(k) ?? null,
+    setItem: (k: string, v: string) => void kept.set(k, v),
+    removeItem: (k: string) => void kept.delete(k),
+  } as Storage;
 }
 
 describe('who has control', () => {
@@ -42,7 +55,10 @@ describe('who has control', () => {
     expect(forceHint({ ...ANNAS, can_be_asked: false }, 'b', false)).toBeNull();
   });
   it('says who from outside makes the vehicle fly its mode', () => {
-    const cause = (source: string, who: string | null = null): Control => ({ ...FREE, mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'] });
+    const cause = (source: string, who: string | null = null): Control => ({
+      ...FREE,
+      mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
+    });
     expect(outsideText(cause('pilot'))).toBe('by its transmitter');
     expect(outsideText(cause('station', 'station 245/190'))).toBe('by station 245/190');
     expect(outsideText(cause('command', 'Anna'))).toBeNull();

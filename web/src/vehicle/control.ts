@@ -28,17 +28,24 @@ export function otherHolder(control: Control | null, key: string | null): string
 
 export function chipText(control: Control | null, key: string | null): string {
   switch (standing(control, key)) {
-    case 'yours': return 'You have control';
-    case 'others': return `${control?.holder ?? 'Another'} has control`;
-    case 'free': return 'Control is free';
-    case 'unknown': return 'Control –';
+    case 'yours':
+      return 'You have control';
+    case 'others':
+      return `${control?.holder ?? 'Another'} has control`;
+    case 'free':
+      return 'Control is free';
+    case 'unknown':
+      return 'Control –';
   }
 }
 
 /** Why a command of this page would be refused, and what to do; null where it would not be. */
 export function notYours(action: string, holder: string | null): { detail: string; remedy: string } | null {
   if (holder === null || OPEN.has(action)) return null;
-  return { detail: `${holder} has control of this vehicle.`, remedy: 'Ask for control at the upper right (key C). Hold, Land now and Stop motors work without it.' };
+  return {
+    detail: `${holder} has control of this vehicle.`,
+    remedy: 'Ask for control at the upper right (key C). Hold, Land now and Stop motors work without it.',
+  };
 }
 
 /** Since when, as a time of day. */
@@ -65,7 +72,10 @@ export function forceHint(control: Control, key: string | null, denied: boolean)
 }
 
 const WHO: Readonly<Record<string, string>> = {
-  pilot: 'its transmitter', station: 'another ground station', unknown: 'not this server', failsafe: 'its own failsafe',
+  pilot: 'its transmitter',
+  station: 'another ground station',
+  unknown: 'not this server',
+  failsafe: 'its own failsafe',
 };
 
 /** Who makes the vehicle fly its mode, where it is nobody of this server; null where there is nothing to add. */

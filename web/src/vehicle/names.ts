@@ -3,8 +3,20 @@
 import type { Identity } from '../live/vehicle-state';
 
 const TYPES: Readonly<Record<number, string>> = {
-  1: 'Fixed wing', 2: 'Quad', 3: 'Coaxial', 4: 'Helicopter', 10: 'Rover', 11: 'Boat', 12: 'Submarine', 13: 'Hexa', 14: 'Octo',
-  15: 'Tri', 19: 'VTOL', 20: 'VTOL', 21: 'VTOL', 22: 'VTOL',
+  1: 'Fixed wing',
+  2: 'Quad',
+  3: 'Coaxial',
+  4: 'Helicopter',
+  10: 'Rover',
+  11: 'Boat',
+  12: 'Submarine',
+  13: 'Hexa',
+  14: 'Octo',
+  15: 'Tri',
+  19: 'VTOL',
+  20: 'VTOL',
+  21: 'VTOL',
+  22: 'VTOL',
 };
 
 export function vehicleName(id: string, identity: Identity): string {

@@ -96,7 +96,12 @@ export function readOffboard(value: unknown): OffboardStatus | null {
 }
 
 const STATES: Readonly<Record<string, string>> = {
-  idle: 'no stream', starting: 'Starting', undoing: 'Not started: going back', holding: 'Expired: holding the place', to_hold: 'Expired: going to Hold', landing: 'Expired: landing',
+  idle: 'no stream',
+  starting: 'Starting',
+  undoing: 'Not started: going back',
+  holding: 'Expired: holding the place',
+  to_hold: 'Expired: going to Hold',
+  landing: 'Expired: landing',
 };
 
 /** What a person should know of the operator's limits before a start: that a restart of the server kept them, or lost them. */

@@ -4,8 +4,18 @@
  */
 
 export type Kind =
-  | 'position' | 'position_global' | 'position_body' | 'velocity' | 'velocity_body' | 'acceleration' | 'trajectory'
-  | 'attitude' | 'rates' | 'follow' | 'thrust_torque' | 'actuators';
+  | 'position'
+  | 'position_global'
+  | 'position_body'
+  | 'velocity'
+  | 'velocity_body'
+  | 'acceleration'
+  | 'trajectory'
+  | 'attitude'
+  | 'rates'
+  | 'follow'
+  | 'thrust_torque'
+  | 'actuators';
 
 export interface Axis {
   /** Unique within its kind. */
@@ -48,7 +58,13 @@ export interface KindSpec {
 const RAD = Math.PI / 180;
 const FT_HIGH = 'Nothing holds height or place: the vehicle drifts, climbs or sinks as it is told.';
 
-function axes(prefix: string, labels: readonly [string, string, string], unit: string, step: number, scales: readonly [number, number, number] = [1, 1, 1]): Axis[] {
+function axes(
+  prefix: string,
+  labels: readonly [string, string, string],
+  unit: string,
+  step: number,
+  scales: readonly [number, number, number] = [1, 1, 1],
+): Axis[] {
   return labels.map((label, i) => ({ key: `${prefix}${i}`, label, unit, step, scale: scales[i] ?? 1 }));
 }
 
@@ -69,29 +85,60 @@ const PUSH = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s�
 export const KINDS: readonly KindSpec[] = [
   { kind: 'position', name: 'Position', frame: 'local, from its origin', care: null, groups: [PLACE], yaw: 'angle_or_rate' },
   {
-    kind: 'position_global', name: 'Global position', frame: 'WGS 84', care: null, yaw: 'angle_or_rate',
+    kind: 'position_global',
+    name: 'Global position',
+    frame: 'WGS 84',
+    care: null,
+    yaw: 'angle_or_rate',
     groups: [
       group('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
       group('lon_deg', 'Longitude', [{ key: 'lon', label: 'Longitude', unit: '°', scale: 1, min: -180, max: 180, step: 0.00001 }], { scalar: true }),
       group('alt', 'Height', [{ key: 'alt', label: 'Height', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
     ],
   },
-  { kind: 'position_body', name: 'Offset', frame: 'from where it is, along its heading', care: null, groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP))], yaw: 'offset' },
+  {
+    kind: 'position_body',
+    name: 'Offset',
+    frame: 'from where it is, along its heading',
+    care: null,
+    groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP))],
+    yaw: 'offset',
+  },
   { kind: 'velocity', name: 'Velocity', frame: 'local, north east up', care: 'It keeps moving until told otherwise.', groups: [SPEED], yaw: 'angle_or_rate' },
   {
-    kind: 'velocity_body', name: 'Velocity, heading', frame: 'along its heading', care: 'It keeps moving until told otherwise.',
-    groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))], yaw: 'angle_or_rate',
+    kind: 'velocity_body',
+    name: 'Velocity, heading',
+    frame: 'along its heading',
+    care: 'It keeps moving until told otherwise.',
+    groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))],
+    yaw: 'angle_or_rate',
   },
-  { kind: 'acceleration', name: 'Acceleration', frame: 'local, north east up', care: 'Speed grows for as long as it lasts.', groups: [PUSH], yaw: 'angle_or_rate' },
   {
-    kind: 'trajectory', name: 'Trajectory point', frame: 'local, quantities mixed', care: null, yaw: 'angle_or_rate',
+    kind: 'acceleration',
+    name: 'Acceleration',
+    frame: 'local, north east up',
+    care: 'Speed grows for as long as it lasts.',
+    groups: [PUSH],
+    yaw: 'angle_or_rate',
+  },
+  {
+    kind: 'trajectory',
+    name: 'Trajectory point',
+    frame: 'local, quantities mixed',
+    care: null,
+    yaw: 'angle_or_rate',
     groups: [
-      { ...PLACE, nullable: true }, { ...SPEED, title: 'Velocity, or fed forward', nullable: true, optional: true },
+      { ...PLACE, nullable: true },
+      { ...SPEED, title: 'Velocity, or fed forward', nullable: true, optional: true },
       { ...PUSH, title: 'Acceleration, or fed forward', nullable: true, optional: true },
     ],
   },
   {
-    kind: 'attitude', name: 'Attitude', frame: 'against the horizon', care: FT_HIGH, yaw: 'none',
+    kind: 'attitude',
+    name: 'Attitude',
+    frame: 'against the horizon',
+    care: FT_HIGH,
+    yaw: 'none',
     groups: [
       group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll, right down', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
       group('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch, nose up', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
@@ -101,21 +148,45 @@ export const KINDS: readonly KindSpec[] = [
     ],
   },
   {
-    kind: 'rates', name: 'Body rates', frame: 'about its own axes', care: 'Not levelled: the vehicle keeps turning. ' + FT_HIGH, yaw: 'none',
+    kind: 'rates',
+    name: 'Body rates',
+    frame: 'about its own axes',
+    care: 'Not levelled: the vehicle keeps turning. ' + FT_HIGH,
+    yaw: 'none',
     groups: [
       group('rates_frd_rad_s', 'Rates', [
-        { key: 'r0', label: 'Roll, right down', unit: '°/s', scale: RAD, step: 5 }, { key: 'r1', label: 'Pitch, nose up', unit: '°/s', scale: RAD, step: 5 },
+        { key: 'r0', label: 'Roll, right down', unit: '°/s', scale: RAD, step: 5 },
+        { key: 'r1', label: 'Pitch, nose up', unit: '°/s', scale: RAD, step: 5 },
         { key: 'r2', label: 'Yaw, clockwise', unit: '°/s', scale: RAD, step: 5 },
       ]),
       THRUST,
     ],
   },
-  { kind: 'follow', name: 'Follow a vehicle', frame: 'an offset along its heading', care: null, groups: [group('offset_frd_m', 'Offset from it', axes('o', FRU, 'm', 0.5, UP))], yaw: 'follow' },
   {
-    kind: 'thrust_torque', name: 'Thrust and torque', frame: 'its own axes, −1 to 1', care: FT_HIGH, yaw: 'none',
+    kind: 'follow',
+    name: 'Follow a vehicle',
+    frame: 'an offset along its heading',
+    care: null,
+    groups: [group('offset_frd_m', 'Offset from it', axes('o', FRU, 'm', 0.5, UP))],
+    yaw: 'follow',
+  },
+  {
+    kind: 'thrust_torque',
+    name: 'Thrust and torque',
+    frame: 'its own axes, −1 to 1',
+    care: FT_HIGH,
+    yaw: 'none',
     groups: [
-      group('thrust_frd', 'Thrust', axes('f', FRU, '', 0.01, UP).map((a) => ({ ...a, min: -1, max: 1 }))),
-      group('torque_frd', 'Torque', axes('t', ['Roll', 'Pitch', 'Yaw'], '', 0.01).map((a) => ({ ...a, min: -1, max: 1 }))),
+      group(
+        'thrust_frd',
+        'Thrust',
+        axes('f', FRU, '', 0.01, UP).map((a) => ({ ...a, min: -1, max: 1 })),
+      ),
+      group(
+        'torque_frd',
+        'Torque',
+        axes('t', ['Roll', 'Pitch', 'Yaw'], '', 0.01).map((a) => ({ ...a, min: -1, max: 1 })),
+      ),
     ],
   },
   { kind: 'actuators', name: 'Motors and servos', frame: 'each by itself', care: FT_HIGH, groups: [], yaw: 'none' },

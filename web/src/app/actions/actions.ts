@@ -71,39 +71,75 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'hold':
       return null;
     case 'arm':
-      return { title: `Arm ${name}`, effect: 'The motors start to turn on the ground. It disarms by itself if it does not take off.', verb: 'Arm', danger: false };
+      return {
+        title: `Arm ${name}`,
+        effect: 'The motors start to turn on the ground. It disarms by itself if it does not take off.',
+        verb: 'Arm',
+        danger: false,
+      };
     case 'disarm':
-      return { title: `Disarm ${name}`, effect: facts.inAir ? 'The vehicle reports to be in the air and will refuse.' : 'The motors stop on the ground.', verb: 'Disarm', danger: false };
+      return {
+        title: `Disarm ${name}`,
+        effect: facts.inAir ? 'The vehicle reports to be in the air and will refuse.' : 'The motors stop on the ground.',
+        verb: 'Disarm',
+        danger: false,
+      };
     case 'takeoff':
       return {
         title: `Take off ${name}`,
         effect: `${facts.armed ? 'Climbs' : 'Arms, climbs'} to ${fixed(facts.takeoffAlt_home_m, 1)} m above home and holds there.${facts.battery_percent === null ? '' : ` Battery ${facts.battery_percent} %.`}`,
-        verb: 'Take off', danger: false,
+        verb: 'Take off',
+        danger: false,
       };
     case 'land':
-      return { title: `Land ${name}`, effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`, verb: 'Land', danger: false };
+      return {
+        title: `Land ${name}`,
+        effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`,
+        verb: 'Land',
+        danger: false,
+      };
     case 'rtl':
       return { title: `Return ${name}`, effect: `${returns(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
     case 'goto':
-      return goal === null ? null : {
-        title: `Send ${name} here`,
-        effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. It is ${heightNow(facts)} now.${end}`,
-        verb: 'Go', danger: false,
-      };
+      return goal === null
+        ? null
+        : {
+            title: `Send ${name} here`,
+            effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. It is ${heightNow(facts)} now.${end}`,
+            verb: 'Go',
+            danger: false,
+          };
     case 'offboard_start':
-      if (start !== null) return { title: `Offboard ${name}`, effect: `The server takes over and asks for: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
-      return { title: `Offboard ${name}`, effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.', verb: 'Start', danger: false };
+      if (start !== null)
+        return { title: `Offboard ${name}`, effect: `The server takes over and asks for: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
+      return {
+        title: `Offboard ${name}`,
+        effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.',
+        verb: 'Start',
+        danger: false,
+      };
     case 'land_now':
-      return { title: `Land ${name} now`, effect: `Sinks at once from ${heightNow(facts)} where it is, whoever has control.${end}`, verb: 'Land now', danger: false };
+      return {
+        title: `Land ${name} now`,
+        effect: `Sinks at once from ${heightNow(facts)} where it is, whoever has control.${end}`,
+        verb: 'Land now',
+        danger: false,
+      };
     case 'force_control':
-      return { title: `Take control of ${name} by force`, effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle flies on as it does.`, verb: 'Take', danger: true };
+      return {
+        title: `Take control of ${name} by force`,
+        effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle flies on as it does.`,
+        verb: 'Take',
+        danger: true,
+      };
     case 'kill':
       return {
         title: `Stop motors of ${name}`,
         effect: facts.inAir
           ? `The vehicle will fall from ${heightNow(facts)}. Nothing slows it down.`
           : 'Motors stop at once. If the vehicle is in the air it will fall.',
-        verb: 'Stop', danger: true,
+        verb: 'Stop',
+        danger: true,
       };
   }
 }
@@ -137,7 +173,17 @@ export function unavailable(action: ActionName, facts: ActionFacts & { lost: boo
 
 /** Progress in words while the vehicle has not shown it yet. */
 export const ASKED: Readonly<Record<ActionName, string>> = {
-  arm: 'Arming', disarm: 'Disarming', takeoff: 'Take-off', land: 'Landing', rtl: 'Return', hold: 'Hold', land_now: 'Landing now', force_control: 'Taking control', kill: 'Stopping the motors', offboard_start: 'Offboard', goto: 'Go here',
+  arm: 'Arming',
+  disarm: 'Disarming',
+  takeoff: 'Take-off',
+  land: 'Landing',
+  rtl: 'Return',
+  hold: 'Hold',
+  land_now: 'Landing now',
+  force_control: 'Taking control',
+  kill: 'Stopping the motors',
+  offboard_start: 'Offboard',
+  goto: 'Go here',
 };
 
 /** What the sentences need to know of a vehicle as it is now. */

@@ -25,7 +25,10 @@ export class Confirmation {
   private slid = 0;
   private sliding = false;
 
-  constructor(readonly danger: boolean, now_s: number) {
+  constructor(
+    readonly danger: boolean,
+    now_s: number,
+  ) {
     this.deadline_s = now_s + EXPIRES_AFTER_S;
   }
 
@@ -40,7 +43,8 @@ export class Confirmation {
 
   /** Space or Enter went down on the knob; the keyboard's own repeats change nothing. */
   press(now_s: number): void {
-    if (this.blocked) this.touch(now_s); // somebody is at it: there is time to put it right
+    if (this.blocked)
+      this.touch(now_s); // somebody is at it: there is time to put it right
     else if (this.phase === 'asking' && this.lookedAt_s === null && !this.sliding) {
       this.lookedAt_s = now_s;
       this.held_s = 0;

@@ -10,7 +10,10 @@ registry.addKeys([
   { order: 40, keys: 'R', what: 'Return', inScene: true, on: { r: (facts) => actions.request('rtl', facts) } },
   { order: 50, keys: 'Shift L', what: 'Land now, whoever has control', inScene: false, on: { 'Shift L': (facts) => actions.request('land_now', facts) } },
   {
-    order: 80, keys: 'Shift A', what: 'Arm or disarm', inScene: false,
+    order: 80,
+    keys: 'Shift A',
+    what: 'Arm or disarm',
+    inScene: false,
     on: { 'Shift A': (facts) => actions.request(facts?.status?.value.armed === true ? 'disarm' : 'arm', facts) },
   },
   { order: 90, keys: 'Shift K', what: 'Stop motors: the vehicle falls', inScene: false, on: { 'Shift K': (facts) => actions.request('kill', facts) } },

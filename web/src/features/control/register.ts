@@ -13,7 +13,10 @@ registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (contro
 registry.addKeys([
   { order: 60, keys: 'C', what: 'Who has control: take it, request it, release it', inScene: true, on: { c: () => control.toggle() } },
   {
-    order: 70, keys: 'G', what: 'Give control to the client that requests it; Shift G keeps it', inScene: false,
+    order: 70,
+    keys: 'G',
+    what: 'Give control to the client that requests it; Shift G keeps it',
+    inScene: false,
     on: { g: (facts) => control.answer(facts, true), 'Shift G': (facts) => control.answer(facts, false) },
   },
 ]);

@@ -16,8 +16,10 @@ const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
 
 function range(l: Limits): { top: number; bottom: number; left: number; right: number } {
   return {
-    top: Math.max(RANGE.pitchMax, l.pitchMax_deg + 10), bottom: Math.min(RANGE.pitchMin, l.pitchMin_deg - 10),
-    left: RANGE.yawMin - 12, right: RANGE.yawMax + 12,
+    top: Math.max(RANGE.pitchMax, l.pitchMax_deg + 10),
+    bottom: Math.min(RANGE.pitchMin, l.pitchMin_deg - 10),
+    left: RANGE.yawMin - 12,
+    right: RANGE.yawMax + 12,
   };
 }
 
@@ -52,15 +54,24 @@ export function stepped(angles: Angles, key: string, shift: boolean, l: Limits):
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
   const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, l);
   switch (key) {
-    case 'ArrowUp': return by(step, 0);
-    case 'ArrowDown': return by(-step, 0);
-    case 'ArrowRight': return by(0, step);
-    case 'ArrowLeft': return by(0, -step);
-    case 'PageUp': return by(10 * KEY_STEP_DEG, 0);
-    case 'PageDown': return by(-10 * KEY_STEP_DEG, 0);
-    case 'Home': return clamp({ pitch_deg: 0, yaw_deg: 0 }, l);
-    case 'End': return clamp({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 }, l);
-    default: return null;
+    case 'ArrowUp':
+      return by(step, 0);
+    case 'ArrowDown':
+      return by(-step, 0);
+    case 'ArrowRight':
+      return by(0, step);
+    case 'ArrowLeft':
+      return by(0, -step);
+    case 'PageUp':
+      return by(10 * KEY_STEP_DEG, 0);
+    case 'PageDown':
+      return by(-10 * KEY_STEP_DEG, 0);
+    case 'Home':
+      return clamp({ pitch_deg: 0, yaw_deg: 0 }, l);
+    case 'End':
+      return clamp({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 }, l);
+    default:
+      return null;
   }
 }
 

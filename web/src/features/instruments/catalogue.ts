@@ -37,29 +37,76 @@ export interface Quantity {
 
 const UNITS: readonly [string, string, number, number][] = [
   // suffix, unit shown, factor, decimals
-  ['_rad_s', '°/s', DEG_PER_RAD, 1], ['_deg_s', '°/s', 1, 1], ['_m_s2', 'm/s²', 1, 2], ['_m_s', 'm/s', 1, 1], ['_rad', '°', DEG_PER_RAD, 1],
-  ['_deg', '°', 1, 1], ['_percent', '%', 1, 0], ['_mah', 'mAh', 1, 0], ['_us', 'µs', 1, 0], ['_m', 'm', 1, 1], ['_s', 's', 1, 1],
-  ['_v', 'V', 1, 2], ['_a', 'A', 1, 1],
+  ['_rad_s', '°/s', DEG_PER_RAD, 1],
+  ['_deg_s', '°/s', 1, 1],
+  ['_m_s2', 'm/s²', 1, 2],
+  ['_m_s', 'm/s', 1, 1],
+  ['_rad', '°', DEG_PER_RAD, 1],
+  ['_deg', '°', 1, 1],
+  ['_percent', '%', 1, 0],
+  ['_mah', 'mAh', 1, 0],
+  ['_us', 'µs', 1, 0],
+  ['_m', 'm', 1, 1],
+  ['_s', 's', 1, 1],
+  ['_v', 'V', 1, 2],
+  ['_a', 'A', 1, 1],
 ];
 const AXES_NED = ['north', 'east', 'down'] as const;
 const AXES_FRD = ['roll', 'pitch', 'yaw'] as const;
 
 const GROUPS: Readonly<Record<string, string>> = {
-  status: 'Vehicle', attitude: 'Attitude', local_position: 'Local position', global_position: 'Global position', gps: 'GPS', battery: 'Battery',
-  home: 'Home', gimbal: 'Gimbal', motors: 'Motors', target_local: 'What the vehicle follows', target_attitude: 'Attitude it follows', hud: 'Speeds',
-  health: 'Health', estimator: 'Estimator',
+  status: 'Vehicle',
+  attitude: 'Attitude',
+  local_position: 'Local position',
+  global_position: 'Global position',
+  gps: 'GPS',
+  battery: 'Battery',
+  home: 'Home',
+  gimbal: 'Gimbal',
+  motors: 'Motors',
+  target_local: 'What the vehicle follows',
+  target_attitude: 'Attitude it follows',
+  hud: 'Speeds',
+  health: 'Health',
+  estimator: 'Estimator',
 };
 /** Names where the field's own words are not enough. */
 const LABELS: Readonly<Record<string, string>> = {
-  'status.mode_label': 'Mode', 'status.landed_state': 'Landed state', 'status.armed': 'Armed', 'status.last_heartbeat_age_s': 'Heartbeat age',
-  'attitude.yaw_ned_rad': 'Yaw', 'global_position.lat_deg': 'Latitude', 'global_position.lon_deg': 'Longitude', 'global_position.alt_amsl_m': 'Above sea level',
-  'global_position.alt_home_m': 'Above home', 'gps.hdop': 'HDOP', 'gps.horizontal_accuracy_m': 'GPS accuracy', 'gps.fix_type': 'GPS fix type',
-  'home.lat_deg': 'Home latitude', 'home.lon_deg': 'Home longitude', 'home.alt_amsl_m': 'Home above sea level', 'battery.remaining_percent': 'Battery',
-  'battery.time_remaining_s': 'Battery time left', 'battery.voltage_v': 'Battery voltage', 'battery.current_a': 'Battery current', 'battery.consumed_mah': 'Battery consumed',
-  'gimbal.yaw_frd_rad': 'Gimbal yaw, from nose', 'gimbal.yaw_ned_rad': 'Gimbal yaw, from north', 'gimbal.pitch_rad': 'Gimbal pitch', 'gimbal.roll_rad': 'Gimbal roll',
-  'target_local.yaw_ned_rad': 'Target yaw', 'target_local.yaw_rate_ned_rad_s': 'Target yaw rate', 'target_attitude.thrust': 'Thrust asked for',
-  'hud.groundspeed_m_s': 'Ground speed', 'hud.airspeed_m_s': 'Airspeed', 'hud.climb_m_s': 'Climb (HUD)', 'hud.throttle_percent': 'Throttle', 'health.cpu_load': 'CPU load',
-  'health.ready_to_arm': 'Ready to arm', 'estimator.horizontal_accuracy_m': 'Estimate ± horizontal', 'estimator.vertical_accuracy_m': 'Estimate ± vertical',
+  'status.mode_label': 'Mode',
+  'status.landed_state': 'Landed state',
+  'status.armed': 'Armed',
+  'status.last_heartbeat_age_s': 'Heartbeat age',
+  'attitude.yaw_ned_rad': 'Yaw',
+  'global_position.lat_deg': 'Latitude',
+  'global_position.lon_deg': 'Longitude',
+  'global_position.alt_amsl_m': 'Above sea level',
+  'global_position.alt_home_m': 'Above home',
+  'gps.hdop': 'HDOP',
+  'gps.horizontal_accuracy_m': 'GPS accuracy',
+  'gps.fix_type': 'GPS fix type',
+  'home.lat_deg': 'Home latitude',
+  'home.lon_deg': 'Home longitude',
+  'home.alt_amsl_m': 'Home above sea level',
+  'battery.remaining_percent': 'Battery',
+  'battery.time_remaining_s': 'Battery time left',
+  'battery.voltage_v': 'Battery voltage',
+  'battery.current_a': 'Battery current',
+  'battery.consumed_mah': 'Battery consumed',
+  'gimbal.yaw_frd_rad': 'Gimbal yaw, from nose',
+  'gimbal.yaw_ned_rad': 'Gimbal yaw, from north',
+  'gimbal.pitch_rad': 'Gimbal pitch',
+  'gimbal.roll_rad': 'Gimbal roll',
+  'target_local.yaw_ned_rad': 'Target yaw',
+  'target_local.yaw_rate_ned_rad_s': 'Target yaw rate',
+  'target_attitude.thrust': 'Thrust asked for',
+  'hud.groundspeed_m_s': 'Ground speed',
+  'hud.airspeed_m_s': 'Airspeed',
+  'hud.climb_m_s': 'Climb (HUD)',
+  'hud.throttle_percent': 'Throttle',
+  'health.cpu_load': 'CPU load',
+  'health.ready_to_arm': 'Ready to arm',
+  'estimator.horizontal_accuracy_m': 'Estimate ± horizontal',
+  'estimator.vertical_accuracy_m': 'Estimate ± vertical',
 };
 /** Masks, ids and quaternions: nothing a person reads as a value. */
 const LEFT_OUT = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
@@ -82,7 +129,11 @@ function ofField(topic: string, field: string, index: number | null, label: stri
   const places = PLACES.test(field);
   const whole = index === null && (field === 'satellites' || field === 'fix_type');
   return {
-    id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`, label, unit, topic, group: GROUPS[topic] ?? topic,
+    id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
+    label,
+    unit,
+    topic,
+    group: GROUPS[topic] ?? topic,
     read: ({ topic: newest }) => {
       const reading = newest(topic);
       const held = reading?.value[field];
@@ -117,22 +168,43 @@ function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quant
 
 const FLOWN: readonly Quantity[] = [
   {
-    id: 'flown.climb', label: 'Climb', group: 'In flight', unit: 'm/s', topic: null,
+    id: 'flown.climb',
+    label: 'Climb',
+    group: 'In flight',
+    unit: 'm/s',
+    topic: null,
     read: ({ facts }) => {
       const climb = climbOf(facts);
       return { text: fixed(climb.m_s, 1, true), unit: 'm/s', stale: climb.stale, age_s: climb.age_s };
     },
   },
   {
-    id: 'flown.from_home', label: 'From home', group: 'In flight', unit: 'm', topic: null,
+    id: 'flown.from_home',
+    label: 'From home',
+    group: 'In flight',
+    unit: 'm',
+    topic: null,
     read: ({ facts }) => ({ ...metres(facts.fromHome_m), stale: facts.global?.stale ?? false, age_s: facts.global?.age_s ?? null }),
   },
   {
-    id: 'flown.time', label: 'Flight time', group: 'In flight', unit: '', topic: null,
-    read: ({ facts, flight }) => ({ text: flightOf(facts, flight).text, unit: '', stale: facts.lost, age_s: facts.lost ? (facts.status?.age_s ?? null) : null }),
+    id: 'flown.time',
+    label: 'Flight time',
+    group: 'In flight',
+    unit: '',
+    topic: null,
+    read: ({ facts, flight }) => ({
+      text: flightOf(facts, flight).text,
+      unit: '',
+      stale: facts.lost,
+      age_s: facts.lost ? (facts.status?.age_s ?? null) : null,
+    }),
   },
   {
-    id: 'flown.heading', label: 'Heading', group: 'In flight', unit: '°', topic: null,
+    id: 'flown.heading',
+    label: 'Heading',
+    group: 'In flight',
+    unit: '°',
+    topic: null,
     read: ({ facts }) => ({ text: heading(headingDeg(facts)), unit: '°', stale: facts.attitude?.stale ?? false, age_s: facts.attitude?.age_s ?? null }),
   },
 ];
@@ -141,7 +213,12 @@ export const CATALOGUE: readonly Quantity[] = [...FLOWN, ...Object.entries(FIELD
 export const BY_ID: ReadonlyMap<string, Quantity> = new Map(CATALOGUE.map((q) => [q.id, q]));
 
 export const USUAL: readonly string[] = [
-  'flown.climb', 'flown.from_home', 'flown.time', 'flown.heading', 'local_position.position_ned_m.0', 'local_position.position_ned_m.1',
+  'flown.climb',
+  'flown.from_home',
+  'flown.time',
+  'flown.heading',
+  'local_position.position_ned_m.0',
+  'local_position.position_ned_m.1',
 ];
 
 /** What is kept, as far as this version still knows it; the usual ones where nothing is. */
@@ -167,7 +244,10 @@ export function moved(ids: readonly string[], from: number, to: number): string[
 
 /** What is not on the grid yet and matches what was typed, by name, unit or group. */
 export function found(typed: string, chosen: readonly string[]): Quantity[] {
-  const words = typed.toLowerCase().split(/\s+/).filter((w) => w !== '');
+  const words = typed
+    .toLowerCase()
+    .split(/\s+/)
+    .filter((w) => w !== '');
   return CATALOGUE.filter((q) => {
     const text = `${q.label} ${q.group} ${q.unit} ${q.id}`.toLowerCase();
     return !chosen.includes(q.id) && words.every((w) => text.includes(w));

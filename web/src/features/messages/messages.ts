@@ -9,7 +9,10 @@ export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
 const LEAST: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
 
 export const FILTERS: readonly { value: Filter; text: string }[] = [
-  { value: 'errors', text: 'Errors' }, { value: 'warnings', text: 'Warnings' }, { value: 'all', text: 'All' }, { value: 'debug', text: 'Debug too' },
+  { value: 'errors', text: 'Errors' },
+  { value: 'warnings', text: 'Warnings' },
+  { value: 'all', text: 'All' },
+  { value: 'debug', text: 'Debug too' },
 ];
 
 /** The newest ones that a filter lets through; what only a developer wants is left out unless asked for. */
@@ -35,8 +38,14 @@ export function unread(messages: readonly Message[], since_unix_s: number): Unre
 }
 
 const KINDS: Readonly<Record<string, string>> = {
-  status_text: 'The vehicle’s own text', event: 'An event of the vehicle', mode_changed: 'The vehicle changed its mode', armed: 'The vehicle armed',
-  disarmed: 'The vehicle disarmed', command: 'A command was carried out', link: 'Noticed by the station: the link', warning: 'Noticed by the station',
+  status_text: 'The vehicle’s own text',
+  event: 'An event of the vehicle',
+  mode_changed: 'The vehicle changed its mode',
+  armed: 'The vehicle armed',
+  disarmed: 'The vehicle disarmed',
+  command: 'A command was carried out',
+  link: 'Noticed by the station: the link',
+  warning: 'Noticed by the station',
 };
 
 /** Who says so. */

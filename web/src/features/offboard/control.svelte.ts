@@ -14,8 +14,16 @@ function noPosition(age_s: number | null): Outcome<never> {
   return {
     ok: false,
     problem: {
-      title: 'Not sent', detail: age_s === null ? 'The vehicle reports no local position, so there is nothing to hold.' : `The last local position is ${ageText(age_s)} old: where it is now is not known.`, reasons: [],
-      remedy: 'Wait until it reports its position, then try again.', code: 'refused', status: 0, field: null,
+      title: 'Not sent',
+      detail:
+        age_s === null
+          ? 'The vehicle reports no local position, so there is nothing to hold.'
+          : `The last local position is ${ageText(age_s)} old: where it is now is not known.`,
+      reasons: [],
+      remedy: 'Wait until it reports its position, then try again.',
+      code: 'refused',
+      status: 0,
+      field: null,
     },
   };
 }
@@ -48,7 +56,9 @@ export class OffboardControl {
     const attitude = facts.attitude;
     if (local === null || attitude === null || local.stale || attitude.stale) return noPosition(local?.age_s ?? null);
     const setpoint: PositionSetpoint = {
-      type: 'position', position_ned_m: local.value.position_ned_m, yaw_ned_rad: attitude.value.yaw_ned_rad,
+      type: 'position',
+      position_ned_m: local.value.position_ned_m,
+      yaw_ned_rad: attitude.value.yaw_ned_rad,
     };
     return this.begin(facts.id, { ...setpoint }, LASTING);
   }
@@ -88,8 +98,9 @@ export class OffboardControl {
   async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
     const keeper = this.keeper(facts.id);
     const streamed = facts.offboard;
-    const from = wholePosition(keeper.setpoint) ?? (streamed === null ? null
-      : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
+    const from =
+      wholePosition(keeper.setpoint) ??
+      (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
     if (from === null) return noPosition(null);
     return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, LASTING);
   }

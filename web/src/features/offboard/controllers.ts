@@ -7,7 +7,15 @@ import { GroupDesk } from './groups/groups.svelte';
 
 export const offboard = new OffboardControl(page.api, turns, nowS);
 
-export const groups = new GroupDesk(page.api, turns, actions, nowS, () => document.visibilityState === 'visible', nameOf, (id) => offboard.drop(id));
+export const groups = new GroupDesk(
+  page.api,
+  turns,
+  actions,
+  nowS,
+  () => document.visibilityState === 'visible',
+  nameOf,
+  (id) => offboard.drop(id),
+);
 
 offboard.onAlone = (id) => groups.sentAlone(id);
 offboard.onNotRenewed = (id, problem) => {

@@ -23,6 +23,12 @@ registry.addRoom({
 });
 registry.addTo('cards', { order: 30, ofVehicle: OffboardCard });
 registry.addKeys([
-  { order: 130, keys: 'O', what: 'Start offboard at the current position', inScene: true, on: { o: (facts) => actions.request('offboard_start', facts, 'offboard') } },
+  {
+    order: 130,
+    keys: 'O',
+    what: 'Start offboard at the current position',
+    inScene: true,
+    on: { o: (facts) => actions.request('offboard_start', facts, 'offboard') },
+  },
   { order: 140, keys: 'P', what: 'Offboard room: setpoints, plots, gamepad', inScene: true, on: { p: () => rooms.toggle(ROOM) } },
 ]);

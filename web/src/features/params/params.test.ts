@@ -2,13 +2,34 @@ import { expect, test } from 'vitest';
 import { found, groupsOf, NO_FILTER, numberText, objection, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
 
 const facts = (more: Partial<Facts>): Facts => ({
-  name: '', is_integer: false, group: 'G', category: 'Standard', title: null, details: null, default: null, min: null, max: null, unit: null, decimals: null,
-  increment: null, choices: [], bits: [], reboot_required: false, volatile: false, ...more,
+  name: '',
+  is_integer: false,
+  group: 'G',
+  category: 'Standard',
+  title: null,
+  details: null,
+  default: null,
+  min: null,
+  max: null,
+  unit: null,
+  decimals: null,
+  increment: null,
+  choices: [],
+  bits: [],
+  reboot_required: false,
+  volatile: false,
+  ...more,
 });
-const one = (name: string, value: number | null, of: Partial<Facts> | null = {}, is_default: boolean | null = true): Parameter =>
-  ({ name, value, is_integer: Number.isInteger(value), is_default, facts: of === null ? null : facts(of) });
+const one = (name: string, value: number | null, of: Partial<Facts> | null = {}, is_default: boolean | null = true): Parameter => ({
+  name,
+  value,
+  is_integer: Number.isInteger(value),
+  is_default,
+  facts: of === null ? null : facts(of),
+});
 const all = [
-  one('MPC_XY_VEL_MAX', 12, { title: 'Maximum speed', group: 'Position' }), one('COM_OBL_RC_ACT', 0, { title: 'Offboard loss', group: 'Commander' }, false),
+  one('MPC_XY_VEL_MAX', 12, { title: 'Maximum speed', group: 'Position' }),
+  one('COM_OBL_RC_ACT', 0, { title: 'Offboard loss', group: 'Commander' }, false),
   one('A_MPC', 1, null, null),
 ];
 
@@ -24,7 +45,17 @@ test('a search looks at names and meanings, names that begin so first', () => {
 test('a value is told as it is meant', () => {
   expect(valueText(one('A', 0.10000000149011612, { unit: 's', decimals: 2 }))).toBe('0.10 s');
   expect(valueText(one('A', 1, { choices: [{ value: 1, label: 'Land' }] }))).toBe('Land');
-  expect(valueText(one('A', 5, { bits: [{ value: 0, label: 'a' }, { value: 1, label: 'b' }, { value: 2, label: 'c' }] }))).toBe('a, c');
+  expect(
+    valueText(
+      one('A', 5, {
+        bits: [
+          { value: 0, label: 'a' },
+          { value: 1, label: 'b' },
+          { value: 2, label: 'c' },
+        ],
+      }),
+    ),
+  ).toBe('a, c');
   expect(valueText(one('A', 1310988, { is_integer: true, decimals: 3 }))).toBe('1310988');
   expect(valueText(one('A', null))).toBe('–');
   expect(valueText(one('A', -1.5, null))).toBe('−1.5');
@@ -49,14 +80,30 @@ test('what is not meant is said before it is sent', () => {
   expect([objection(speed, 20), objection(speed, 3), objection(null, 1e9), objection(facts({ min: 0.1 }), Math.fround(0.1))]).toEqual([null, null, null, null]);
   const action = facts({ choices: [{ value: 1, label: 'Land' }] });
   expect([objection(action, 1), objection(action, 2)]).toEqual([null, 'It is none of the values that have a meaning.']);
-  const mask = facts({ bits: [{ value: 0, label: 'a' }, { value: 4, label: 'b' }] });
+  const mask = facts({
+    bits: [
+      { value: 0, label: 'a' },
+      { value: 4, label: 'b' },
+    ],
+  });
   expect([objection(mask, 17), objection(mask, 0)]).toEqual([null, null]);
   expect(objection(mask, 2)).not.toBeNull();
   expect(objection(mask, -1)).not.toBeNull();
 });
 
 test('how far they are known is said', () => {
-  const list = { state: 'reading', received: 3, count: 929, source: null, hash: null, read_unix_s: null, problem: null, facts: false, facts_problem: null, left_out: 0 } as const;
+  const list = {
+    state: 'reading',
+    received: 3,
+    count: 929,
+    source: null,
+    hash: null,
+    read_unix_s: null,
+    problem: null,
+    facts: false,
+    facts_problem: null,
+    left_out: 0,
+  } as const;
   expect(stateText(null)).toBe('not read yet');
   expect(stateText(list)).toBe('reading 3 of 929 …');
   expect(stateText({ ...list, state: 'ready', received: 929, source: 'cache' })).toContain('unchanged');

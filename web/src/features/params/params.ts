@@ -24,7 +24,10 @@ export function groupsOf(params: readonly Parameter[]): string[] {
 
 /** Every word must be in the name or in what it means; a name that begins with the text comes first. */
 export function found(params: readonly Parameter[], filter: Filter): Parameter[] {
-  const words = filter.text.toLowerCase().split(/\s+/).filter((w) => w !== '');
+  const words = filter.text
+    .toLowerCase()
+    .split(/\s+/)
+    .filter((w) => w !== '');
   const matching = params.filter((p) => {
     if (filter.group !== '' && p.facts?.group !== filter.group) return false;
     if (filter.changedOnly && p.is_default !== false) return false;
@@ -58,7 +61,12 @@ const SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: 
 /** A unit as it is written; the metadata spell it in ASCII. */
 export function unitText(unit: string | null): string {
   if (unit === null) return '';
-  return unit.split('/').map((part) => SYMBOLS[part] ?? part).join('/').replace('^2', '²').replace('^3', '³');
+  return unit
+    .split('/')
+    .map((part) => SYMBOLS[part] ?? part)
+    .join('/')
+    .replace('^2', '²')
+    .replace('^3', '³');
 }
 
 /** With its unit; degrees stand close. */
@@ -120,9 +128,13 @@ export function stateText(list: Parameters['list'] | null): string {
   if (list === null || list.state === 'unknown') return 'not read yet';
   const share = list.count === null ? '' : ` ${list.received} of ${list.count}`;
   switch (list.state) {
-    case 'reading': return `reading${share} …`;
-    case 'failed': return `not all:${share}`;
-    case 'outdated': return `${list.received}, read before the link was away`;
-    default: return `${list.received}${list.source === 'cache' ? ', unchanged since they were read' : ''}`;
+    case 'reading':
+      return `reading${share} …`;
+    case 'failed':
+      return `not all:${share}`;
+    case 'outdated':
+      return `${list.received}, read before the link was away`;
+    default:
+      return `${list.received}${list.source === 'cache' ? ', unchanged since they were read' : ''}`;
   }
 }

@@ -1,13 +1,41 @@
 import { expect, test } from 'vitest';
 import { findings, headline, modeRows, readReadiness, type Cause, type Readiness } from './readiness';
 
-const sticks: Cause = { id: 1, name: 'check_modes_manual_control', severity: 'warning', modes: null, component: 'transmitter', cause: 'There is no transmitter.', remedy: 'Switch it on.' };
-const signal: Cause = { id: 2, name: 'check_modes_offboard_signal', severity: 'error', modes: ['offboard'], component: 'system', cause: 'No setpoints.', remedy: null };
+const sticks: Cause = {
+  id: 1,
+  name: 'check_modes_manual_control',
+  severity: 'warning',
+  modes: null,
+  component: 'transmitter',
+  cause: 'There is no transmitter.',
+  remedy: 'Switch it on.',
+};
+const signal: Cause = {
+  id: 2,
+  name: 'check_modes_offboard_signal',
+  severity: 'error',
+  modes: ['offboard'],
+  component: 'system',
+  cause: 'No setpoints.',
+  remedy: null,
+};
 const battery: Cause = { id: 3, name: 'check_battery_low', severity: 'warning', modes: null, component: 'battery', cause: 'The battery is low.', remedy: null };
-const mode = (name: string, label: string, arming: Cause[], running: Cause[] = arming): Readiness['modes'][number] =>
-  ({ mode: name, label, can_arm: arming.length === 0, can_run: running.length === 0, arming, running });
+const mode = (name: string, label: string, arming: Cause[], running: Cause[] = arming): Readiness['modes'][number] => ({
+  mode: name,
+  label,
+  can_arm: arming.length === 0,
+  can_run: running.length === 0,
+  arming,
+  running,
+});
 const told: Readiness = {
-  known: true, reported_unix_s: 1, words: 'own', components_with_errors: ['system'], components_with_warnings: [], left_out: null, offers: [],
+  known: true,
+  reported_unix_s: 1,
+  words: 'own',
+  components_with_errors: ['system'],
+  components_with_warnings: [],
+  left_out: null,
+  offers: [],
   modes: [mode('position', 'Position', [sticks]), mode('offboard', 'Offboard', [signal]), mode('hold', 'Hold', []), mode('land', 'Land', [battery], [])],
   findings: [signal, sticks, battery],
 };
@@ -32,7 +60,12 @@ test('what is not known is not guessed', () => {
 test('what blocks comes before what does not, and says what it blocks', () => {
   const dull: Cause = { ...battery, id: 4, cause: 'Wind.' };
   const rows = findings({ ...told, findings: [dull, ...told.findings] });
-  expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([[2, 'Offboard'], [1, 'Position'], [3, 'Land'], [4, '']]);
+  expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
+    [2, 'Offboard'],
+    [1, 'Position'],
+    [3, 'Land'],
+    [4, ''],
+  ]);
   const all = { ...told, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
   expect(findings(all)[0]?.blocks).toBe('every mode');
   all.modes.push(mode('g', 'G', []));

@@ -73,7 +73,10 @@ function blockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
 function namesOf(modes: readonly ModeReadiness[], all: number): string {
   if (modes.length === 0) return '';
   if (modes.length === all) return 'every mode';
-  const names = modes.slice(0, NAMED).map((m) => m.label).join(', ');
+  const names = modes
+    .slice(0, NAMED)
+    .map((m) => m.label)
+    .join(', ');
   return modes.length > NAMED ? `${names} and ${modes.length - NAMED} more` : names;
 }
 

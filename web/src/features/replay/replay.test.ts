@@ -3,27 +3,58 @@ import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { parseFrame, type Replay } from '../../live/wire';
 import { ReplayControl } from './replay.svelte';
-import { dateTime, keyTarget, marksOf, messageTicks, modeSpans, moments, neighbour, recordingWords, share, shownReplay, size, wordsAt, type RecordingIndex } from './replays';
+import {
+  dateTime,
+  keyTarget,
+  marksOf,
+  messageTicks,
+  modeSpans,
+  moments,
+  neighbour,
+  recordingWords,
+  share,
+  shownReplay,
+  size,
+  wordsAt,
+  type RecordingIndex,
+} from './replays';
 
 const replay = (over: Partial<Replay> = {}): Replay => ({
-  name: 'replay-a.tlog', recording: 'a.tlog', vehicles: ['1'], state: 'open', detail: '', playing: true, speed: 1,
-  position_unix_s: 150, begin_unix_s: 100, end_unix_s: 200, ...over,
+  name: 'replay-a.tlog',
+  recording: 'a.tlog',
+  vehicles: ['1'],
+  state: 'open',
+  detail: '',
+  playing: true,
+  speed: 1,
+  position_unix_s: 150,
+  begin_unix_s: 100,
+  end_unix_s: 200,
+  ...over,
 });
 const index: RecordingIndex = {
-  recording: 'a.tlog', begin_unix_s: 100, end_unix_s: 200, records: 9, bytes_skipped: 0, left_out: 0,
-  vehicles: [{
-    system_id: 1, messages_left_out: 0,
-    modes: [
-      { begin_unix_s: 101, end_unix_s: 140, mode: 'hold', mode_label: 'Hold' },
-      { begin_unix_s: 140, end_unix_s: 200, mode: 'offboard', mode_label: 'Offboard' },
-    ],
-    armed: [{ begin_unix_s: 120, end_unix_s: 190 }],
-    messages: [
-      { unix_s: 130, severity: 6, text: 'Takeoff detected' },
-      { unix_s: 160, severity: 4, text: 'Wind is strong' },
-      { unix_s: 160.2, severity: 2, text: 'Battery empty' },
-    ],
-  }],
+  recording: 'a.tlog',
+  begin_unix_s: 100,
+  end_unix_s: 200,
+  records: 9,
+  bytes_skipped: 0,
+  left_out: 0,
+  vehicles: [
+    {
+      system_id: 1,
+      messages_left_out: 0,
+      modes: [
+        { begin_unix_s: 101, end_unix_s: 140, mode: 'hold', mode_label: 'Hold' },
+        { begin_unix_s: 140, end_unix_s: 200, mode: 'offboard', mode_label: 'Offboard' },
+      ],
+      armed: [{ begin_unix_s: 120, end_unix_s: 190 }],
+      messages: [
+        { unix_s: 130, severity: 6, text: 'Takeoff detected' },
+        { unix_s: 160, severity: 4, text: 'Wind is strong' },
+        { unix_s: 160.2, severity: 2, text: 'Battery empty' },
+      ],
+    },
+  ],
 };
 
 describe('the time bar', () => {
@@ -32,8 +63,15 @@ describe('the time bar', () => {
     expect(share(150, 100, 200)).toBe(0.5);
     expect(share(250, 100, 200)).toBe(1);
     expect(share(150, 100, 100)).toBe(0);
-    expect(modeSpans(marks, 100, 200).map((s) => [s.label, s.left, Number(s.width.toFixed(3))])).toEqual([['Hold', 0.01, 0.39], ['Offboard', 0.4, 0.6]]);
-    expect(messageTicks(marks, 100, 200).map((t) => [t.at.toFixed(3), t.tone])).toEqual([['0.300', 'neutral'], ['0.600', 'caution'], ['0.602', 'danger']]);
+    expect(modeSpans(marks, 100, 200).map((s) => [s.label, s.left, Number(s.width.toFixed(3))])).toEqual([
+      ['Hold', 0.01, 0.39],
+      ['Offboard', 0.4, 0.6],
+    ]);
+    expect(messageTicks(marks, 100, 200).map((t) => [t.at.toFixed(3), t.tone])).toEqual([
+      ['0.300', 'neutral'],
+      ['0.600', 'caution'],
+      ['0.602', 'danger'],
+    ]);
     expect(marksOf(null, '1')).toBeNull();
   });
   it('says what was at a moment, the worst first', () => {
@@ -57,7 +95,16 @@ describe('the time bar', () => {
   it('says dates, sizes and lengths', () => {
     expect(dateTime(0)).toMatch(/^19(69|70)-\d\d-\d\d \d\d:\d\d:00$/);
     expect([size(12), size(1_500), size(12_400_000), size(2e9)]).toEqual(['12 B', '1.5 kB', '12 MB', '2.0 GB']);
-    const words = recordingWords({ name: 'x.tlog', bytes: 2e6, started_unix_s: null, duration_s: null, vehicles: [], link: null, running: false, problem: null });
+    const words = recordingWords({
+      name: 'x.tlog',
+      bytes: 2e6,
+      started_unix_s: null,
+      duration_s: null,
+      vehicles: [],
+      link: null,
+      running: false,
+      problem: null,
+    });
     expect(words).toBe('– · no vehicle heard at its begin · 2.0 MB · x.tlog');
   });
 });
@@ -136,7 +183,14 @@ describe('steering', () => {
     expect(select).toHaveBeenCalledWith('7');
   });
   it('says why it could not', async () => {
-    const api = new ApiClient('test', undefined, async () => new Response(JSON.stringify({ title: 'Recording unusable', detail: 'b.tlog: The file is empty.', code: 'recording_unusable', status: 409 }), { status: 409 }));
+    const api = new ApiClient(
+      'test',
+      undefined,
+      async () =>
+        new Response(JSON.stringify({ title: 'Recording unusable', detail: 'b.tlog: The file is empty.', code: 'recording_unusable', status: 409 }), {
+          status: 409,
+        }),
+    );
     const made = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
     await made.open('b.tlog');
     expect(made.problem?.detail).toContain('empty');

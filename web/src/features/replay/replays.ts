@@ -104,13 +104,22 @@ export function neighbour(all: readonly number[], unix_s: number, way: 1 | -1): 
 export function keyTarget(key: string, shift: boolean, at_s: number, begin_s: number, end_s: number): number | null {
   const step = shift ? LONG_STEP_S : STEP_S;
   switch (key) {
-    case 'ArrowLeft': case 'ArrowDown': return Math.max(begin_s, at_s - step);
-    case 'ArrowRight': case 'ArrowUp': return Math.min(end_s, at_s + step);
-    case 'PageDown': return Math.max(begin_s, at_s - LONG_STEP_S);
-    case 'PageUp': return Math.min(end_s, at_s + LONG_STEP_S);
-    case 'Home': return begin_s;
-    case 'End': return end_s;
-    default: return null;
+    case 'ArrowLeft':
+    case 'ArrowDown':
+      return Math.max(begin_s, at_s - step);
+    case 'ArrowRight':
+    case 'ArrowUp':
+      return Math.min(end_s, at_s + step);
+    case 'PageDown':
+      return Math.max(begin_s, at_s - LONG_STEP_S);
+    case 'PageUp':
+      return Math.min(end_s, at_s + LONG_STEP_S);
+    case 'Home':
+      return begin_s;
+    case 'End':
+      return end_s;
+    default:
+      return null;
   }
 }
 

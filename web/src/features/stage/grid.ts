@@ -23,7 +23,12 @@ export interface Box {
 
 /** What the view shows, turned views with their corners. */
 export function viewBox(view: MapView, reference: Place): Box {
-  const corners = [[0, 0], [view.width, view.height], [0, view.height], [view.width, 0]].map(([x = 0, y = 0]) => eastNorth(reference, fromPixel(view, { x, y })));
+  const corners = [
+    [0, 0],
+    [view.width, view.height],
+    [0, view.height],
+    [view.width, 0],
+  ].map(([x = 0, y = 0]) => eastNorth(reference, fromPixel(view, { x, y })));
   const east = corners.map((c) => c.east_m);
   const north = corners.map((c) => c.north_m);
   return { west_m: Math.min(...east), east_m: Math.max(...east), south_m: Math.min(...north), north_m: Math.max(...north) };

@@ -194,7 +194,12 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
   ctx.lineWidth = v.lost ? 1.4 : 2.4;
   if (v.lost) ctx.setLineDash([3, 3]);
   ctx.stroke(new Path2D('M-9-9L9 9M9-9L-9 9'));
-  for (const [dx, dy] of [[-9, -9], [9, -9], [-9, 9], [9, 9]] as const) {
+  for (const [dx, dy] of [
+    [-9, -9],
+    [9, -9],
+    [-9, 9],
+    [9, 9],
+  ] as const) {
     ctx.save();
     ctx.translate(dx, dy);
     disc(ctx, 5.4, palette.map, colour, v.lost ? 1.4 : 2);

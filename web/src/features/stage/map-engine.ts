@@ -30,13 +30,32 @@ export class MapEngine {
   private styled = false;
 
   /** Throws where the browser has no WebGL. */
-  constructor(container: HTMLElement, private palette: Palette, private readonly offline: readonly OfflineMap[], events: EngineEvents) {
+  constructor(
+    container: HTMLElement,
+    private palette: Palette,
+    private readonly offline: readonly OfflineMap[],
+    events: EngineEvents,
+  ) {
     // A file of this server's own: a worker made from a blob would need a wider policy.
     setWorkerUrl(new URL(offline.length > 0 ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
-      container, style: mapStyle(palette), center: [0, 0], zoom: ZOOM.min, minZoom: ZOOM.min, maxZoom: ZOOM.max,
-      maxPitch: 0, pitchWithRotate: false, touchPitch: false, keyboard: false, doubleClickZoom: false, boxZoom: false,
-      attributionControl: false, renderWorldCopies: true, fadeDuration: 0, clickTolerance: 5, refreshExpiredTiles: false,
+      container,
+      style: mapStyle(palette),
+      center: [0, 0],
+      zoom: ZOOM.min,
+      minZoom: ZOOM.min,
+      maxZoom: ZOOM.max,
+      maxPitch: 0,
+      pitchWithRotate: false,
+      touchPitch: false,
+      keyboard: false,
+      doubleClickZoom: false,
+      boxZoom: false,
+      attributionControl: false,
+      renderWorldCopies: true,
+      fadeDuration: 0,
+      clickTolerance: 5,
+      refreshExpiredTiles: false,
     });
     const canvas = this.map.getCanvas();
     canvas.tabIndex = -1; // the stage's own crosshair takes the keyboard
@@ -81,7 +100,11 @@ export class MapEngine {
   /** Puts a place so many pixels right of and below the middle, at once. */
   look(at: Place, off: Pixel, zoom?: number): void {
     const zoomed = zoom === undefined ? {} : { zoom };
-    this.map.jumpTo({ center: [at.lon_deg, at.lat_deg], padding: { left: Math.max(0, 2 * off.x), right: Math.max(0, -2 * off.x), top: Math.max(0, 2 * off.y), bottom: Math.max(0, -2 * off.y) }, ...zoomed });
+    this.map.jumpTo({
+      center: [at.lon_deg, at.lat_deg],
+      padding: { left: Math.max(0, 2 * off.x), right: Math.max(0, -2 * off.x), top: Math.max(0, 2 * off.y), bottom: Math.max(0, -2 * off.y) },
+      ...zoomed,
+    });
   }
 
   /** What lies in the middle of what is free. */

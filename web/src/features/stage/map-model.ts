@@ -70,7 +70,9 @@ function previewed(id: string, shown: MapPreview | null): MapTarget | null {
 }
 
 function named(kind: MapTarget['kind'], what: string, wanted: Wanted | null): MapTarget | null {
-  return wanted === null ? null : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
+  return wanted === null
+    ? null
+    : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
 }
 
 function look(facts: VehicleFacts): number | null {
@@ -89,7 +91,12 @@ function label(facts: VehicleFacts): string {
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
-export function mapVehicles(store: TelemetryStore, selectedId: string | null, wantedOf: (facts: VehicleFacts) => WantedOf, shown: MapPreview | null = null): MapVehicle[] {
+export function mapVehicles(
+  store: TelemetryStore,
+  selectedId: string | null,
+  wantedOf: (facts: VehicleFacts) => WantedOf,
+  shown: MapPreview | null = null,
+): MapVehicle[] {
   const found: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);
@@ -102,9 +109,17 @@ export function mapVehicles(store: TelemetryStore, selectedId: string | null, wa
     const streamed = setpoint(facts, here);
     const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look), previewed(id, shown)];
     found.push({
-      ...here, id, selected: id === selectedId, lost: facts.lost, stale: !facts.lost && facts.global.stale && !facts.replayed,
-      colour: identityColour(index), yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null, label: label(facts),
-      trail: vehicle.trail.points, home: facts.home?.value ?? null, look_rad: look(facts),
+      ...here,
+      id,
+      selected: id === selectedId,
+      lost: facts.lost,
+      stale: !facts.lost && facts.global.stale && !facts.replayed,
+      colour: identityColour(index),
+      yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null,
+      label: label(facts),
+      trail: vehicle.trail.points,
+      home: facts.home?.value ?? null,
+      look_rad: look(facts),
       targets: targets.filter((t): t is MapTarget => t !== null),
     });
   });

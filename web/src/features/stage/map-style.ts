@@ -7,5 +7,10 @@ export const GROUND = 'ground';
 
 export function mapStyle(palette: Palette): StyleSpecification {
   // At once: a fade would need frames that a slow machine does not draw.
-  return { version: 8, transition: { duration: 0, delay: 0 }, sources: {}, layers: [{ id: GROUND, type: 'background', paint: { 'background-color': palette.map } }] };
+  return {
+    version: 8,
+    transition: { duration: 0, delay: 0 },
+    sources: {},
+    layers: [{ id: GROUND, type: 'background', paint: { 'background-color': palette.map } }],
+  };
 }

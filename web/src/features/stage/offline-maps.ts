@@ -29,13 +29,32 @@ export function tileLayers(map: OfflineMap, source: string, palette: Palette): L
     return [{ id: source, type: 'raster', source, paint: calm }];
   }
   return map.file.layers.flatMap((layer, index): LayerSpecification[] => [
-    { id: `${source}-${index}-area`, type: 'fill', source, 'source-layer': layer, filter: ['==', ['geometry-type'], 'Polygon'], paint: { 'fill-color': palette.line, 'fill-opacity': 0.5 } },
-    { id: `${source}-${index}-line`, type: 'line', source, 'source-layer': layer, filter: ['!=', ['geometry-type'], 'Point'], paint: { 'line-color': palette.line2, 'line-width': 1.2 } },
+    {
+      id: `${source}-${index}-area`,
+      type: 'fill',
+      source,
+      'source-layer': layer,
+      filter: ['==', ['geometry-type'], 'Polygon'],
+      paint: { 'fill-color': palette.line, 'fill-opacity': 0.5 },
+    },
+    {
+      id: `${source}-${index}-line`,
+      type: 'line',
+      source,
+      'source-layer': layer,
+      filter: ['!=', ['geometry-type'], 'Point'],
+      paint: { 'line-color': palette.line2, 'line-width': 1.2 },
+    },
   ]);
 }
 
 /** Who made the maps shown, as their licences ask; markup in it is left out. */
 export function attributionText(files: readonly MapFile[]): string {
-  const said = files.map((f) => (f.attribution ?? '').replace(/<[^>]*>/g, '').replace(/\s+/g, ' ').trim());
+  const said = files.map((f) =>
+    (f.attribution ?? '')
+      .replace(/<[^>]*>/g, '')
+      .replace(/\s+/g, ' ')
+      .trim(),
+  );
   return [...new Set(said.filter((text) => text !== ''))].join(' · ');
 }

@@ -78,7 +78,11 @@ export class SpotMenu {
     const { lat_deg, lon_deg } = spot;
     const alt_home_m = this.go_home_m;
     this.actions.request('goto', facts, 'stage', {
-      lat_deg, lon_deg, alt_home_m, distance_m: way, time_s: flightTime_s(facts, spot, alt_home_m, this.speedsOf(facts.id)),
+      lat_deg,
+      lon_deg,
+      alt_home_m,
+      distance_m: way,
+      time_s: flightTime_s(facts, spot, alt_home_m, this.speedsOf(facts.id)),
       settled: (taken) => {
         if (!taken) return;
         this.going.set(facts.id, { lat_deg, lon_deg, alt_home_m, since_s: this.nowS() });

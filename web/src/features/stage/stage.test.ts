@@ -1,7 +1,19 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { asShares, freeMiddle, widest } from '../../app/free';
-import { eastNorth, fromPixel, groundDistance_m, hit, lengthText, mercator, niceLength_m, pixelsPerMetre, placeAt, toPixel, type MapView } from '../../vehicle/geo';
+import {
+  eastNorth,
+  fromPixel,
+  groundDistance_m,
+  hit,
+  lengthText,
+  mercator,
+  niceLength_m,
+  pixelsPerMetre,
+  placeAt,
+  toPixel,
+  type MapView,
+} from '../../vehicle/geo';
 import { edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
 import { stillGoing } from './map-model';
 import { attributionText, offlineMap, type MapFile } from './offline-maps';
@@ -80,9 +92,18 @@ const reading = <T>(value: T, stale = false) => ({ value, age_s: stale ? 9 : 0, 
 const gimbal = { pitch_min_rad: -1.58, pitch_max_rad: 0.5, yaw_min_rad: -3.1, yaw_max_rad: 3.1 };
 function facts(over: Record<string, unknown> = {}): VehicleFacts {
   return {
-    id: '1', name: '1 Quad', lost: false, offline: false, replayed: false, inAir: true,
-    global: reading({ ...HERE, alt_amsl_m: 500, alt_home_m: 12 }), home: reading({ ...HERE, alt_amsl_m: 488 }),
-    attitude: reading({ yaw_ned_rad: Math.PI / 2 }), gimbal: reading(gimbal), status: reading({ armed: true, mode: 'hold' }), ...over,
+    id: '1',
+    name: '1 Quad',
+    lost: false,
+    offline: false,
+    replayed: false,
+    inAir: true,
+    global: reading({ ...HERE, alt_amsl_m: 500, alt_home_m: 12 }),
+    home: reading({ ...HERE, alt_amsl_m: 488 }),
+    attitude: reading({ yaw_ned_rad: Math.PI / 2 }),
+    gimbal: reading(gimbal),
+    status: reading({ armed: true, mode: 'hold' }),
+    ...over,
   } as unknown as VehicleFacts;
 }
 const EAST_30 = placeAt(HERE, { east_m: 30, north_m: 0 });
@@ -101,7 +122,12 @@ describe('what can be done at a place', () => {
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within reach
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/reach: pitch 71°/);
-    for (const [over, word] of [[{ replayed: true }, /recording/], [{ lost: true }, /No connection/], [{ global: null }, /position/], [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/]] as const) {
+    for (const [over, word] of [
+      [{ replayed: true }, /recording/],
+      [{ lost: true }, /No connection/],
+      [{ global: null }, /position/],
+      [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/],
+    ] as const) {
       for (const why of [whyNotGo(facts(over), EAST_30), whyNotLook(facts(over), EAST_30, 0, true), whyNotRoi(facts(over))]) expect(why).toMatch(word);
     }
   });
@@ -149,8 +175,16 @@ describe('a place it was sent to', () => {
 
 describe('offline maps', () => {
   const file: MapFile = {
-    name: 'a.pmtiles', url: '/api/v1/maps/a.pmtiles', format: 'pmtiles', tiles: 'raster', min_zoom: 3, max_zoom: 15, bounds_deg: [8, 47, 9, 48],
-    attribution: '<a href="x">© Someone</a>', layers: [], bytes: 1,
+    name: 'a.pmtiles',
+    url: '/api/v1/maps/a.pmtiles',
+    format: 'pmtiles',
+    tiles: 'raster',
+    min_zoom: 3,
+    max_zoom: 15,
+    bounds_deg: [8, 47, 9, 48],
+    attribution: '<a href="x">© Someone</a>',
+    layers: [],
+    bytes: 1,
   };
   it('are read from this server only', () => {
     expect(offlineMap(file, 'http://h').source).toMatchObject({ type: 'raster', url: 'pmtiles://http://h/api/v1/maps/a.pmtiles' });
@@ -171,7 +205,13 @@ describe('the middle of what panels leave free', () => {
     expect(freeMiddle(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
   });
   it('goes by the widest at each edge', () => {
-    expect(widest([{ edge: 'left', px: 240 }, { edge: 'left', px: 540 }, { edge: 'right', px: 344 }])).toEqual({ left: 540, right: 344, top: 0, bottom: 0 });
+    expect(
+      widest([
+        { edge: 'left', px: 240 },
+        { edge: 'left', px: 540 },
+        { edge: 'right', px: 344 },
+      ]),
+    ).toEqual({ left: 540, right: 344, top: 0, bottom: 0 });
   });
   it('stays where nothing is left', () => {
     expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });

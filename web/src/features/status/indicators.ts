@@ -33,12 +33,18 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
   const accuracy = gps.horizontal_accuracy_m === null ? null : `${fixed(gps.horizontal_accuracy_m, 1)} m`;
   const poor = gps.fix_type < 3;
   return {
-    label: 'GPS', stale, age_s,
+    label: 'GPS',
+    stale,
+    age_s,
     text: poor ? join([satellites, fix]) : join([satellites, accuracy ?? fix]),
-    word: poor ? fix : '', severity: poor ? 'danger' : 'none',
+    word: poor ? fix : '',
+    severity: poor ? 'danger' : 'none',
     details: [
-      ['Fix', fix], ['Satellites', satellites ?? UNKNOWN], ['HDOP', fixed(gps.hdop, 2)],
-      ['Accuracy (eph)', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`], ['Heard', `${fixed(age_s, 1)} s ago`],
+      ['Fix', fix],
+      ['Satellites', satellites ?? UNKNOWN],
+      ['HDOP', fixed(gps.hdop, 2)],
+      ['Accuracy (eph)', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`],
+      ['Heard', `${fixed(age_s, 1)} s ago`],
     ],
   };
 }
@@ -57,7 +63,11 @@ function cellLines(cells_v: readonly number[] | null): [string, string][] {
 function batteryLines(batteries: Battery['batteries'] | undefined): [string, string][] {
   return (batteries ?? []).map((one) => [
     `Battery ${one.battery_id + 1}`,
-    join([one.remaining_percent === null ? null : `${one.remaining_percent} %`, one.voltage_v === null ? null : `${fixed(one.voltage_v, 2)} V`, one.current_a === null ? null : `${fixed(one.current_a, 1)} A`]),
+    join([
+      one.remaining_percent === null ? null : `${one.remaining_percent} %`,
+      one.voltage_v === null ? null : `${fixed(one.voltage_v, 2)} V`,
+      one.current_a === null ? null : `${fixed(one.current_a, 1)} A`,
+    ]),
   ]);
 }
 
@@ -69,11 +79,15 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
   const volts = battery.voltage_v === null ? null : `${fixed(battery.voltage_v, 1)} V`;
   const left = battery.time_remaining_s;
   return {
-    label: 'Battery', stale, age_s, severity,
+    label: 'Battery',
+    stale,
+    age_s,
+    severity,
     text: join([percent === null ? null : `${percent} %`, volts]),
     word: severity === 'danger' ? 'empty' : severity === 'caution' ? 'low' : '',
     details: [
-      ['Remaining', percent === null ? UNKNOWN : `${percent} %`], ['Voltage', battery.voltage_v === null ? UNKNOWN : `${fixed(battery.voltage_v, 2)} V`],
+      ['Remaining', percent === null ? UNKNOWN : `${percent} %`],
+      ['Voltage', battery.voltage_v === null ? UNKNOWN : `${fixed(battery.voltage_v, 2)} V`],
       ['Current', battery.current_a === null ? UNKNOWN : `${fixed(battery.current_a, 1)} A`],
       ['Consumed', battery.consumed_mah === null ? UNKNOWN : `${battery.consumed_mah} mAh`],
       ['Time left', left === null || left <= 0 ? UNKNOWN : `${Math.round(left / 60)} min`],
@@ -84,14 +98,31 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
 }
 
 /** The vehicle's link as far as its heartbeat tells; `links` adds what the server counts. */
-export function linkIndicator(heartbeatAge_s: number | null, lost: boolean, details: [string, string][], text: string | null, lost_percent: number | null = null, offline = false): Indicator {
-  if (offline) return { ...empty('Link'), text: 'unknown', word: 'server away', severity: 'danger', details: [['', 'This page has no connection to the server: the state of the vehicle’s link is not known.']] };
+export function linkIndicator(
+  heartbeatAge_s: number | null,
+  lost: boolean,
+  details: [string, string][],
+  text: string | null,
+  lost_percent: number | null = null,
+  offline = false,
+): Indicator {
+  if (offline)
+    return {
+      ...empty('Link'),
+      text: 'unknown',
+      word: 'server away',
+      severity: 'danger',
+      details: [['', 'This page has no connection to the server: the state of the vehicle’s link is not known.']],
+    };
   if (heartbeatAge_s === null) return { ...empty('Link'), details };
   const weak = !lost && lost_percent !== null && lost_percent > WEAK_PERCENT;
   return {
-    label: 'Link', stale: false, age_s: heartbeatAge_s,
+    label: 'Link',
+    stale: false,
+    age_s: heartbeatAge_s,
     text: lost ? `silent ${Math.round(heartbeatAge_s)} s` : (text ?? 'heard'),
-    word: lost ? 'lost' : weak ? 'weak' : '', severity: lost ? 'danger' : weak ? 'caution' : 'none',
+    word: lost ? 'lost' : weak ? 'weak' : '',
+    severity: lost ? 'danger' : weak ? 'caution' : 'none',
     details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],
   };
 }

@@ -20,10 +20,7 @@ class Links {
 
   poll(api: ApiClient): void {
     const ask = async (): Promise<void> => {
-      const [links, warnings] = await Promise.all([
-        api.get<{ links: LinkLine[] }>('/links'),
-        api.get<{ warnings: StationNotice[] }>('/warnings'),
-      ]);
+      const [links, warnings] = await Promise.all([api.get<{ links: LinkLine[] }>('/links'), api.get<{ warnings: StationNotice[] }>('/warnings')]);
       this.known = links.ok && warnings.ok;
       this.list = links.ok ? (links.value.links ?? []) : [];
       this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];

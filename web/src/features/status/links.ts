@@ -7,7 +7,13 @@ import type { Indicator } from './indicators';
 export type LinkLine = components['schemas']['Link'];
 export type StationNotice = components['schemas']['Notice'];
 
-const STATES: Readonly<Record<string, string>> = { connecting: 'connecting', open: 'open', waiting: 'waiting to try again', closed: 'closed', ended: 'replay ended' };
+const STATES: Readonly<Record<string, string>> = {
+  connecting: 'connecting',
+  open: 'open',
+  waiting: 'waiting to try again',
+  closed: 'closed',
+  ended: 'replay ended',
+};
 
 /** Bytes as a person reads them. */
 export function bytesText(bytes: number): string {
@@ -63,11 +69,22 @@ function counted(link: LinkLine, several: boolean): [string, string][] {
  * @param rate_bytes_s what comes in now over all links; null before two answers.
  * @param lost_percent of the frames of the last half minute; null where none came.
  */
-export function linkDetails(links: readonly LinkLine[], rate_bytes_s: number | null, lost_percent: number | null = null): { details: [string, string][]; text: string | null } {
+export function linkDetails(
+  links: readonly LinkLine[],
+  rate_bytes_s: number | null,
+  lost_percent: number | null = null,
+): { details: [string, string][]; text: string | null } {
   const details = links.flatMap((link) => counted(link, links.length > 1));
   const open = links.filter((l) => l.state === 'open' && !l.forward).length;
   const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
-  const text = open === 0 ? null : join([open === 1 ? null : `${open} links`, rate ?? 'open', lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % lost`]);
+  const text =
+    open === 0
+      ? null
+      : join([
+          open === 1 ? null : `${open} links`,
+          rate ?? 'open',
+          lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % lost`,
+        ]);
   return { details, text };
 }
 

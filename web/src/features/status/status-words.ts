@@ -63,8 +63,7 @@ function seconds(age_s: number): string {
 
 /** True where the vehicle flies something else than it was asked for. */
 export function isFailsafe(status: Status): boolean {
-  return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 &&
-    status.intended_custom_mode !== status.custom_mode;
+  return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
 }
 
 export function statusWords(facts: StatusFacts): StatusWords {

@@ -32,7 +32,9 @@ describe('list of vehicles', () => {
   });
 
   it('goes through the list by arrows and stops at its ends', () => {
-    expect([stepped(-1, 3, 'ArrowDown'), stepped(2, 3, 'ArrowDown'), stepped(0, 3, 'ArrowUp'), stepped(1, 3, 'End'), stepped(1, 3, 'Home')]).toEqual([0, 2, 0, 2, 0]);
+    expect([stepped(-1, 3, 'ArrowDown'), stepped(2, 3, 'ArrowDown'), stepped(0, 3, 'ArrowUp'), stepped(1, 3, 'End'), stepped(1, 3, 'Home')]).toEqual([
+      0, 2, 0, 2, 0,
+    ]);
     expect(stepped(0, 3, 'h')).toBeNull();
     expect(stepped(0, 0, 'ArrowDown')).toBeNull();
   });

@@ -10,12 +10,23 @@ function choose(digit: number): boolean {
   return id !== undefined;
 }
 
-registry.addPanel({ id: 'vehicles', order: 15, place: 'side', component: VehiclePanel, isOpen: () => list.open, toggle: () => list.toggle(), close: () => list.close() });
+registry.addPanel({
+  id: 'vehicles',
+  order: 15,
+  place: 'side',
+  component: VehiclePanel,
+  isOpen: () => list.open,
+  toggle: () => list.toggle(),
+  close: () => list.close(),
+});
 registry.addTo('vehicles', { order: 10, component: VehicleBar });
 registry.addKeys([
   { order: 218, keys: 'J', what: 'List of vehicles: find, select, hold all', inScene: true, on: { j: () => list.toggle() } },
   {
-    order: 220, keys: '1 … 9', what: 'Choose a vehicle; 0 is the tenth', inScene: true,
+    order: 220,
+    keys: '1 … 9',
+    what: 'Choose a vehicle; 0 is the tenth',
+    inScene: true,
     on: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => choose(digit)])),
   },
 ]);

@@ -6,7 +6,10 @@ import { SCALES, type PadMode } from './sticks';
 
 /** Names of the standard layout's buttons that a hand holds while it flies. */
 export const DEADMEN: readonly { value: number; text: string }[] = [
-  { value: 5, text: 'R1' }, { value: 4, text: 'L1' }, { value: 7, text: 'R2' }, { value: 6, text: 'L2' },
+  { value: 5, text: 'R1' },
+  { value: 4, text: 'L1' },
+  { value: 7, text: 'R2' },
+  { value: 6, text: 'L2' },
 ];
 
 export interface Hands {
@@ -82,8 +85,10 @@ export class GamepadControl {
     this.pilot.deadman = this.deadman;
     this.pilot.scale = SCALES[this.scaleIndex]?.scale ?? this.pilot.scale;
     const around = {
-      visible: document.visibilityState === 'visible', focused: document.hasFocus(),
-      yaw_ned_rad: this.hands?.yaw_ned_rad() ?? null, hoverThrust: this.hands?.hoverThrust() ?? 0.5,
+      visible: document.visibilityState === 'visible',
+      focused: document.hasFocus(),
+      yaw_ned_rad: this.hands?.yaw_ned_rad() ?? null,
+      hoverThrust: this.hands?.hoverThrust() ?? 0.5,
     };
     const step = this.pilot.step(seen, around, performance.now() / 1000);
     if (step.order !== null) this.hands?.send({ ...step.order });

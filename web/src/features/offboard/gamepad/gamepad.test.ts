@@ -31,7 +31,9 @@ describe('sticks', () => {
 
   it('become a velocity in the frame that was chosen, no faster in a corner', () => {
     expect(velocityOrder({ forward: 1, right: 0, up: 0.5, turn: -1 }, 'heading', SCALE)).toEqual({
-      type: 'velocity_body', velocity_frd_m_s: [4, 0, -1], yaw_rate_ned_rad_s: -Math.PI / 2,
+      type: 'velocity_body',
+      velocity_frd_m_s: [4, 0, -1],
+      yaw_rate_ned_rad_s: -Math.PI / 2,
     });
     const corner = velocityOrder({ forward: 1, right: 1, up: 0, turn: 0 }, 'north', SCALE);
     expect(Math.hypot(...(corner.velocity_ned_m_s ?? []))).toBeCloseTo(4);

@@ -45,7 +45,10 @@ export class Pilot {
   private yaw_ned_rad: number | null = null;
   private last_s: number | null = null;
 
-  constructor(public scale: Scale, public deadman: number) {}
+  constructor(
+    public scale: Scale,
+    public deadman: number,
+  ) {}
 
   engage(): void {
     this.phase = 'release';

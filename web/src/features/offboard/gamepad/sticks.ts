@@ -81,7 +81,9 @@ export function velocityOrder(sticks: Sticks, mode: 'heading' | 'north', scale: 
   const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
   const along: Vector3 = [(sticks.forward / most) * scale.speed_m_s, (sticks.right / most) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
   const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD;
-  return mode === 'heading' ? { type: 'velocity_body', velocity_frd_m_s: along, yaw_rate_ned_rad_s } : { type: 'velocity', velocity_ned_m_s: along, yaw_rate_ned_rad_s };
+  return mode === 'heading'
+    ? { type: 'velocity_body', velocity_frd_m_s: along, yaw_rate_ned_rad_s }
+    : { type: 'velocity', velocity_ned_m_s: along, yaw_rate_ned_rad_s };
 }
 
 /** Tilt and thrust; `yaw_ned_rad` is kept by the caller and turned by the stick. Middle of the left stick is the hover thrust. */
@@ -90,7 +92,10 @@ export function attitudeOrder(sticks: Sticks, yaw_ned_rad: number, hoverThrust: 
   const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
   const room = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;
   return {
-    type: 'attitude', roll_rad: (sticks.right / most) * tilt, pitch_rad: 0 - (sticks.forward / most) * tilt, yaw_ned_rad,
+    type: 'attitude',
+    roll_rad: (sticks.right / most) * tilt,
+    pitch_rad: 0 - (sticks.forward / most) * tilt,
+    yaw_ned_rad,
     thrust: Math.min(1, Math.max(0, hoverThrust + sticks.up * room)),
   };
 }

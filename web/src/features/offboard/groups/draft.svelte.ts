@@ -8,7 +8,20 @@ import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { desk } from '../setpoints/desk.svelte';
 import { commandable, listed, type Group } from './group';
-import { flownHow, formWords, lastingOf, NEW_DRAFT, problemsOf, setpointsFor, startBody, startQuestion, togetherWords, type Draft, type Ordered, type Problems } from './order';
+import {
+  flownHow,
+  formWords,
+  lastingOf,
+  NEW_DRAFT,
+  problemsOf,
+  setpointsFor,
+  startBody,
+  startQuestion,
+  togetherWords,
+  type Draft,
+  type Ordered,
+  type Problems,
+} from './order';
 
 class GroupDraft {
   now = $state.raw<Draft>(NEW_DRAFT);
@@ -91,7 +104,15 @@ function factsOf(ids: readonly string[]): VehicleFacts[] {
 function nowhere(ordered: Extract<Ordered, { ok: false }>): Outcome<never> {
   return {
     ok: false,
-    problem: { title: 'Not sent', detail: ordered.detail, reasons: [], remedy: 'Wait until each reports its position, or give a velocity.', code: 'refused', status: 0, field: null },
+    problem: {
+      title: 'Not sent',
+      detail: ordered.detail,
+      reasons: [],
+      remedy: 'Wait until each reports its position, or give a velocity.',
+      code: 'refused',
+      status: 0,
+      field: null,
+    },
   };
 }
 

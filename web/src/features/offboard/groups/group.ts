@@ -29,7 +29,9 @@ export function isLive(group: Group): boolean {
 /** What an event carries, where it is a group. */
 export function readGroup(value: unknown): Group | null {
   const group = value as Group | null;
-  return typeof group === 'object' && group !== null && typeof group.id === 'string' && Array.isArray(group.members) && Array.isArray(group.findings) ? group : null;
+  return typeof group === 'object' && group !== null && typeof group.id === 'string' && Array.isArray(group.members) && Array.isArray(group.findings)
+    ? group
+    : null;
 }
 
 /** The list with one group as it is now, in the server's order. */
@@ -55,19 +57,28 @@ export function commandable(identity: Identity): boolean {
 
 export function stateWords(group: Group, now_unix_s: number): { text: string; tone: Tone } {
   switch (group.state) {
-    case 'starting': return { text: 'Starting: all switch to Offboard', tone: 'target' };
+    case 'starting':
+      return { text: 'Starting: all switch to Offboard', tone: 'target' };
     case 'waiting': {
       const left_s = group.start_unix_s === null ? null : Math.max(0, group.start_unix_s - now_unix_s);
       return { text: `Waiting, starts in ${fixed(left_s, 1)} s`, tone: 'target' };
     }
-    case 'flying': return { text: 'Flying', tone: 'ok' };
-    case 'holding': return { text: 'Being held', tone: 'caution' };
-    case 'ended': return { text: 'Ended', tone: 'dim' };
+    case 'flying':
+      return { text: 'Flying', tone: 'ok' };
+    case 'holding':
+      return { text: 'Being held', tone: 'caution' };
+    case 'ended':
+      return { text: 'Ended', tone: 'dim' };
   }
 }
 
 const STREAMS: Readonly<Record<string, string>> = {
-  idle: 'no stream', starting: 'joins', holding: 'expired: holds its place', to_hold: 'goes to Hold', landing: 'expired: lands', undoing: 'goes back',
+  idle: 'no stream',
+  starting: 'joins',
+  holding: 'expired: holds its place',
+  to_hold: 'goes to Hold',
+  landing: 'expired: lands',
+  undoing: 'goes back',
 };
 
 /** What a member flies: its stream, then its mode as the vehicle shows it. */
@@ -86,7 +97,10 @@ export function validLeft_s({ group, heardAt_s }: Heard, now_s: number): number 
 
 /** Newest first; what says no more than why it ended is left out. */
 export function findingsShown(group: Group, most: number): Group['findings'] {
-  return group.findings.slice(-most).reverse().filter((finding) => finding.text !== group.ended);
+  return group.findings
+    .slice(-most)
+    .reverse()
+    .filter((finding) => finding.text !== group.ended);
 }
 
 /** Within a quarter of the minimum it is worth a look. */
@@ -99,11 +113,13 @@ export function distanceTone(distance_m: number, minimum_m: number): Tone {
 /** The two of these that are nearest now, by their own places on the earth; null below two known places. */
 export function nearestNow(all: readonly VehicleFacts[]): { vehicles: [string, string]; distance_m: number } | null {
   let nearest: { vehicles: [string, string]; distance_m: number } | null = null;
-  all.forEach((a, i) => all.slice(i + 1).forEach((b) => {
-    if (a.global === null || b.global === null || a.global.stale || b.global.stale) return;
-    const distance_m = Math.hypot(groundDistance_m(a.global.value, b.global.value), a.global.value.alt_amsl_m - b.global.value.alt_amsl_m);
-    if (Number.isFinite(distance_m) && (nearest === null || distance_m < nearest.distance_m)) nearest = { vehicles: [a.id, b.id], distance_m };
-  }));
+  all.forEach((a, i) =>
+    all.slice(i + 1).forEach((b) => {
+      if (a.global === null || b.global === null || a.global.stale || b.global.stale) return;
+      const distance_m = Math.hypot(groundDistance_m(a.global.value, b.global.value), a.global.value.alt_amsl_m - b.global.value.alt_amsl_m);
+      if (Number.isFinite(distance_m) && (nearest === null || distance_m < nearest.distance_m)) nearest = { vehicles: [a.id, b.id], distance_m };
+    }),
+  );
   return nearest;
 }
 

@@ -75,7 +75,12 @@ export class GroupDesk {
     this.connection = connection;
     if (anew || (this.live.length > 0 && this.seen() && now_s - this.askedAt_s >= ASK_EVERY_S)) void this.ask(now_s);
     const kept = this.list.find((one) => this.keeper.keeps(one.group));
-    if (kept === undefined || !this.turns.busy(vehiclesOf(kept.group))) this.keeper.tick(now_s, this.list.map((one) => one.group), this.seen());
+    if (kept === undefined || !this.turns.busy(vehiclesOf(kept.group)))
+      this.keeper.tick(
+        now_s,
+        this.list.map((one) => one.group),
+        this.seen(),
+      );
     this.tellKept();
   }
 
@@ -180,7 +185,11 @@ export class GroupDesk {
   }
 
   private tellKept(): void {
-    this.keptKey = this.live.map((one) => one.group).filter((group) => this.keeper.keeps(group)).map(keyOf)[0] ?? null;
+    this.keptKey =
+      this.live
+        .map((one) => one.group)
+        .filter((group) => this.keeper.keeps(group))
+        .map(keyOf)[0] ?? null;
   }
 
   private async ask(now_s: number): Promise<void> {

@@ -5,7 +5,22 @@ import type { Refusal } from '../../../app/actions/controller.svelte';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { humanWords } from '../setpoints/info';
-import { commandable, distanceTone, findingsShown, listed, memberWords, nearestNow, newestOver, readGroup, stateWords, validLeft_s, withGroup, keyOf, type Group, type Heard } from './group';
+import {
+  commandable,
+  distanceTone,
+  findingsShown,
+  listed,
+  memberWords,
+  nearestNow,
+  newestOver,
+  readGroup,
+  stateWords,
+  validLeft_s,
+  withGroup,
+  keyOf,
+  type Group,
+  type Heard,
+} from './group';
 import { GroupDesk } from './groups.svelte';
 import { GroupKeeper, type Said } from './keeper';
 import { flownHow, formWords, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
@@ -14,7 +29,11 @@ const reading = <T>(value: T, stale = false): { value: T; age_s: number; stale: 
 
 function vehicle(id: string, position_ned_m: number[] | null, lat_deg = 47): VehicleFacts {
   return {
-    id, name: `${id} Quad`, lost: false, offline: false, inAir: true,
+    id,
+    name: `${id} Quad`,
+    lost: false,
+    offline: false,
+    inAir: true,
     local: position_ned_m === null ? null : reading({ position_ned_m }),
     attitude: reading({ yaw_ned_rad: 1 }),
     global: reading({ lat_deg, lon_deg: 8, alt_amsl_m: 500, alt_home_m: 10 }),
@@ -22,9 +41,20 @@ function vehicle(id: string, position_ned_m: number[] | null, lat_deg = 47): Veh
 }
 
 const GROUP: Group = {
-  id: '1', state: 'flying', client: 'Anna', client_key: 'me', minimum_separation_m: 5, margin_m: 1.6, others_go_on: false, created_unix_s: 100, start_unix_s: 110, valid_left_s: 4,
+  id: '1',
+  state: 'flying',
+  client: 'Anna',
+  client_key: 'me',
+  minimum_separation_m: 5,
+  margin_m: 1.6,
+  others_go_on: false,
+  created_unix_s: 100,
+  start_unix_s: 110,
+  valid_left_s: 4,
   members: ['1', '2'].map((id) => ({ vehicle: id, ordered_type: 'position', stream: 'streaming', mode: 'offboard', held: false })),
-  nearest: { vehicles: ['1', '2'], distance_m: 7 }, findings: [], ended: null,
+  nearest: { vehicles: ['1', '2'], distance_m: 7 },
+  findings: [],
+  ended: null,
 };
 const as = (more: Partial<Group>): Group => ({ ...GROUP, ...more });
 const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
@@ -40,21 +70,37 @@ describe('what a group is to do', () => {
 
   it('sends nothing to anybody where one does not know its place, and names it', () => {
     const stale = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
-    expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), stale], MOVE)).toEqual({ ok: false, detail: expect.stringMatching(/^2 Quad and 3 Quad report no local position/) as string });
+    expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), stale], MOVE)).toEqual({
+      ok: false,
+      detail: expect.stringMatching(/^2 Quad and 3 Quad report no local position/) as string,
+    });
   });
 
   it('orders what the API takes; the instant is counted from the server’s clock', () => {
     const ordered = setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', [1, 0, 0])], MOVE);
     if (!ordered.ok) throw new Error(ordered.detail);
     const body = startBody(ordered.setpoints, { ...MOVE, apart_m: '2,5', othersGoOn: true }, 1000);
-    expect(body).toMatchObject({ minimum_separation_m: 2.5, valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, others_go_on: true, members: [{ vehicle: '1' }, { vehicle: '2' }] });
+    expect(body).toMatchObject({
+      minimum_separation_m: 2.5,
+      valid_for_s: 10,
+      on_expiry: { action: 'hold', hold_for_s: 5 },
+      others_go_on: true,
+      members: [{ vehicle: '1' }, { vehicle: '2' }],
+    });
     expect(body).not.toHaveProperty('start_at_unix_s');
     expect(startBody(ordered.setpoints, { ...MOVE, startIn_s: '20' }, 1000)).toMatchObject({ start_at_unix_s: 1020 });
   });
 
   it('names each field that is wrong; a group that flies is asked for less', () => {
     expect(problemsOf(MOVE, false)).toEqual({});
-    const bad: Draft = { ...MOVE, members: ['1'], axes: { ...MOVE.axes, move: ['far', '0', ''] }, apart_m: '0', startIn_s: '1', valid_s: { move: '601', velocity: '5' } };
+    const bad: Draft = {
+      ...MOVE,
+      members: ['1'],
+      axes: { ...MOVE.axes, move: ['far', '0', ''] },
+      apart_m: '0',
+      startIn_s: '1',
+      valid_s: { move: '601', velocity: '5' },
+    };
     expect(Object.keys(problemsOf(bad, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
     expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s, or empty: at once.');
     expect(Object.keys(problemsOf(bad, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
@@ -67,7 +113,9 @@ describe('what a group is to do', () => {
     expect(togetherWords(PAIR)).toBe('hold the places where they are');
     const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersGoOn: true });
     expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
-    expect(asked.effect).toBe('Each switches to Offboard where it is; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Kept 5.0 m apart, who comes nearer holds. Ends in Hold after 5.0 s; Hold group ends it.');
+    expect(asked.effect).toBe(
+      'Each switches to Offboard where it is; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Kept 5.0 m apart, who comes nearer holds. Ends in Hold after 5.0 s; Hold group ends it.',
+    );
     expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is in sight');
   });
 });
@@ -119,7 +167,13 @@ describe('how a group stands', () => {
 
   it('takes only multicopters of PX4, and only what is a group', () => {
     const quad = { ...UNKNOWN_IDENTITY, autopilot: 12, vehicle_type: 2 };
-    expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(commandable)).toEqual([true, false, false, false, false]);
+    expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(commandable)).toEqual([
+      true,
+      false,
+      false,
+      false,
+      false,
+    ]);
     expect(readGroup(GROUP)).toBe(GROUP);
     expect([null, undefined, 'x', { id: '1' }].map(readGroup)).toEqual([null, null, null, null]);
   });
@@ -137,7 +191,12 @@ describe('the keeper of a group', () => {
     one.keep(GROUP, LASTING, 0);
     return { said, keeper: one, at };
   }
-  async function run(one: ReturnType<typeof keeper>, until_s: number, groups: (s: number) => Group[], seen: (s: number) => boolean = () => true): Promise<void> {
+  async function run(
+    one: ReturnType<typeof keeper>,
+    until_s: number,
+    groups: (s: number) => Group[],
+    seen: (s: number) => boolean = () => true,
+  ): Promise<void> {
     for (; one.at.now_s < until_s; one.at.now_s += 1) {
       one.keeper.tick(one.at.now_s, groups(one.at.now_s), seen(one.at.now_s));
       await Promise.resolve();
@@ -147,7 +206,12 @@ describe('the keeper of a group', () => {
 
   it('renews in time, and only while somebody sees the page', async () => {
     const one = keeper();
-    await run(one, 20, () => [GROUP], (s) => s < 8 || s > 15);
+    await run(
+      one,
+      20,
+      () => [GROUP],
+      (s) => s < 8 || s > 15,
+    );
     expect(one.said).toEqual([3, 6, 16, 19]);
   });
 
@@ -179,25 +243,49 @@ describe('the desk of groups', () => {
   const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
   const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
 
-  function station(): { desk: GroupDesk; calls: { call: string; body: unknown }[]; at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> }; dropped: string[]; refused: Refusal[]; settle: () => Promise<void> } {
+  function station(): {
+    desk: GroupDesk;
+    calls: { call: string; body: unknown }[];
+    at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> };
+    dropped: string[];
+    refused: Refusal[];
+    settle: () => Promise<void>;
+  } {
     const calls: { call: string; body: unknown }[] = [];
     const at = { now_s: 0, seen: true, group: GROUP, status: 200, answer: Promise.resolve() };
     const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
-      calls.push({ call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`, body: init.body === undefined ? null : JSON.parse(init.body as string) as unknown });
+      calls.push({
+        call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`,
+        body: init.body === undefined ? null : (JSON.parse(init.body as string) as unknown),
+      });
       const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
-      const response = at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });
+      const response =
+        at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });
       return init.method === 'POST' ? at.answer.then(() => response) : Promise.resolve(response);
     });
     const refused: Refusal[] = [];
     const dropped: string[] = [];
     const actions = {
-      attempt: async <T>(what: string, { name }: { name: string }, _place: string, send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>): Promise<boolean> => {
+      attempt: async <T>(
+        what: string,
+        { name }: { name: string },
+        _place: string,
+        send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>,
+      ): Promise<boolean> => {
         const outcome = await send();
         if (!outcome.ok) refused.push({ what, vehicleName: name, problem: outcome.problem });
         return outcome.ok;
       },
     };
-    const desk = new GroupDesk(api, new Turns(), actions, () => at.now_s, () => at.seen, (id) => `${id} Quad`, (id) => dropped.push(id));
+    const desk = new GroupDesk(
+      api,
+      new Turns(),
+      actions,
+      () => at.now_s,
+      () => at.seen,
+      (id) => `${id} Quad`,
+      (id) => dropped.push(id),
+    );
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
     return { desk, calls, at, dropped, refused, settle };
   }
@@ -319,7 +407,8 @@ describe('the server’s words', () => {
   });
 
   it('call kinds of setpoints as the form does', () => {
-    expect(humanWords('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.'))
-      .toBe('A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.');
+    expect(humanWords('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.')).toBe(
+      'A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.',
+    );
   });
 });

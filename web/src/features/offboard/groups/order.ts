@@ -25,8 +25,14 @@ export interface Draft {
 
 /** A place is renewed while the page is seen; what moves ends by itself unless it is told otherwise. */
 export const NEW_DRAFT: Draft = {
-  members: [], how: 'move', axes: { move: ['0', '0', '0'], velocity: ['0', '0', '0'] }, valid_s: { move: '10', velocity: '5' },
-  renew: { move: true, velocity: false }, apart_m: '5', startIn_s: '', othersGoOn: false,
+  members: [],
+  how: 'move',
+  axes: { move: ['0', '0', '0'], velocity: ['0', '0', '0'] },
+  valid_s: { move: '10', velocity: '5' },
+  renew: { move: true, velocity: false },
+  apart_m: '5',
+  startIn_s: '',
+  othersGoOn: false,
 };
 
 export const AXES = ['North', 'East', 'Up'] as const;
@@ -91,15 +97,26 @@ export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordere
     else setpoints.push({ vehicle: facts.id, setpoint });
   }
   if (nowhere.length === 0) return { ok: true, setpoints };
-  return { ok: false, detail: `${listed(nowhere)} ${nowhere.length === 1 ? 'reports' : 'report'} no local position now: there is nothing to add the offset to.` };
+  return {
+    ok: false,
+    detail: `${listed(nowhere)} ${nowhere.length === 1 ? 'reports' : 'report'} no local position now: there is nothing to add the offset to.`,
+  };
 }
 
 /** The body that starts a group; the instant is counted from `now_unix_s`, the server's clock. */
-export function startBody(setpoints: readonly { vehicle: string; setpoint: AnySetpoint }[], draft: Draft, now_unix_s: number): { members: typeof setpoints } & Record<string, unknown> {
+export function startBody(
+  setpoints: readonly { vehicle: string; setpoint: AnySetpoint }[],
+  draft: Draft,
+  now_unix_s: number,
+): { members: typeof setpoints } & Record<string, unknown> {
   const { valid_for_s, on_expiry } = lastingOf(draft);
   const startIn_s = typed(draft.startIn_s);
   return {
-    members: setpoints, minimum_separation_m: typed(draft.apart_m), valid_for_s, on_expiry, others_go_on: draft.othersGoOn,
+    members: setpoints,
+    minimum_separation_m: typed(draft.apart_m),
+    valid_for_s,
+    on_expiry,
+    others_go_on: draft.othersGoOn,
     ...(startIn_s === null ? {} : { start_at_unix_s: now_unix_s + startIn_s }),
   };
 }
@@ -109,12 +126,18 @@ export function formWords(words: string): string {
   return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Good for”');
 }
 
-const WAYS: readonly (readonly [string, string])[] = [['north', 'south'], ['east', 'west'], ['up', 'down']];
+const WAYS: readonly (readonly [string, string])[] = [
+  ['north', 'south'],
+  ['east', 'west'],
+  ['up', 'down'],
+];
 
 /** "move 5.0 m north, 2.0 m down". */
 export function togetherWords(draft: Draft): string {
   const unit = draft.how === 'move' ? 'm' : 'm/s';
-  const parts = vector(draft).map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${WAYS[i]?.[value > 0 ? 0 : 1] ?? ''}`)).filter((p) => p !== null);
+  const parts = vector(draft)
+    .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${WAYS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
+    .filter((p) => p !== null);
   if (parts.length === 0) return draft.how === 'move' ? 'hold the places where they are' : 'stand still';
   return `${draft.how === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
 }
@@ -128,6 +151,7 @@ export function startQuestion(names: readonly string[], draft: Draft): Question 
   return {
     title: `Group: ${listed(names)}`,
     effect: `Each switches to Offboard where it is; ${start}, all ${togetherWords(draft)} together. Kept ${fixed(typed(draft.apart_m), 1)} m apart, ${near}. ${ends}; Hold group ends it.`,
-    verb: 'Start', danger: false,
+    verb: 'Start',
+    danger: false,
   };
 }

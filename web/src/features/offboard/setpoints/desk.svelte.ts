@@ -159,7 +159,10 @@ class Desk {
     const lasts = lasting.renew ? 'for as long as this page is open' : `for ${fixed(lasting.valid_for_s, 1)} s, then it ${after}`;
     const sent = this.way;
     actions.request('offboard_start', facts, 'room', null, {
-      setpoint, lasting, rate_hz: 50, words: `${setpointWords(setpoint)}${where}, ${lasts}`,
+      setpoint,
+      lasting,
+      rate_hz: 50,
+      words: `${setpointWords(setpoint)}${where}, ${lasts}`,
       settled: (outcome) => this.answered(this.noteSent(sent, setpoint), outcome, null),
     });
   }
@@ -204,7 +207,15 @@ class Desk {
     const ended = (state: StreamState, why: string | null): void => {
       if (state === 'closed' && why !== null) onEnd(why);
     };
-    this.socket = { id, stream: new SetpointStream(url, () => performance.now() / 1000, (ack) => this.heard(ack, onEnd), ended) };
+    this.socket = {
+      id,
+      stream: new SetpointStream(
+        url,
+        () => performance.now() / 1000,
+        (ack) => this.heard(ack, onEnd),
+        ended,
+      ),
+    };
   }
 
   /** The last order is on its way: the connection ends once it has had its answer, or the time for one. */
@@ -273,7 +284,11 @@ class Desk {
   setLive(facts: VehicleFacts, live: boolean): void {
     this.live = live;
     if (!live) this.closeStream();
-    else this.openStream(facts.id, () => { this.live = false; this.closeStream(); });
+    else
+      this.openStream(facts.id, () => {
+        this.live = false;
+        this.closeStream();
+      });
   }
 }
 

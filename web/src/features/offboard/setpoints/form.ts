@@ -56,21 +56,35 @@ export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | 
   const local = facts.local?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
   const global = facts.global?.value ?? null;
-  const heading = yaw_rad === null ? '' : shown(((yaw_rad / RAD) % 360 + 360) % 360, 1);
+  const heading = yaw_rad === null ? '' : shown((((yaw_rad / RAD) % 360) + 360) % 360, 1);
   const now: Record<string, number | null> = {
-    p0: local?.[0] ?? null, p1: local?.[1] ?? null, p2: local === null ? null : -local[2],
-    lat: global?.lat_deg ?? null, lon: global?.lon_deg ?? null, alt: global?.alt_home_m ?? null,
-    yaw: heading === '' ? null : Number(heading), thrust: hoverThrust,
+    p0: local?.[0] ?? null,
+    p1: local?.[1] ?? null,
+    p2: local === null ? null : -local[2],
+    lat: global?.lat_deg ?? null,
+    lon: global?.lon_deg ?? null,
+    alt: global?.alt_home_m ?? null,
+    yaw: heading === '' ? null : Number(heading),
+    thrust: hoverThrust,
     ...(kind === 'follow' ? BEHIND : {}),
   };
   const fields: Record<string, Field> = {};
   for (const axis of spec.groups.flatMap((g) => g.axes)) {
     const value = axis.key in now ? (now[axis.key] ?? null) : 0;
-    fields[axis.key] = { text: value === null ? '' : shown(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step), off: false };
+    fields[axis.key] = {
+      text: value === null ? '' : shown(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step),
+      off: false,
+    };
   }
   return {
-    kind, fields, without: spec.groups.filter((g) => g.optional).map((g) => g.field), altReference: 'alt_home_m',
-    other: '', followYaw: 'keep', yawChoice: spec.yaw === 'none' ? 'none' : 'angle', yaw: spec.yaw === 'offset' ? '0' : heading,
+    kind,
+    fields,
+    without: spec.groups.filter((g) => g.optional).map((g) => g.field),
+    altReference: 'alt_home_m',
+    other: '',
+    followYaw: 'keep',
+    yawChoice: spec.yaw === 'none' ? 'none' : 'angle',
+    yaw: spec.yaw === 'offset' ? '0' : heading,
   };
 }
 
@@ -105,7 +119,8 @@ export function build(form: Form): Built {
   if (form.kind === 'follow') {
     if (form.other === '') errors['other'] = 'Which vehicle is followed?';
     const offset = setpoint['offset_frd_m'] as (number | null)[];
-    if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M) errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
+    if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M)
+      errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
     Object.assign(setpoint, { vehicle: form.other, yaw: form.followYaw });
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = typed(form.yaw);
@@ -125,7 +140,8 @@ function controlled(groups: readonly Group[], form: Form, errors: Record<string,
   ['North', 'East', 'Up'].forEach((name, i) => {
     const axes = given.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;
-    if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true)) errors[first.key] = `${name} is controlled by nothing: give a position, a velocity or an acceleration.`;
+    if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true))
+      errors[first.key] = `${name} is controlled by nothing: give a position, a velocity or an acceleration.`;
   });
 }
 

@@ -24,7 +24,9 @@ export function readHealth(topic: unknown, age_s: number): HealthNow {
     // The stream goes on while the sample ages: what was left is left still, until it is seldom heard.
     failsafe_in_s: number(health?.failsafe_in_s),
     echo_age_s: older(health?.echo?.age_s),
-    position_error_m: number(health?.position_error_m), velocity_error_m_s: number(health?.velocity_error_m_s),
-    attitude_error_rad: number(health?.attitude_error_rad), yaw_error_rad: number(health?.yaw_error_rad),
+    position_error_m: number(health?.position_error_m),
+    velocity_error_m_s: number(health?.velocity_error_m_s),
+    attitude_error_rad: number(health?.attitude_error_rad),
+    yaw_error_rad: number(health?.yaw_error_rad),
   };
 }

@@ -13,7 +13,13 @@ export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
 /** The server's words with the kinds called as the form calls them: "thrust and torque", not "thrust_torque". */
 export function humanWords(words: string): string {
-  return KINDS.reduce((said, one) => (one.kind.includes('_') || one.kind === 'actuators' ? said.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by ')) : said), words);
+  return KINDS.reduce(
+    (said, one) =>
+      one.kind.includes('_') || one.kind === 'actuators'
+        ? said.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by '))
+        : said,
+    words,
+  );
 }
 
 /** Why a kind cannot be flown now; null where it can, or where the server has not said. */
@@ -23,8 +29,12 @@ export function whyNot(view: OffboardView | null, kind: Kind): string | null {
 }
 
 export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[] = [
-  { value: 'hold', text: 'Hold' }, { value: 'land', text: 'Land' }, { value: 'rtl', text: 'Return' }, { value: 'position', text: 'Position (sticks)' },
-  { value: 'altitude', text: 'Altitude (sticks)' }, { value: 'stabilized', text: 'Stabilized (sticks)' },
+  { value: 'hold', text: 'Hold' },
+  { value: 'land', text: 'Land' },
+  { value: 'rtl', text: 'Return' },
+  { value: 'position', text: 'Position (sticks)' },
+  { value: 'altitude', text: 'Altitude (sticks)' },
+  { value: 'stabilized', text: 'Stabilized (sticks)' },
 ];
 
 export interface LimitField {
@@ -58,7 +68,9 @@ export function limitText(value: number | null | undefined, field: LimitField): 
 /** The operator's limits in one line; what is not limited is not said. */
 export function limitsWords(limits: Limits | null): string {
   if (limits === null) return 'not known yet';
-  const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map((f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`);
+  const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
+    (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
+  );
   if (limits.operator.fence != null) said.push('fence');
   return said.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : said.join(', ');
 }

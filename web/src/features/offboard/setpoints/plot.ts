@@ -22,23 +22,49 @@ export class AxisPlot {
     const font = '11px Inter, system-ui, sans-serif';
     const grid = { stroke: colours.line, width: 1 };
     const least = LEAST[unit] ?? 1;
-    this.plot = new uPlot({
-      width: Math.max(60, holder.clientWidth), height: Math.max(60, holder.clientHeight), pxAlign: 1,
-      padding: [6, 16, 0, 0], legend: { show: false }, cursor: { show: false },
-      scales: {
-        x: { time: false, range: () => [-WINDOW_S, 0] },
-        y: { range: (_, min, max) => around(min, max, least) },
+    this.plot = new uPlot(
+      {
+        width: Math.max(60, holder.clientWidth),
+        height: Math.max(60, holder.clientHeight),
+        pxAlign: 1,
+        padding: [6, 16, 0, 0],
+        legend: { show: false },
+        cursor: { show: false },
+        scales: {
+          x: { time: false, range: () => [-WINDOW_S, 0] },
+          y: { range: (_, min, max) => around(min, max, least) },
+        },
+        axes: [
+          {
+            stroke: colours.text,
+            font,
+            grid,
+            ticks: { show: false },
+            size: 20,
+            gap: 3,
+            splits: () => [-60, -40, -20, 0],
+            values: (_, splits) => splits.map((s) => (s === 0 ? 'now' : `${s} s`.replace('-', '−'))),
+          },
+          {
+            stroke: colours.text,
+            font,
+            grid,
+            ticks: { show: false },
+            size: 38,
+            gap: 4,
+            space: 28,
+            values: (_, splits) => splits.map((s) => String(Number(s.toFixed(2))).replace('-', '−')),
+          },
+        ],
+        series: [
+          {},
+          { stroke: colours.target, width: colours.stroke, points: { show: false }, spanGaps: false },
+          { stroke: colours.actual, width: colours.stroke, points: { show: false }, spanGaps: false },
+        ],
       },
-      axes: [
-        { stroke: colours.text, font, grid, ticks: { show: false }, size: 20, gap: 3, splits: () => [-60, -40, -20, 0], values: (_, splits) => splits.map((s) => (s === 0 ? 'now' : `${s} s`.replace('-', '−'))) },
-        { stroke: colours.text, font, grid, ticks: { show: false }, size: 38, gap: 4, space: 28, values: (_, splits) => splits.map((s) => String(Number(s.toFixed(2))).replace('-', '−')) },
-      ],
-      series: [
-        {},
-        { stroke: colours.target, width: colours.stroke, points: { show: false }, spanGaps: false },
-        { stroke: colours.actual, width: colours.stroke, points: { show: false }, spanGaps: false },
-      ],
-    }, [[], [], []], holder);
+      [[], [], []],
+      holder,
+    );
   }
 
   set(columns: Columns): void {

@@ -41,7 +41,9 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   if (at === undefined) return null;
   const yaw_ned_rad = yawOf(setpoint, yaw);
   const shifted = (by: Maybe, times: number, leads: boolean): Preview => ({
-    position_ned_m: at.map((v, i) => v + (by?.[i] ?? 0) * times) as Vector3, yaw_ned_rad, leads,
+    position_ned_m: at.map((v, i) => v + (by?.[i] ?? 0) * times) as Vector3,
+    yaw_ned_rad,
+    leads,
   });
   const place = three(setpoint['position_ned_m']);
   if (place !== undefined) return { position_ned_m: at.map((v, i) => place[i] ?? v) as Vector3, yaw_ned_rad, leads: false };

@@ -34,7 +34,14 @@ export class SentLog {
   add(way: Way, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
     const [newest, ...rest] = this.lines;
     const words = setpointWords(setpoint);
-    const joins = newest !== undefined && way !== 'form' && way !== 'group' && newest.way === way && unix_s - this.last_unix_s < RUN_S && !newest.refused && newest.words.split(' ')[0] === words.split(' ')[0];
+    const joins =
+      newest !== undefined &&
+      way !== 'form' &&
+      way !== 'group' &&
+      newest.way === way &&
+      unix_s - this.last_unix_s < RUN_S &&
+      !newest.refused &&
+      newest.words.split(' ')[0] === words.split(' ')[0];
     this.last_unix_s = unix_s;
     if (joins) {
       this.lines = [{ ...newest, words, count: newest.count + 1 }, ...rest];
@@ -46,7 +53,9 @@ export class SentLog {
   }
 
   answer(id: number, told: { note: string | null; refused: boolean; took_s: number | null }): void {
-    this.lines = this.lines.map((l) => (l.id === id ? { ...l, ...told, answered: l.answered + 1, note: told.note ?? l.note, refused: told.refused || l.refused } : l));
+    this.lines = this.lines.map((l) =>
+      l.id === id ? { ...l, ...told, answered: l.answered + 1, note: told.note ?? l.note, refused: told.refused || l.refused } : l,
+    );
   }
 }
 
@@ -64,15 +73,27 @@ function number(value: unknown, words: (v: number) => string): string | null {
 /** A setpoint in one short line, as the form's fields read: up positive, degrees. */
 export function setpointWords(s: Readonly<Record<string, unknown>>): string {
   const parts = [
-    triple(s['position_ned_m'], 'm', true), triple(s['offset_frd_m'], 'm', true),
-    number(s['lat_deg'], (v) => v.toFixed(6)), number(s['lon_deg'], (v) => v.toFixed(6)),
-    number(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`), number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m above sea level`),
-    triple(s['velocity_ned_m_s'] ?? s['velocity_frd_m_s'], 'm/s', true), triple(s['acceleration_ned_m_s2'], 'm/s²', true),
-    number(s['roll_rad'], (v) => `roll ${fixed(v * DEG, 0)}°`), number(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG, 0)}°`),
-    Array.isArray(s['rates_frd_rad_s']) ? triple((s['rates_frd_rad_s'] as number[]).map((v) => v * DEG), '°/s', false) : null,
+    triple(s['position_ned_m'], 'm', true),
+    triple(s['offset_frd_m'], 'm', true),
+    number(s['lat_deg'], (v) => v.toFixed(6)),
+    number(s['lon_deg'], (v) => v.toFixed(6)),
+    number(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
+    number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m above sea level`),
+    triple(s['velocity_ned_m_s'] ?? s['velocity_frd_m_s'], 'm/s', true),
+    triple(s['acceleration_ned_m_s2'], 'm/s²', true),
+    number(s['roll_rad'], (v) => `roll ${fixed(v * DEG, 0)}°`),
+    number(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG, 0)}°`),
+    Array.isArray(s['rates_frd_rad_s'])
+      ? triple(
+          (s['rates_frd_rad_s'] as number[]).map((v) => v * DEG),
+          '°/s',
+          false,
+        )
+      : null,
     typeof s['vehicle'] === 'string' ? `of ${s['vehicle']}` : null,
     number(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
-    number(s['yaw_ned_rad'], (v) => `yaw ${fixed(((v * DEG) % 360 + 360) % 360, 0)}°`), number(s['yaw_offset_rad'], (v) => `turns ${fixed(v * DEG, 0, true)}°`),
+    number(s['yaw_ned_rad'], (v) => `yaw ${fixed((((v * DEG) % 360) + 360) % 360, 0)}°`),
+    number(s['yaw_offset_rad'], (v) => `turns ${fixed(v * DEG, 0, true)}°`),
     number(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),
   ];
   return [kindName(typeof s['type'] === 'string' ? s['type'] : null), ...parts.filter((p) => p !== null)].join('  ');

@@ -56,7 +56,10 @@ describe('forms', () => {
   it('leave an axis to another quantity, north and east together, and none to nothing', () => {
     const mixed = setOff({ ...formHere('trajectory', FACTS, null), without: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
-    expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({ p0: expect.stringMatching(/^North is controlled by nothing/) as string, p1: expect.any(String) as string });
+    expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
+      p0: expect.stringMatching(/^North is controlled by nothing/) as string,
+      p1: expect.any(String) as string,
+    });
     expect(good(put(formHere('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
   });
 
@@ -119,9 +122,15 @@ class FakeSocket implements SocketLike {
   onclose: SocketLike['onclose'] = null;
   onmessage: SocketLike['onmessage'] = null;
   sent: Record<string, unknown>[] = [];
-  send(data: string): void { this.sent.push(JSON.parse(data) as Record<string, unknown>); }
-  close(): void { this.readyState = 3; }
-  hear(value: unknown): void { this.onmessage?.({ data: typeof value === 'string' ? value : JSON.stringify(value) } as MessageEvent); }
+  send(data: string): void {
+    this.sent.push(JSON.parse(data) as Record<string, unknown>);
+  }
+  close(): void {
+    this.readyState = 3;
+  }
+  hear(value: unknown): void {
+    this.onmessage?.({ data: typeof value === 'string' ? value : JSON.stringify(value) } as MessageEvent);
+  }
 }
 
 describe('the stream', () => {
@@ -130,8 +139,24 @@ describe('the stream', () => {
     const acks: Ack[] = [];
     const ended: (string | null)[] = [];
     let now = 0;
-    const stream = new SetpointStream('ws://x', () => now, (a) => acks.push(a), (state, why) => { if (state === 'closed') ended.push(why); }, () => socket);
-    return { stream, socket, acks, ended, later: (s) => { now += s; } };
+    const stream = new SetpointStream(
+      'ws://x',
+      () => now,
+      (a) => acks.push(a),
+      (state, why) => {
+        if (state === 'closed') ended.push(why);
+      },
+      () => socket,
+    );
+    return {
+      stream,
+      socket,
+      acks,
+      ended,
+      later: (s) => {
+        now += s;
+      },
+    };
   }
 
   it('numbers what it sends and joins the answers', () => {
@@ -201,7 +226,9 @@ describe('the log', () => {
 
 describe('traces', () => {
   const seen = (unix_s: number, up: number, target: number | null): Parameters<Traces['add']>[0] => ({
-    unix_s, local: { position_ned_m: [0, 0, -up], velocity_ned_m_s: [0, 0, 0] } as never, attitude: null,
+    unix_s,
+    local: { position_ned_m: [0, 0, -up], velocity_ned_m_s: [0, 0, 0] } as never,
+    attitude: null,
     asked: target === null ? null : { position_ned_m: [0, 0, -target], velocity_ned_m_s: null, attitude_rad: null },
   });
 
@@ -211,7 +238,11 @@ describe('traces', () => {
     traces.add(seen(50, 2, 3));
     traces.add(seen(50, 9, 9));
     traces.add(seen(100, 4, null));
-    expect(traces.columns('position', 2, 100)).toEqual([[-50, -49, 0], [3, null, null], [2, null, 4]]);
+    expect(traces.columns('position', 2, 100)).toEqual([
+      [-50, -49, 0],
+      [3, null, null],
+      [2, null, 4],
+    ]);
     expect(traces.columns('position', 2, 100 + WINDOW_S + 1)[0]).toEqual([]);
     traces.clear();
     expect(traces.columns('position', 2, 100)[0]).toEqual([]);
@@ -219,7 +250,9 @@ describe('traces', () => {
 
   it('draw no line across when a heading passes south', () => {
     const traces = new Traces();
-    [170, 179, -179].forEach((deg, i) => traces.add({ ...seen(i, 0, null), attitude: { roll_rad: 0, pitch_rad: 0, yaw_ned_rad: deg * (Math.PI / 180) } as never }));
+    [170, 179, -179].forEach((deg, i) =>
+      traces.add({ ...seen(i, 0, null), attitude: { roll_rad: 0, pitch_rad: 0, yaw_ned_rad: deg * (Math.PI / 180) } as never }),
+    );
     expect(traces.columns('attitude', 2, 2)[2].map((v) => v && Math.round(v))).toEqual([170, 179, null]);
   });
 

@@ -115,7 +115,8 @@ export function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'a
   const limited = raw['limited'];
   return {
     applied: typeof applied === 'object' && applied !== null ? (applied as Record<string, unknown>) : null,
-    limited: Array.isArray(limited) ? limited.filter((l): l is string => typeof l === 'string') : [], problem: null,
+    limited: Array.isArray(limited) ? limited.filter((l): l is string => typeof l === 'string') : [],
+    problem: null,
     superseded: raw['superseded'] === true,
   };
 }

@@ -19,9 +19,30 @@ export interface TraceSpec {
 }
 
 export const QUANTITIES: Readonly<Record<Quantity, { name: string; axes: readonly [TraceSpec, TraceSpec, TraceSpec] }>> = {
-  position: { name: 'Position', axes: [{ name: 'North', unit: 'm' }, { name: 'East', unit: 'm' }, { name: 'Up', unit: 'm' }] },
-  velocity: { name: 'Velocity', axes: [{ name: 'North', unit: 'm/s' }, { name: 'East', unit: 'm/s' }, { name: 'Up', unit: 'm/s' }] },
-  attitude: { name: 'Attitude', axes: [{ name: 'Roll', unit: '°' }, { name: 'Pitch', unit: '°' }, { name: 'Yaw', unit: '°' }] },
+  position: {
+    name: 'Position',
+    axes: [
+      { name: 'North', unit: 'm' },
+      { name: 'East', unit: 'm' },
+      { name: 'Up', unit: 'm' },
+    ],
+  },
+  velocity: {
+    name: 'Velocity',
+    axes: [
+      { name: 'North', unit: 'm/s' },
+      { name: 'East', unit: 'm/s' },
+      { name: 'Up', unit: 'm/s' },
+    ],
+  },
+  attitude: {
+    name: 'Attitude',
+    axes: [
+      { name: 'Roll', unit: '°' },
+      { name: 'Pitch', unit: '°' },
+      { name: 'Yaw', unit: '°' },
+    ],
+  },
 };
 
 /** Columns of one plot: time, target, actual; null is a gap. */
@@ -82,7 +103,17 @@ export class Traces {
     const from = now_unix_s - WINDOW_S;
     const rows = this.rows[quantity].filter((r) => r.t_s >= from);
     const turns = quantity === 'attitude' && axis === 2;
-    return [rows.map((r) => r.t_s - now_unix_s), column(rows.map((r) => r.target[axis]), turns), column(rows.map((r) => r.actual[axis]), turns)];
+    return [
+      rows.map((r) => r.t_s - now_unix_s),
+      column(
+        rows.map((r) => r.target[axis]),
+        turns,
+      ),
+      column(
+        rows.map((r) => r.actual[axis]),
+        turns,
+      ),
+    ];
   }
 
   private push(quantity: Quantity, t_s: number, target: MaybeVector3, actual: MaybeVector3): void {
