@@ -20,6 +20,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "landing_missing": ("error", "MIS_TKO_LAND_REQ wants a landing"),
     "takeoff_landing_mismatch": ("error", "MIS_TKO_LAND_REQ wants take-off and landing, or neither"),
     "command_refused": ("error", "PX4 refuses this command in a mission"),
+    "place_missing": ("error", "an item that is flown to or looked at has no place"),
     "vtol_item": ("error", "an item for VTOL aircraft only"),
     "value_not_sendable": ("error", "a value does not fit the mission message"),
     "set_home_place": ("error", "PX4 sets home in a mission to the vehicle's place only"),

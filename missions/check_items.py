@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from missions.check_context import Context, Finding, name
 from missions.errors import PlanError
 from missions.estimates import GROUND_SPEED_TYPES
-from missions.formats.mavlink_items import fence_items, mission_items
+from missions.formats.mavlink_items import CLASS_OF_COMMAND, fence_items, mission_items
 from missions.items import (
     ChangeSpeed,
     CommandItem,
@@ -52,7 +52,10 @@ def _presence(context: Context) -> Iterator[Finding]:
 def _refused(context: Context) -> Iterator[Finding]:
     for row, item in context.items:
         if isinstance(item, CommandItem):
-            if item.command in VTOL_COMMANDS:
+            if _lacks_place(item):
+                message = f"Item {row + 1} (command {item.command}) has no latitude, longitude or altitude."
+                yield Finding("place_missing", message, row, fix="Set its place.")
+            elif item.command in VTOL_COMMANDS:
                 message = f"Item {row + 1} (command {item.command}) is for VTOL aircraft only."
                 yield Finding("vtol_item", message, row, fix="Use take-off and land.")
             else:
@@ -73,6 +76,11 @@ def _refused(context: Context) -> Iterator[Finding]:
         except PlanError as error:
             message = f"{name(row, item)} cannot be sent: {error.place.partition(', ')[2]}: {error.reason}."
             yield Finding("value_not_sendable", message, row, fix=error.fix)
+
+
+def _lacks_place(item: CommandItem) -> bool:
+    cls = CLASS_OF_COMMAND.get(item.command)
+    return cls is not None and issubclass(cls, PlacedItem) and None in item.params[4:7]
 
 
 def _takeoff(context: Context) -> Iterator[Finding]:

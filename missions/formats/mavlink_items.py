@@ -197,6 +197,8 @@ def _float32(value: float | None, number: int) -> float:
 
 def _integer(value: float | None, frame: int, number: int) -> int:
     scale = 1e7 if frame in REFERENCE_OF_FRAME else 1e4 if frame in LOCAL_FRAMES else 1.0
+    if value is None and frame in REFERENCE_OF_FRAME:
+        raise PlanError(f"parameter {number}", "the place is not given", "Set latitude and longitude.")
     if value is None:
         return 0
     scaled = value * scale

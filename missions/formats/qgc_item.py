@@ -42,6 +42,15 @@ def a_list(raw: Any, place: str) -> list[Any]:
     return raw
 
 
+def part_list(parent: dict[str, Any], key: str, name: str) -> list[Any]:
+    """A list inside an object; empty where there is none.
+
+    Raises:
+        PlanError: It is no list.
+    """
+    return a_list(parent.get(key, []), f"field {name}.{key}")
+
+
 def number(raw: Any, place: str) -> float:
     """The value, where it is a finite number.
 

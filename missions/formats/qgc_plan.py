@@ -16,11 +16,12 @@ from pydantic import ValidationError
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
 from missions.formats import qgc_item
-from missions.formats.qgc_item import a_list, an_object, number
+from missions.formats.qgc_fence import read_fence, read_rally, write_fence, write_rally
+from missions.formats.qgc_item import a_list, an_object, number, part_list
 from missions.formats.results import Imported, Written
 from missions.items import CommandItem, Jump
 from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_count
-from missions.values import Altitude, FenceCircle, FencePolygon, FenceZone, HomePosition, Point, RallyPoint
+from missions.values import HomePosition
 
 _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
 _SPEEDS: Final = {"cruiseSpeed": "cruise_speed_m_s", "hoverSpeed": "hover_speed_m_s"}
@@ -43,11 +44,12 @@ def read(data: bytes | str) -> Imported:
     items, notes = _read_items(a_list(mission.get("items"), "field mission.items"))
     fence = an_object(document.get("geoFence", {}), "field geoFence")
     rally = an_object(document.get("rallyPoints", {}), "field rallyPoints")
+    points = part_list(rally, "points", "rallyPoints")
     try:
         plan = Plan(
             items=items,
-            fence=_read_fence(fence),
-            rally_points=tuple(_rally(n, raw) for n, raw in enumerate(_part(rally, "points", "rallyPoints"))),
+            fence=read_fence(fence),
+            rally_points=tuple(read_rally(n, raw) for n, raw in enumerate(points)),
             planned_home=_home(mission),
             original=bounded_json.dump(_template(document)),
             cruise_speed_m_s=_speed(mission, "cruiseSpeed"),
@@ -55,6 +57,8 @@ def read(data: bytes | str) -> Imported:
         )
     except ValidationError as error:
         raise from_validation(error) from None
+    if plan.planned_home is None and mission.get("plannedHomePosition") is not None:
+        notes += ("The planned home has no altitude, so it counts as not set.",)
     return Imported(check_count(plan), notes=notes)
 
 
@@ -75,8 +79,8 @@ def write(plan: Plan) -> Written:
     for key, field in _SPEEDS.items():
         if getattr(plan, field) != _speed(mission, key):
             mission[key] = getattr(plan, field)
-    _write_fence(document, plan.fence)
-    _write_rally(document, plan)
+    write_fence(document, plan.fence)
+    write_rally(document, plan)
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
     if any("\ud800" <= letter <= "\udfff" for letter in text):
         text = json.dumps(document, allow_nan=False, indent=4) + "\n"
@@ -115,7 +119,7 @@ def _checked(original: str) -> dict[str, Any]:
     document = an_object(bounded_json.load(original), "field original")
     for key in ("mission", *(key for key in ("geoFence", "rallyPoints") if key in document)):
         an_object(document.get(key), f"field original, field {key}")
-    _part(document.get("rallyPoints", {}), "points", "original.rallyPoints")
+    part_list(document.get("rallyPoints", {}), "points", "original.rallyPoints")
     return document
 
 
@@ -129,10 +133,6 @@ def _template(document: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def _part(parent: dict[str, Any], key: str, name: str) -> list[Any]:
-    return a_list(parent.get(key, []), f"field {name}.{key}")
-
-
 def _home(mission: dict[str, Any]) -> HomePosition | None:
     raw = mission.get("plannedHomePosition")
     if raw is None:
@@ -141,6 +141,8 @@ def _home(mission: dict[str, Any]) -> HomePosition | None:
     values = a_list(raw, place)
     if len(values) != 3:
         raise PlanError(place, f"it has {len(values)} numbers, not 3", "Write latitude, longitude, altitude.")
+    if values[2] is None:
+        return None
     lat, lon, alt = (number(value, f"{place}[{n}]") for n, value in enumerate(values))
     try:
         return HomePosition(lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
@@ -274,126 +276,3 @@ def _write_simple(item: SimpleItem, own_id: int, ids: list[int], index_of: dict[
     if "doJumpId" in raw:
         raw["doJumpId"] = own_id
     return raw
-
-
-# --- fence and rally points ---------------------------------------------------------------------------
-
-
-def _read_fence(fence: dict[str, Any]) -> tuple[FenceZone, ...]:
-    polygons = [_polygon(n, raw) for n, raw in enumerate(_part(fence, "polygons", "geoFence"))]
-    circles = [_circle(n, raw) for n, raw in enumerate(_part(fence, "circles", "geoFence"))]
-    return (*polygons, *circles)
-
-
-def _polygon(n: int, raw: Any) -> FencePolygon:
-    place = f"geofence polygon {n + 1}"
-    part = an_object(raw, place)
-    corners = a_list(part.get("polygon"), f"{place}, field polygon")
-    points = tuple(_point(each, f"{place}, field polygon[{k}]") for k, each in enumerate(corners))
-    try:
-        return FencePolygon(
-            inclusion=_inclusion(part, place), polygon=points, original=bounded_json.dump(raw)
-        )
-    except ValidationError as error:
-        raise _at(place, error) from None
-
-
-def _circle(n: int, raw: Any) -> FenceCircle:
-    place = f"geofence circle {n + 1}"
-    part = an_object(raw, place)
-    circle = an_object(part.get("circle"), f"{place}, field circle")
-    center = _point(circle.get("center"), f"{place}, field circle.center")
-    radius_m = number(circle.get("radius"), f"{place}, field circle.radius")
-    try:
-        return FenceCircle(
-            inclusion=_inclusion(part, place),
-            center=center,
-            radius_m=radius_m,
-            original=bounded_json.dump(raw),
-        )
-    except ValidationError as error:
-        raise _at(place, error) from None
-
-
-def _at(place: str, error: ValidationError) -> PlanError:
-    found = from_validation(error)
-    return PlanError(f"{place}, {found.place}", found.reason, found.fix)
-
-
-def _inclusion(part: dict[str, Any], place: str) -> bool:
-    value = part.get("inclusion")
-    if not isinstance(value, bool):
-        raise PlanError(f"{place}, field inclusion", "it is neither true nor false", "Write true or false.")
-    return value
-
-
-def _point(raw: Any, place: str) -> Point:
-    values = a_list(raw, place)
-    if len(values) < 2:
-        raise PlanError(place, "it has no latitude and longitude", "Write [latitude, longitude].")
-    lat, lon = (number(value, f"{place}[{n}]") for n, value in enumerate(values[:2]))
-    try:
-        return Point(lat_deg=lat, lon_deg=lon)
-    except ValidationError as error:
-        raise _at(place, error) from None
-
-
-def _write_fence(document: dict[str, Any], zones: Sequence[FenceZone]) -> None:
-    if not zones and "geoFence" not in document:
-        return
-    fence = document.setdefault("geoFence", {"version": 2})
-    for key, shape in (("circles", "circle"), ("polygons", "polygon")):
-        found = [_write_zone(zone) for zone in zones if zone.shape == shape]
-        if found or key in fence:
-            fence[key] = found
-
-
-def _write_zone(zone: FenceZone) -> dict[str, Any]:
-    raw: dict[str, Any] = bounded_json.load(zone.original) if zone.original else {"version": 1}
-    if isinstance(zone, FenceCircle):
-        if zone.original and _circle(0, raw).model_copy(update={"original": zone.original}) == zone:
-            return raw
-        center = [zone.center.lat_deg, zone.center.lon_deg]
-        return {**raw, "circle": {**raw.get("circle", {}), "center": center, "radius": zone.radius_m},
-                "inclusion": zone.inclusion}  # fmt: skip
-    if zone.original and _polygon(0, raw).model_copy(update={"original": zone.original}) == zone:
-        return raw
-    corners = [[point.lat_deg, point.lon_deg] for point in zone.polygon]
-    return {**raw, "inclusion": zone.inclusion, "polygon": corners}
-
-
-def _rally(n: int, raw: Any) -> RallyPoint:
-    place = f"rally point {n + 1}"
-    point = _point(raw, place)
-    if len(raw) < 3:
-        raise PlanError(place, "it has no altitude", "Write [latitude, longitude, altitude above home].")
-    try:
-        altitude = Altitude(value_m=number(raw[2], f"{place}[2]"), reference="home")
-    except ValidationError as error:
-        raise _at(place, error) from None
-    return RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude)
-
-
-def _write_rally(document: dict[str, Any], plan: Plan) -> None:
-    if not plan.rally_points and "rallyPoints" not in document:
-        return
-    part = document.setdefault("rallyPoints", {"version": 2})
-    before = part.get("points", [])
-    points: list[Any] = []
-    for n, rally in enumerate(plan.rally_points):
-        if n < len(before) and _rally(n, before[n]) == rally:
-            points.append(before[n])
-        else:
-            points.append([rally.lat_deg, rally.lon_deg, _above_home_m(rally, n, plan.planned_home)])
-    if points or "points" in part:
-        part["points"] = points
-
-
-def _above_home_m(rally: RallyPoint, n: int, home: HomePosition | None) -> float:
-    if rally.altitude.reference == "home":
-        return rally.altitude.value_m
-    amsl_m = rally.altitude.amsl_m(None)
-    if home is None or amsl_m is None:
-        reason = "a .plan file holds altitudes of rally points above home only"
-        raise PlanError(f"rally point {n + 1}, field altitude", reason, "Set its altitude above home.")
-    return amsl_m - home.alt_amsl_m

@@ -82,6 +82,7 @@ CROSSED = FencePolygon(
     inclusion=False, polygon=tuple(Point(**at(n, e)) for n, e in ((500, 0), (510, 10), (510, 0), (500, 10)))
 )
 TERRAIN = up(30, "terrain")
+NOWHERE = (0.0, 0.0, 0.0, None, None, None, 20.0)
 POWER = PowerModel(hover_power_w=200.0, battery_wh=3.0, mass_kg=1.5)
 CASES: list[tuple[str, Plan, Limits, int | None]] = [
     ("plan_empty", a_plan(), Limits(), None),
@@ -92,6 +93,7 @@ CASES: list[tuple[str, Plan, Limits, int | None]] = [
     ("landing_missing", a_plan(TAKEOFF, to(50)), needs(3), None),
     ("takeoff_landing_mismatch", a_plan(TAKEOFF, to(50)), needs(4), None),
     ("command_refused", a_plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), Limits(), 1),
+    ("place_missing", a_plan(CommandItem(command=22, frame=3, params=NOWHERE)), Limits(), 0),
     ("vtol_item", a_plan(CommandItem(command=84, frame=3, params=(0,) * 7)), Limits(), 0),
     ("value_not_sendable", a_plan(TAKEOFF, Digicam(shoot=0.5)), Limits(), 1),
     ("set_home_place", a_plan(TAKEOFF, SetHome(use_current=0.0)), Limits(), 1),

@@ -207,6 +207,14 @@ def test_a_jump_to_nowhere_is_kept_as_it_is() -> None:
     assert same_json(qgc_plan.write(plan).data, sent)
 
 
+def test_a_home_without_altitude_is_none_and_kept_in_the_file() -> None:
+    sent = changed("simple", ["mission", "plannedHomePosition"], [47.4, 8.5, None])
+    found = qgc_plan.read(sent)
+    assert found.plan.planned_home is None
+    assert found.notes == ("The planned home has no altitude, so it counts as not set.",)
+    assert same_json(qgc_plan.write(found.plan).data, sent)
+
+
 def test_a_rally_altitude_that_the_file_cannot_hold_is_refused() -> None:
     plan = Plan.model_validate_json(
         '{"rally_points": [{"lat_deg": 1, "lon_deg": 8, "altitude": {"value_m": 5, "reference": "terrain"}}]}'
