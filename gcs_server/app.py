@@ -42,10 +42,10 @@ from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
-from gcs_server.streamer.group_status import GroupStatus
-from gcs_server.streamer.limit_store import LimitStore
-from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.process import StreamProcess
+from gcs_server.streamer.groups.status import GroupStatus
+from gcs_server.streamer.offboard.limit_store import LimitStore
+from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.process.stream_process import StreamProcess
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event

@@ -4,12 +4,16 @@ Field names say quantity, frame and unit: NED from the vehicle's local origin; F
 `_body` kinds of the level heading frame. None means "not controlled" (an ignore bit in MAVLink, NaN in PX4).
 Where a kind has several quantities, position goes before velocity and velocity before acceleration; the lower
 ones are feed-forward. With neither yaw nor yaw rate the vehicle keeps its present heading.
+
+`type` is a kind's name in the API, on the page and in plans. `needs` are the estimates without which a kind
+cannot be flown: those that PX4 asks for, and those that are needed to turn it into one that is sent as it
+is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, get_args
+from typing import ClassVar, Literal, get_args
 
 from missions.frames import Quaternion, Vector3
 
@@ -17,6 +21,8 @@ Partial3 = tuple[float | None, float | None, float | None]
 """A vector in which each axis may be left uncontrolled."""
 NOTHING: Partial3 = (None, None, None)
 FOLLOW_MIN_DISTANCE_M = 2.0
+Estimate = Literal["position", "velocity", "heading", "global_position", "home"]
+"""What the vehicle must know of itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +30,7 @@ class Position:
     """A position in the local frame."""
 
     type: ClassVar[str] = "position"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
     position_ned_m: Partial3
     yaw_ned_rad: float | None = None
     yaw_rate_ned_rad_s: float | None = None
@@ -34,6 +41,7 @@ class PositionGlobal:
     """A position on the earth, with exactly one of the two altitudes."""
 
     type: ClassVar[str] = "position_global"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "global_position")
     lat_deg: float
     lon_deg: float
     alt_amsl_m: float | None = None
@@ -47,6 +55,7 @@ class PositionBody:
     """An offset from the vehicle's position at the time of the setpoint, along its heading at that time."""
 
     type: ClassVar[str] = "position_body"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "heading")
     offset_frd_m: Vector3
     yaw_offset_rad: float | None = None
     """Added to the heading; None keeps the heading."""
@@ -57,6 +66,7 @@ class Velocity:
     """A velocity in the local frame."""
 
     type: ClassVar[str] = "velocity"
+    needs: ClassVar[tuple[Estimate, ...]] = ("velocity",)
     velocity_ned_m_s: Partial3
     yaw_ned_rad: float | None = None
     yaw_rate_ned_rad_s: float | None = None
@@ -67,6 +77,7 @@ class VelocityBody:
     """A velocity in the level heading frame; it turns with the vehicle."""
 
     type: ClassVar[str] = "velocity_body"
+    needs: ClassVar[tuple[Estimate, ...]] = ("velocity", "heading")
     velocity_frd_m_s: Vector3
     yaw_ned_rad: float | None = None
     yaw_rate_ned_rad_s: float | None = None
@@ -77,6 +88,7 @@ class Acceleration:
     """An acceleration in the local frame without gravity: zero keeps the velocity, not the position."""
 
     type: ClassVar[str] = "acceleration"
+    needs: ClassVar[tuple[Estimate, ...]] = ("velocity",)
     acceleration_ned_m_s2: Partial3
     yaw_ned_rad: float | None = None
     yaw_rate_ned_rad_s: float | None = None
@@ -87,6 +99,7 @@ class Trajectory:
     """Position, velocity and acceleration together; each axis has at least one of them."""
 
     type: ClassVar[str] = "trajectory"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
     position_ned_m: Partial3 = NOTHING
     velocity_ned_m_s: Partial3 = NOTHING
     acceleration_ned_m_s2: Partial3 = NOTHING
@@ -99,6 +112,7 @@ class Attitude:
     """An attitude with the collective thrust."""
 
     type: ClassVar[str] = "attitude"
+    needs: ClassVar[tuple[Estimate, ...]] = ("heading",)
     q_ned_frd: Quaternion
     thrust: float
     """0 to 1, along the body's up axis."""
@@ -111,6 +125,7 @@ class Rates:
     """Body rates (roll, pitch, yaw) with the collective thrust."""
 
     type: ClassVar[str] = "rates"
+    needs: ClassVar[tuple[Estimate, ...]] = ("heading",)
     rates_frd_rad_s: Vector3
     thrust: float
 
@@ -120,6 +135,7 @@ class ThrustTorque:
     """Thrust and torque of the body, normalised to -1..1."""
 
     type: ClassVar[str] = "thrust_torque"
+    needs: ClassVar[tuple[Estimate, ...]] = ()
     thrust_frd: Vector3
     torque_frd: Vector3
 
@@ -129,6 +145,7 @@ class Actuators:
     """Each motor and servo by itself, normalised to -1..1; None is disarmed."""
 
     type: ClassVar[str] = "actuators"
+    needs: ClassVar[tuple[Estimate, ...]] = ()
     motors: tuple[float | None, ...] = ()
     servos: tuple[float | None, ...] = ()
 
@@ -148,6 +165,7 @@ class Path:
     """A curve through points in time (`curves.PathCurve`); the vehicle holds its last point afterwards."""
 
     type: ClassVar[str] = "path"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
     points: tuple[PathPoint, ...]
 
     @property
@@ -161,6 +179,7 @@ class Follow:
     """A position relative to another vehicle; it moves with that vehicle. Exactly one of the two offsets."""
 
     type: ClassVar[str] = "follow"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "global_position")
     vehicle: str
     """The id of the vehicle that is followed."""
     offset_ned_m: Vector3 | None = None
@@ -178,6 +197,17 @@ Setpoint = DirectSetpoint | PositionBody | ThrustTorque | Actuators | Path | Fol
 """Every kind."""
 KINDS: dict[str, type[Setpoint]] = {kind.type: kind for kind in get_args(Setpoint)}
 """Every kind by the name that the API, the page and plans give it."""
+
+
+def needs_of(setpoint: Setpoint) -> tuple[Estimate, ...]:
+    """The estimates that one setpoint needs: those of its kind, by the fields that are given."""
+    if isinstance(setpoint, Trajectory) and all(axis is None for axis in setpoint.position_ned_m):
+        return (Velocity if any(setpoint.velocity_ned_m_s) else Acceleration).needs
+    if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:
+        return (*setpoint.needs, "home")
+    if isinstance(setpoint, Follow) and setpoint.yaw == "keep":
+        return (*setpoint.needs, "heading")
+    return setpoint.needs
 
 
 def complete(vector: Partial3) -> Vector3 | None:

@@ -1,16 +1,16 @@
-"""The setpoint streams without their process: their rounds are run by whoever tests, in the loop itself."""
+"""The setpoint streams without their process: a test runs the scheduler itself, in the event loop."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gcs_server.streamer.group_guard import GroupGuard
-from gcs_server.streamer.news import Snapshot
-from gcs_server.streamer.order import Order
-from gcs_server.streamer.rounds import Rounds
+from gcs_server.streamer.schedule.scheduler import StreamScheduler
+from gcs_server.streamer.separation.guard import GroupGuard
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
 
 
-class LoopStreams(Rounds):
+class LoopStreams(StreamScheduler):
     """Answers at once, as the process does within a tenth of a millisecond."""
 
     async def ready(self) -> None:

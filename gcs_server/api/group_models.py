@@ -13,9 +13,9 @@ from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.principal import Principal
-from gcs_server.streamer import group_status as status
-from gcs_server.streamer.group_checks import GroupOrder
-from gcs_server.streamer.order import OnExpiry
+from gcs_server.streamer.groups import status
+from gcs_server.streamer.groups.checks import GroupOrder
+from gcs_server.streamer.values.order import OnExpiry
 
 MOST_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]

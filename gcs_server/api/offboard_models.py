@@ -25,8 +25,8 @@ from gcs_server.api.setpoint_models import (
 )
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.principal import Principal
-from gcs_server.streamer import limit_values as values
-from gcs_server.streamer.order import OnExpiry, Order
+from gcs_server.streamer.values import limit_values as values
+from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.fence import CircleFence, Fence, PolygonFence
 
 

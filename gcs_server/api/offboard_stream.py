@@ -23,7 +23,7 @@ from gcs_server.api.station import Station
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError
-from gcs_server.streamer.status import OffboardStatus
+from gcs_server.streamer.offboard.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
 
 MOST_HZ = 100.0

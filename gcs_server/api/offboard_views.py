@@ -8,9 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from gcs_server.api.offboard_models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.reflect import model_of
-from gcs_server.streamer import limit_values as values
-from gcs_server.streamer import status
-from gcs_server.streamer.operator_limits import LimitsOrigin
+from gcs_server.streamer.offboard import status
+from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
+from gcs_server.streamer.validation.availability import Available
+from gcs_server.streamer.values import limit_values as values
 from missions.frames import Quaternion, Vector3
 from missions.setpoints import Partial3
 
@@ -87,7 +88,7 @@ LimitsModel = model_of(
     origin=LimitsOriginModel,
 )
 FailsafeModel = model_of(status.FailsafeView, "OffboardFailsafe")
-AvailableModel = model_of(status.Available, needs=tuple[str, ...])
+AvailableModel = model_of(Available, needs=tuple[str, ...])
 
 
 class OffboardStarted(OffboardModel):  # type: ignore[misc,valid-type]

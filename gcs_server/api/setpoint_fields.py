@@ -9,7 +9,7 @@ from typing import Annotated, Any, cast
 from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.rules import FOREIGN, axes_problem
+from gcs_server.streamer.validation.axes import MAVLINK_ONLY_FIELDS, axes_problem
 from missions import setpoints as s
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
@@ -50,8 +50,8 @@ class SetpointBody(StrictBody, ABC):
     def _nothing_of_mavlinks(cls, data: Any) -> Any:
         if isinstance(data, dict):
             for name in cast(dict[object, object], data):
-                if isinstance(name, str) and name in FOREIGN:
-                    raise ValueError(f"{name}: {FOREIGN[name]}")
+                if isinstance(name, str) and name in MAVLINK_ONLY_FIELDS:
+                    raise ValueError(f"{name}: {MAVLINK_ONLY_FIELDS[name]}")
         return data
 
     @abstractmethod

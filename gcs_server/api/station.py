@@ -18,7 +18,7 @@ from gcs_server.control.journal import Journal
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
 from gcs_server.replay.service import Replays
-from gcs_server.streamer.groups import Groups
+from gcs_server.streamer.groups.groups import Groups
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.vehicle import Vehicle

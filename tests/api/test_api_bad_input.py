@@ -11,7 +11,7 @@ from gcs_server.api import responses
 from gcs_server.api.schema import bare_app
 from gcs_server.app import create_app
 from gcs_server.settings import Settings
-from gcs_server.streamer.group_status import GroupStatus
+from gcs_server.streamer.groups.status import GroupStatus
 
 
 @pytest.fixture(scope="module")

@@ -121,4 +121,4 @@ def stream_process(server_pid: int) -> int:
     tasks = Path(f"/proc/{server_pid}/task").iterdir()  # a thread starts it
     children = [child for task in tasks for child in (task / "children").read_text().split()]
     commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
-    return next(child for child, line in commands.items() if "gcs_server.streamer.worker" in line)
+    return next(child for child, line in commands.items() if "gcs_server.streamer.process.worker" in line)

@@ -101,7 +101,7 @@ class Innocent:
 
 def _is_lasting(pid: int) -> bool:
     command = Path(f"/proc/{pid}/cmdline").read_bytes()
-    return b"serve" in command or b"streamer.worker" in command
+    return b"serve" in command or b"streamer.process.worker" in command
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
 """A vehicle that flies Offboard as the recordings of PX4 show, and the whole streamer, on simulated time.
 
-The streams' rounds are run by the loop instead of their process, so that a flight is the same every time;
-the process itself is tested in `tests/integration/gcs_server/streamer/test_process.py`.
+The scheduler of the streams runs in the loop instead of its process, so that a flight is the same every time;
+the process itself is tested in `tests/integration/gcs_server/streamer/process/`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import asyncio
 import itertools
 from typing import Any
 
-from gcs_server.streamer.offboard import Streamer
-from gcs_server.streamer.order import OnExpiry, Order
+from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.setpoints import Position, Velocity
 from tests.loop_streams import LoopStreams
 from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot

@@ -21,9 +21,9 @@ from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.scene.labels import height_words
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
-from gcs_server.streamer.limit_values import VEHICLE_PARAMETERS
-from gcs_server.streamer.offboard_configuration import FAILSAFE_PARAMETERS
-from gcs_server.streamer.rounds import Rounds
+from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS
+from gcs_server.streamer.schedule.scheduler import StreamScheduler
+from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.telemetry.hub import ALL_TOPICS, Encoded
 from gcs_server.vehicle import decoders
 from gcs_server.vehicle.samples import TOPICS
@@ -154,8 +154,8 @@ class Look:
         for vehicle in (self.bad, self.good):
             if streams.state(vehicle.id).phase == "idle":
                 snapshot = vehicle.offboard.snapshot()
-                number = Rounds.begin(streams, vehicle.id, order(valid_for_s=600.0), 50.0, snapshot)
-                Rounds.engage(streams, vehicle.id, snapshot, number)
+                number = StreamScheduler.begin(streams, vehicle.id, order(valid_for_s=600.0), 50.0, snapshot)
+                StreamScheduler.engage(streams, vehicle.id, snapshot, number)
 
 
 def looked_at(story: Any) -> None:

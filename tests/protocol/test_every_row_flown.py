@@ -6,8 +6,8 @@ import math
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.limit_values import OperatorLimits
-from gcs_server.streamer.order import OnExpiry, Order
+from gcs_server.streamer.values.limit_values import OperatorLimits
+from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.fence import CircleFence
 from missions.frames import q_from_euler
 from missions.setpoints import (

@@ -7,7 +7,7 @@ import pytest
 from gcs_server.api import group_routes, offboard_routes
 from gcs_server.api import offboard_models as models
 from gcs_server.errors import NotTogether, Refused
-from gcs_server.streamer.group_checks import GroupChecks
+from gcs_server.streamer.groups.checks import GroupChecks
 from tests.protocol.api_calls import view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (

@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gcs_server.streamer.offboard import BEAT_PERIOD_S
-from gcs_server.streamer.order import OnExpiry, Order
+from gcs_server.streamer.offboard.streamer import BEAT_PERIOD_S
+from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.setpoints import Attitude, Position, Velocity
 from tests.protocol.api_calls import station_of
 from tests.protocol.group_world import ANNA, begin

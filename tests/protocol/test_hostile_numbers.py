@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gcs_server.api.responses import answer, history_pieces, history_view, vehicle_view
-from gcs_server.streamer.observe import Observer
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.offboard_world import OffboardWorld, order
@@ -118,7 +118,7 @@ def test_a_streamed_vehicle_whose_estimate_is_no_number_has_none_and_the_others_
         snapshot = vehicles[0].offboard.snapshot()
         assert (snapshot.position_ned_m, snapshot.velocity_ned_m_s) == (None, None)
         assert vehicles[0].offboard.available()["position"].can is False
-        assert not Observer(vehicles[0]).has_position()
+        assert not VehicleEstimates(vehicles[0]).has_position()
         await asyncio.sleep(8.0)
         times = [at_s for at_s, _ in good.setpoints if at_s >= began_s]
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.03

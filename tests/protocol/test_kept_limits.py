@@ -13,9 +13,9 @@ from gcs_server.api import offboard_routes
 from gcs_server.api.offboard_models import LimitsRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.storage.records import MOST_BYTES, Records
-from gcs_server.streamer.limit_store import LimitRecord, LimitStore, VehicleKey
-from gcs_server.streamer.limit_values import OperatorLimits
-from gcs_server.streamer.offboard import Streamer
+from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey
+from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.loop_streams import LoopStreams
 from tests.protocol.api_calls import station_of

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, Rejected
-from gcs_server.streamer.limit_values import OperatorLimits
-from gcs_server.streamer.order import OnExpiry, Order
+from gcs_server.streamer.values.limit_values import OperatorLimits
+from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.fence import CircleFence
 from missions.setpoints import (
     KINDS,

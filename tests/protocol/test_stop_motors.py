@@ -126,7 +126,7 @@ def test_a_groups_hold_and_guard_do_not_end_stop_motors_of_a_member(jump):
         asked = len(at.pilots["1"].commands(176))
         kill = asyncio.ensure_future(at.vehicles["1"].command.kill())
         await seconds(0.3)
-        at.world.streamer._streams.call_off("1", "the guard's finding")
+        at.world.streamer._streams.force_hold("1", "the guard's finding")
         await at.world.streamer.groups.hold("1", ANNA)
         await kill
         assert not at.pilots["1"].armed

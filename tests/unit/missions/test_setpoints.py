@@ -28,6 +28,23 @@ def test_a_setpoint_cannot_be_changed(kind):
         setattr(value, field, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("setpoint", "needs"),
+    [
+        (setpoints.Trajectory(position_ned_m=(1.0, 2.0, 3.0)), ("position", "velocity")),
+        (setpoints.Trajectory(velocity_ned_m_s=(1.0, 0.0, 0.0)), ("velocity",)),
+        (
+            setpoints.PositionGlobal(47.0, 8.0, alt_home_m=5.0),
+            ("position", "velocity", "global_position", "home"),
+        ),
+        (setpoints.Follow("2", (5.0, 0.0, 0.0)), ("position", "velocity", "global_position", "heading")),
+        (setpoints.Follow("2", (5.0, 0.0, 0.0), yaw="same"), ("position", "velocity", "global_position")),
+    ],
+)
+def test_a_setpoint_needs_the_estimates_of_the_fields_that_it_gives(setpoint, needs):
+    assert setpoints.needs_of(setpoint) == needs
+
+
 def test_a_vector_is_complete_only_with_all_its_axes():
     assert complete((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
     assert complete((1.0, None, 3.0)) is None

@@ -30,7 +30,7 @@ from gcs_server.mavlink.signing import (
     SecretKey,
     SigningClock,
 )
-from gcs_server.streamer.worker_messages import Route, Routes, RouteSigning
+from gcs_server.streamer.process.messages import Route, Routes, RouteSigning
 
 NOW_S = EPOCH_UNIX_S + 400_000_000.0
 NOW = int((NOW_S - EPOCH_UNIX_S) * TICKS_PER_S)

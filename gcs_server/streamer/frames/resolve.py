@@ -1,0 +1,142 @@
+"""From what was ordered to what a message carries: headings kept, offsets turned, leaders looked up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.curves import PathCurve
+from missions.frames import ned_from_heading
+from missions.setpoints import (
+    Attitude,
+    DirectSetpoint,
+    Follow,
+    Path,
+    Position,
+    PositionBody,
+    PositionGlobal,
+    Rates,
+    Setpoint,
+    Trajectory,
+)
+
+LEADER_FRESH_S = 1.0
+RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
+"""Kinds that this module turns into one that is sent as it is."""
+
+
+class ResolvedSetpoint:
+    """One order's setpoint as it is to be sent, at any moment until the next order.
+
+    Args:
+        setpoint: as ordered.
+        now_s: when it was taken.
+        snapshot: the vehicle then.
+        yaw_kept_rad: the heading to keep where none is ordered.
+
+    Raises:
+        ValueError: the vehicle or the link cannot do it; whoever ordered has been told so before.
+    """
+
+    def __init__(
+        self, setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+    ) -> None:
+        self._yaw_kept_rad = yaw_kept_rad
+        self._began_s = now_s
+        self._curve: PathCurve | None = None
+        self._follow: Follow | None = None
+        self._fixed: DirectSetpoint | None = None
+        if isinstance(setpoint, Path):
+            self._curve = PathCurve(setpoint, yaw_kept_rad)
+        elif isinstance(setpoint, Follow):
+            self._follow = setpoint
+        else:
+            self._fixed = _fixed(setpoint, now_s, snapshot, yaw_kept_rad)
+
+    @property
+    def follows(self) -> str | None:
+        """The vehicle that is followed."""
+        return None if self._follow is None else self._follow.vehicle
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is another setpoint at another time."""
+        return self._fixed is None
+
+    def begin_anew(self, now_s: float) -> None:
+        """The flight begins now: a path has waited at its first point so far."""
+        self._began_s = now_s
+
+    def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> DirectSetpoint | None:
+        """What to send; None where the vehicle that is followed is not heard.
+
+        Args:
+            now_s: the moment.
+            snapshot: the vehicle, newest.
+            waiting: Offboard has not been confirmed yet; paths wait at their begin.
+        """
+        if self._curve is not None:
+            return self._curve.at(0.0 if waiting else now_s - self._began_s)
+        if self._follow is not None:
+            return _beside(self._follow, now_s, snapshot, self._yaw_kept_rad)
+        return self._fixed
+
+
+def keeps_heading(setpoint: Setpoint) -> bool:
+    """Whether it names neither yaw nor yaw rate."""
+    if isinstance(setpoint, PositionBody):
+        return setpoint.yaw_offset_rad is None
+    if isinstance(setpoint, Path):
+        return setpoint.points[0].yaw_ned_rad is None
+    if isinstance(setpoint, Follow):
+        return setpoint.yaw == "keep"
+    if isinstance(setpoint, Attitude | Rates) or not hasattr(setpoint, "yaw_ned_rad"):
+        return False
+    return setpoint.yaw_ned_rad is None and setpoint.yaw_rate_ned_rad_s is None  # type: ignore[union-attr]
+
+
+def _fixed(
+    setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+) -> DirectSetpoint:
+    if isinstance(setpoint, PositionBody):
+        here, yaw = snapshot.position_at(now_s), snapshot.yaw_ned_rad
+        if here is None or yaw is None:
+            raise ValueError("position_body needs a fresh position and heading")
+        n, e, d = ned_from_heading(setpoint.offset_frd_m, yaw)
+        heading = yaw_kept_rad if setpoint.yaw_offset_rad is None else yaw + setpoint.yaw_offset_rad
+        return Position((here[0] + n, here[1] + e, here[2] + d), heading)
+    if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:
+        if snapshot.home_alt_amsl_m is None:
+            raise ValueError("alt_home_m needs a home position")
+        alt_amsl_m = snapshot.home_alt_amsl_m + setpoint.alt_home_m
+        setpoint = replace(setpoint, alt_amsl_m=alt_amsl_m, alt_home_m=None)
+    if not isinstance(setpoint, DirectSetpoint):
+        raise ValueError(f"no MAVLink message carries {setpoint.type}")
+    if keeps_heading(setpoint):
+        return replace(setpoint, yaw_ned_rad=yaw_kept_rad)  # type: ignore[call-arg]
+    return setpoint
+
+
+def _beside(
+    follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+) -> DirectSetpoint | None:
+    leader = snapshot.leader
+    if leader is None or now_s - leader.heard_s > LEADER_FRESH_S:
+        return None
+    offset = follow.offset_ned_m
+    if offset is None:
+        if leader.yaw_ned_rad is None or follow.offset_frd_m is None:
+            return None
+        offset = ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
+    age_s = max(now_s - leader.heard_s, 0.0)
+    n, e, d = (
+        place + speed * age_s + by
+        for place, speed, by in zip(leader.position_ned_m, leader.velocity_ned_m_s, offset, strict=True)
+    )
+    yaw = yaw_kept_rad
+    if follow.yaw == "same" and leader.yaw_ned_rad is not None:
+        yaw = leader.yaw_ned_rad
+    elif follow.yaw == "face" and math.hypot(offset[0], offset[1]) > 0.5:
+        yaw = math.atan2(-offset[1], -offset[0])
+    return Trajectory((n, e, d), leader.velocity_ned_m_s, yaw_ned_rad=yaw)

@@ -1,0 +1,391 @@
+"""Several vehicles in Offboard as one group: they start together and are stopped in one call.
+
+    starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
+        └────────── one refuses: all into Hold ───────────────────────────────────────┘
+
+Each member keeps its own setpoint stream (`offboard/control.py`). Until the common start it is sent its
+present position; then the scheduler gives all members their first setpoints in one step. As soon as all
+members have confirmed Offboard, the guard (`separation/guard.py`) keeps them apart, whatever the event loop
+does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
+from gcs_server.streamer.groups.checks import SOONEST_S, GroupChecks, GroupOrder
+from gcs_server.streamer.groups.record import Group, listed
+from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
+from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.separation.guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
+from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Position, Setpoint
+
+LEAD_S = 0.5
+"""From the last confirmation to the common start, where none was asked for."""
+STAY_S = 600.0
+"""How long the place is held for the others before the start, at most."""
+FINDINGS_KEPT = 50
+GROUPS_KEPT = 20
+HOLD_WITHIN_S = 10.0
+
+
+class Groups:
+    """All groups of the server.
+
+    Args:
+        clock: the server's.
+        streams: what sends.
+        find: vehicles by id; raises UnknownVehicle.
+    """
+
+    def __init__(self, clock: Clock, streams: Streams, find: Callable[[str], Vehicle]) -> None:
+        self._clock = clock
+        self._streams = streams
+        self._find = find
+        self._checks = GroupChecks(clock, streams)
+        self._groups: dict[str, Group] = {}
+        self._count = 0
+        self.tell: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
+        """Called with each change, in words; set by whoever tells people."""
+
+    # --- what is asked for ------------------------------------------------------------------------
+
+    async def start(self, order: GroupOrder) -> GroupStatus:
+        """Brings all members into Offboard at their places, and lets them begin at one instant.
+
+        Returns once all are confirmed and the instant is set; it may be yet to come.
+
+        Raises:
+            NotTogether: one cannot, or they would come too near. None has moved; all are in Hold.
+            InvalidRequest: a setpoint or the instant is not possible.
+        """
+        self._checks.check_instant(order, SOONEST_S)
+        vehicles = self._joinable(order)
+        orders = self._checks.orders(order, order.setpoints)
+        await self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+        vehicles = self._joinable(order)  # others had their turns meanwhile
+        self._checks.check_apart_now(order.minimum_separation_m, vehicles, orders)
+        self._count += 1
+        group = Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
+        self._groups[group.id] = group
+        self._forget_old()
+        self._told(group, f"Group {group.id} ({listed(vehicles)}) of {order.client} is being started.")
+        waits: dict[str, Order] = {}
+        try:
+            waits = await self._gather(group)
+            await self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
+            group.require_gathered({v: self._streams.state(v) for v in vehicles})
+            for index, vehicle in enumerate(vehicles.values()):  # seconds have passed
+                self._checks.check_setpoint(vehicle, index, orders[vehicle.id])
+            self._checks.check_apart_now(order.minimum_separation_m, vehicles, orders)
+            self._checks.check_instant(order, 0.1)
+        except GcsError as error:
+            await self._give_up(group, str(error))
+            raise
+        except BaseException:
+            for vehicle_id in vehicles:
+                self._streams.force_hold(vehicle_id, f"The start of group {group.id} was broken off")
+            self._end(group, "Its start was broken off.")
+            raise
+        self._set_off(group, waits, orders)
+        return self._status(group)
+
+    async def setpoints(
+        self,
+        group_id: str,
+        changed: Mapping[str, Setpoint],
+        valid_for_s: float,
+        on_expiry: OnExpiry,
+        client: str,
+        client_key: str = "",
+    ) -> GroupStatus:
+        """New setpoints for some or all, sent at one instant; those of the others are renewed.
+
+        Raises:
+            Refused: the group flies no more, or a member is held.
+            NotTogether: two would come too near; all fly on as they did.
+        """
+        group = self._get(group_id)
+        async with group.changing:  # each is checked against what the one before has changed
+            lasting = replace(
+                group.order,
+                valid_for_s=valid_for_s,
+                on_expiry=on_expiry,
+                client=client,
+                client_key=client_key,
+            )
+            return await self._change(group, changed, lasting)
+
+    async def _change(
+        self,
+        group: Group,
+        changed: Mapping[str, Setpoint],
+        lasting: GroupOrder,
+    ) -> GroupStatus:
+        group_id, minimum_m, valid_for_s = group.id, lasting.minimum_separation_m, lasting.valid_for_s
+        held = group.require_changeable(changed, self._guard(group)).held
+        setpoints = group.setpoints | dict(changed)
+        order = replace(lasting, setpoints=setpoints)
+        orders = self._checks.orders(order, changed)
+        self._checks.check_setpoints(group.vehicles, orders)
+        left_s = self._checks.left_s(group.setpoints, changed)
+        await self._checks.check_apart(minimum_m, group.vehicles, orders, held, left_s + valid_for_s)
+        held = group.require_changeable(
+            changed, self._guard(group)
+        ).held  # all had their turns meanwhile, and flew on
+        self._checks.check_setpoints(group.vehicles, orders)
+        self._checks.check_apart_now(minimum_m, group.vehicles, orders, held)
+        left_s = self._checks.left_s(group.setpoints, changed)
+        until_s = self._clock.monotonic_s() + left_s + valid_for_s
+        snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
+        if not await self._streams.change_together(group_id, orders, snapshots, until_s):
+            raise Refused(
+                f"Group {group_id} is just ending, or its setpoints have expired.",
+                remedy="While the places are held, setpoints for all members fly it on; else start it anew.",
+            )
+        group.order, group.setpoints = order, setpoints
+        return self._status(group)
+
+    async def hold(self, group_id: str, client: str) -> GroupStatus:
+        """Puts all members that still fly it into Hold, at once; one that left it is not touched.
+
+        Raises:
+            NoReply: a member did not confirm; its stream goes on asking, and names it.
+        """
+        group = self._get(group_id)
+        if group.state == "ended":
+            return self._status(group)
+        group.ending = f"{client} commanded Hold."
+        if group.guard is not None:
+            self._streams.disable_guard(group.id)
+        failed = await self._hold(group, group.vehicles)
+        if failed:
+            raise NoReply(
+                " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
+                deadline_s=HOLD_WITHIN_S,
+                remedy="Look at what it does; its own Hold, Land now and Kill are open to anyone.",
+            )
+        if group.guard is not None:
+            self._end(group, None)
+        return self._status(group)
+
+    def get(self, group_id: str) -> GroupStatus:
+        """How one stands. Raises UnknownGroup."""
+        return self._status(self._get(group_id))
+
+    def members(self, group_id: str) -> tuple[str, ...]:
+        """Its vehicles. Raises UnknownGroup."""
+        return tuple(self._get(group_id).vehicles)
+
+    def all(self) -> list[GroupStatus]:
+        """Those there are, and the last that ended; oldest first."""
+        return [self._status(group) for group in self._groups.values()]
+
+    def look(self) -> None:
+        """With each beat: tells what the guards found, and lets end what is over."""
+        self._collect()
+        for group in self._groups.values():
+            guard = self._guard(group)
+            if guard is None or group.state == "ended":
+                continue
+            phases = {self._phase(group, v) for v in group.vehicles}
+            if guard.phase == "over" or phases == {"idle"}:
+                self._end(group, None)
+            elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
+                group.state = "flying"
+                self._told(group, f"Group {group.id} has begun: {listed(group.vehicles)} fly together.")
+            elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
+                group.state = "holding"
+                self._told(group, f"Group {group.id} is being stopped.")
+            elif group.state == "holding" and "streaming" in phases:
+                group.state = "flying"
+
+    def disable_guard(self) -> None:
+        """The server ends and stops all streams: what ends now is no finding."""
+        for group in self._groups.values():
+            if group.guard is not None and group.state != "ended":
+                group.ending = "The server ended."
+                self._streams.disable_guard(group.id)
+
+    # --- starting ---------------------------------------------------------------------------------
+
+    def _joinable(self, order: GroupOrder) -> dict[str, Vehicle]:
+        """All members; raises what keeps one from joining now."""
+        vehicles = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
+        for index, vehicle in enumerate(vehicles.values()):
+            other = self._group_of(vehicle.id)
+            if other is not None:
+                raise NotTogether(
+                    f"Vehicle {vehicle.id} flies in group {other.id} already.",
+                    vehicles=(vehicle.id,),
+                    remedy=f"Hold group {other.id} first.",
+                )
+            self._checks.check_member(vehicle, index, order)
+        return vehicles
+
+    async def _gather(self, group: Group) -> dict[str, Order]:
+        """All members stream their places and fly Offboard; at the first that does not, all hold."""
+        order = group.order
+        waits: dict[str, Order] = {}
+        failed: dict[str, GcsError] = {}
+        for vehicle in group.vehicles.values():
+            here = vehicle.offboard.snapshot().position_at(self._clock.monotonic_s())
+            if here is None:
+                raise NotTogether(f"Vehicle {vehicle.id} does not know where it is.", vehicles=(vehicle.id,))
+            waits[vehicle.id] = Order(
+                Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key
+            )
+            group.numbers[vehicle.id] = self._streams.state(vehicle.id).number + 1
+
+        async def join(vehicle: Vehicle) -> None:
+            try:
+                await vehicle.offboard.start(waits[vehicle.id], group.order.rate_hz)
+            except GcsError as error:
+                group.numbers.pop(vehicle.id)  # it has ended its own stream, or goes on undoing it
+                first = not failed
+                if first or not isinstance(error, Refused):  # refused: stopped because of the first
+                    failed[vehicle.id] = error
+                if first:
+                    await self._hold(group, list(group.numbers))
+
+        async with asyncio.TaskGroup() as tasks:
+            for vehicle in group.vehicles.values():
+                tasks.create_task(join(vehicle))
+        if failed:
+            reasons = tuple(
+                reason for e in failed.values() if isinstance(e, Rejected) for reason in e.reasons
+            )
+            said = " ".join(f"Vehicle {v}: {error}" for v, error in failed.items())
+            raise NotTogether(
+                f"Not all could be brought into Offboard, so none moves. {said}",
+                vehicles=tuple(failed),
+                reasons=reasons,
+            )
+        return waits
+
+    def _set_off(self, group: Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
+        order = group.order
+        lead_s = LEAD_S
+        if order.start_at_unix_s is not None:
+            lead_s = order.start_at_unix_s - self._clock.unix_s()
+        start_s = self._clock.monotonic_s() + lead_s
+        group.start_unix_s = self._clock.unix_s() + lead_s
+        guard = GroupGuard(
+            group.id,
+            waits,
+            orders,
+            minimum_m=order.minimum_separation_m,
+            start_s=start_s,
+            lasts_s=max(o.lasts_s for o in orders.values()),
+            others_go_on=order.others_go_on,
+        )
+        group.state, group.guard = "waiting", guard.state()
+        self._streams.watch(guard)
+        self._told(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
+
+    async def _give_up(self, group: Group, why: str) -> None:
+        failed = await self._hold(group, list(group.numbers))
+        for vehicle_id, error in failed.items():
+            why += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
+        self._end(group, why)
+
+    async def _hold(self, group: Group, members: Iterable[str]) -> dict[str, GcsError]:
+        """All whose stream is the group's, at once; what failed, by vehicle."""
+        failed: dict[str, GcsError] = {}
+
+        async def stop(vehicle: Vehicle) -> None:
+            try:
+                await vehicle.offboard.stop()
+            except GcsError as error:
+                failed[vehicle.id] = error
+
+        async with asyncio.TaskGroup() as tasks:
+            for vehicle_id in members:
+                if self._phase(group, vehicle_id) != "idle":
+                    tasks.create_task(stop(group.vehicles[vehicle_id]))
+        return failed
+
+    # --- what is told -----------------------------------------------------------------------------
+
+    def _collect(self) -> None:
+        for name, finding in self._streams.take_findings():
+            group = self._groups.get(name)
+            if group is not None:
+                self._found(group, finding)
+
+    def _found(self, group: Group, finding: Finding) -> None:
+        ago_s = self._clock.monotonic_s() - finding.at_s
+        gone = finding.vehicles if finding.code == "left" else ()  # as it wants, which need not be Hold
+        held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in gone]
+        hold = f" {listed(held)} {'holds' if len(held) == 1 else 'hold'}." if held else ""
+        told = GroupFinding(
+            unix_s=self._clock.unix_s() - ago_s,
+            code=finding.code,
+            vehicles=finding.vehicles,
+            held=tuple(held),
+            text=finding.text + hold,
+            distance_m=finding.distance_m,
+        )
+        group.findings = [*group.findings, told][-FINDINGS_KEPT:]
+        self._told(group, f"Group {group.id}: {told.text}", warning=True)
+
+    def _end(self, group: Group, why: str | None) -> None:
+        if group.state == "ended":
+            return
+        self._collect()
+        guard = self._guard(group)
+        if why is None and guard is not None:
+            expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
+            why = "Its setpoints expired." if expired and not guard.held else "Its members fly it no more."
+            if group.findings:
+                why = group.findings[-1].text
+            why = group.ending or why
+        group.state, group.ended = "ended", why
+        self._streams.unwatch(group.id)
+        self._told(group, f"Group {group.id} has ended: {why}")
+
+    def _told(self, group: Group, text: str, *, warning: bool = False) -> None:
+        self.tell(text, self._status(group), warning)
+
+    def _status(self, group: Group) -> GroupStatus:
+        self._guard(group)
+        return group.status({v: self._streams.state(v) for v in group.vehicles})
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _guard(self, group: Group) -> GuardState | None:
+        """Newest; of a group that has ended its last. None before all are confirmed."""
+        if group.guard is not None and group.state != "ended":
+            group.guard = self._streams.guard(group.id) or group.guard
+        return group.guard
+
+    def _phase(self, group: Group, vehicle_id: str) -> str:
+        """Of the group's own stream to a member."""
+        return group.phase(vehicle_id, self._streams.state(vehicle_id))
+
+    def _get(self, group_id: str) -> Group:
+        group = self._groups.get(group_id)
+        if group is None:
+            known = ", ".join(self._groups)
+            raise UnknownGroup(
+                f"There is no group {group_id!r}.",
+                remedy=f"Known groups: {known}." if known else "No group has been started yet.",
+            )
+        return group
+
+    def _group_of(self, vehicle_id: str) -> Group | None:
+        for group in self._groups.values():
+            if vehicle_id in group.vehicles and group.state != "ended":
+                return group
+        return None
+
+    def _forget_old(self) -> None:
+        ended = [group.id for group in self._groups.values() if group.state == "ended"]
+        for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
+            del self._groups[group_id]

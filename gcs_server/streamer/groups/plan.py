@@ -1,0 +1,356 @@
+"""Where a group's vehicles will be, as far as their setpoints say it, and whether they stay apart. Pure.
+
+A path is followed as it is; a place is approached as PX4's position controller does it (faster the farther
+it is, within the limits of speed and acceleration); a velocity moves until it expires. Acceleration,
+attitude and rates say no place: such a member is taken to stay, and the guard of the flight alone looks
+after it. The wind, and what a pilot does, are not foreseen: this refuses what is wrong on paper.
+
+Ten long paths cost a second of work, so that the search is a generator: it stops after each small piece, for
+whoever runs it to let others have their turn.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_server.streamer.frames.resolve import ResolvedSetpoint
+from gcs_server.streamer.separation.distance import Vectors, closest_m, margin_m, samples, stopping_m
+from gcs_server.streamer.separation.guard import moving
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.curves import PathCurve
+from missions.frames import Vector3, ned_from_heading
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
+    Follow,
+    Partial3,
+    Path,
+    Position,
+    PositionGlobal,
+    Setpoint,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+    complete,
+)
+
+STEP_S = 0.25
+STEPS_A_TURN = 100
+"""Steps of courses between two turns of the others: about 4 ms."""
+SAMPLES_A_TURN = 12_000
+"""Samples of the way of braking between two turns: as many steps at once as have no more together."""
+LONGEST_PLAN_S = 600.0
+VELOCITY_AHEAD_S = 120.0
+"""A velocity is looked ahead for no longer, however long it is valid."""
+SPEED_M_S, CLIMB_M_S = 12.0, 3.0
+"""Where the vehicle's own limits are not known."""
+ACCELERATION_M_S2 = 3.0
+"""Of a step to a place or a velocity (MPC_ACC_HOR's default)."""
+STANDING_M_S = 0.05
+HERE: Vector3 = (0.0, 0.0, 0.0)
+NOTHING: Partial3 = (None, None, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """One member, and what it is to fly."""
+
+    vehicle: str
+    setpoint: Setpoint | None
+    """None: it stays where it is."""
+    snapshot: Snapshot
+    lasts_s: float
+    """Until its setpoint expires."""
+    elapsed_s: float = 0.0
+    """How long it has flown this setpoint already: a path goes on from there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Two that come too near, in the first one's local frame."""
+
+    vehicles: tuple[str, str]
+    after_s: float
+    distance_m: float
+    place_ned_m: Vector3
+    """Of the first one then."""
+    while_stopping: bool
+    """They would pass farther apart, but could not be stopped in time."""
+    margin_m: float = 0.0
+    """What is kept beside the minimum, for what is not known exactly."""
+
+    def words(self, minimum_m: float) -> str:
+        """For people."""
+        a, b = self.vehicles
+        n, e, d = self.place_ned_m
+        where = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
+        wanted = f"at least {minimum_m:g} m were asked for, with {self.margin_m:.1f} m of margin"
+        if self.after_s == 0.0 and not self.while_stopping:
+            return (
+                f"Vehicles {a} and {b} are {self.distance_m:.1f} m apart now ({wanted}), vehicle {a} {where}."
+            )
+        if self.while_stopping:
+            return (
+                f"After {self.after_s:.1f} s vehicles {a} and {b} would be so near and so fast that stopping "
+                f"both leaves {self.distance_m:.1f} m between them ({wanted}), vehicle {a} {where}."
+            )
+        return (
+            f"After {self.after_s:.1f} s vehicles {a} and {b} would come within {self.distance_m:.1f} m of "
+            f"each other ({wanted}), vehicle {a} {where}."
+        )
+
+
+def first_conflict(
+    members: Sequence[Planned], now_s: float, minimum_m: float
+) -> Generator[None, None, Conflict | None]:
+    """Finds the first two that would come nearer than the minimum; returns None where all stay apart.
+
+    It yields after each piece of work of a few milliseconds, counted in steps.
+
+    Args:
+        members: each with a place and an origin in its snapshot.
+        now_s: monotonic.
+        minimum_m: to be kept, the way of braking included.
+    """
+    courses: list[_Course] = []
+    for member in members:
+        courses.append(_Course(member, now_s))
+        yield
+    by_id = {course.member.vehicle: course for course in courses}
+    t_s, steps = 0.0, 0
+    least_s = max(course.least_s for course in courses)
+    while t_s < LONGEST_PLAN_S and (t_s <= least_s or any(course.moves for course in courses)):
+        for course in courses:
+            course.step(t_s, by_id)
+            steps += 1
+            if steps % STEPS_A_TURN == 0:
+                yield
+        t_s += STEP_S
+    ways: list[tuple[Vectors, Vectors]] = []
+    for course in courses:
+        yield
+        ways.append(course.way())
+    found: list[Conflict] = []
+    for (a, way_a), (b, way_b) in itertools.combinations(zip(courses, ways, strict=True), 2):
+        yield
+        conflict = yield from _between(a, way_a, b, way_b, minimum_m, now_s)
+        if conflict is not None:
+            found.append(conflict)
+    return min(found, key=lambda conflict: conflict.after_s, default=None)
+
+
+def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
+    """The first two that are too near already, or so fast that stopping both leaves too little. Cheap.
+
+    Args:
+        members: each with a place and an origin in its snapshot.
+        now_s: monotonic.
+        minimum_m: to be kept, the way of braking included.
+    """
+    places = [(member, *_where(member, now_s)) for member in members]
+    for (a, here, common), (b, there, origin) in itertools.combinations(places, 2):
+        one = moving(a.snapshot, now_s, here, a.setpoint)
+        other = moving(b.snapshot, now_s, origin.to_frame_of(common, there), b.setpoint)
+        margin = margin_m(one, other)
+        least_m = minimum_m + margin
+        apart_m = kept_m = math.dist(one.place_ned_m, other.place_ned_m)
+        reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
+        if apart_m >= least_m and apart_m - reach_m < least_m:
+            place, velocity, place_b, velocity_b = (
+                np.array(v)
+                for v in (one.place_ned_m, one.velocity_ned_m_s, other.place_ned_m, other.velocity_ned_m_s)
+            )
+            kept_m = float(
+                closest_m(place, velocity, place_b, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
+            )
+        if kept_m < least_m:
+            return Conflict((a.vehicle, b.vehicle), 0.0, kept_m, here, apart_m >= least_m, margin)
+    return None
+
+
+def _where(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
+    here, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
+    if here is None or origin is None:
+        raise ValueError(f"where vehicle {member.vehicle} is on the earth is not known")
+    return here, origin
+
+
+def _between(
+    a: _Course,
+    way_a: tuple[Vectors, Vectors],
+    b: _Course,
+    way_b: tuple[Vectors, Vectors],
+    minimum_m: float,
+    now_s: float,
+) -> Generator[None, None, Conflict | None]:
+    one, other = (moving(course.member.snapshot, now_s, HERE, course.member.setpoint) for course in (a, b))
+    margin = margin_m(one, other)
+    minimum_m += margin
+    place_a, velocity_a = way_a
+    place_b, velocity_b = way_b[0] + np.array(b.origin.to_frame_of(a.origin, HERE)), way_b[1]
+    apart: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
+    kept = apart.copy()
+    speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
+    reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
+    asked = np.nonzero(apart - reach_m < minimum_m)[0]  # nowhere else can they come so near
+    longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
+    at_once = max(1, SAMPLES_A_TURN // samples(longest_s))
+    for begin in range(0, len(asked), at_once):
+        yield
+        some = asked[begin : begin + at_once]
+        kept[some] = closest_m(
+            place_a[some], velocity_a[some], place_b[some], velocity_b[some],
+            one.brakes_m_s2, other.brakes_m_s2,
+        )  # fmt: skip
+        if np.any(kept[some] < minimum_m):
+            break  # the first is what is told
+    near = np.nonzero(kept < minimum_m)[0]
+    if not len(near):
+        return None
+    too_near = np.nonzero(apart < minimum_m)[0]
+    index = int(near[0])
+    while_stopping = not len(too_near)
+    if not while_stopping:
+        begin = int(too_near[0])
+        end = begin + int(np.argmax(np.append(apart[begin:] >= minimum_m, True)))
+        index = begin + int(np.argmin(apart[begin:end]))
+        if begin == 0:
+            index = 0
+    n, e, d = (float(x) for x in place_a[index])
+    distance_m = float(kept[index] if while_stopping else apart[index])
+    return Conflict(
+        (a.member.vehicle, b.member.vehicle), index * STEP_S, distance_m, (n, e, d), while_stopping, margin
+    )
+
+
+class _Course:
+    """One member's places and velocities, step by step, in its own local frame."""
+
+    def __init__(self, member: Planned, now_s: float) -> None:
+        snapshot, setpoint = member.snapshot, member.setpoint
+        here, self.origin = _where(member, now_s)
+        self.member = member
+        self.places: list[Vector3] = []
+        self.velocities: list[Vector3] = []
+        self.moves = True
+        self._place = here
+        self._velocity: Vector3 = snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
+        bounds = snapshot.bounds
+        self._speed = min(bounds.speed_m_s, bounds.approach_m_s, SPEED_M_S)
+        self._climb = min(bounds.climb_m_s, bounds.approach_climb_m_s, CLIMB_M_S)
+        self._sink = min(bounds.sink_m_s, bounds.approach_sink_m_s, CLIMB_M_S)
+        self._gains = (bounds.position_gain, bounds.position_gain, bounds.height_gain)
+        self._until_s = min(member.lasts_s, VELOCITY_AHEAD_S)
+        self._curve: PathCurve | None = None
+        self._follow = setpoint if isinstance(setpoint, Follow) else None
+        self._target, self._feed = NOTHING, NOTHING
+        self.least_s = 0.0
+        if isinstance(setpoint, Path):
+            self._curve = PathCurve(setpoint, None)
+            self.least_s = self._curve.duration_s - member.elapsed_s
+            begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or here
+            self._off = (here[0] - begin[0], here[1] - begin[1], here[2] - begin[2])
+        elif setpoint is not None and self._follow is None:
+            self._target, self._feed = self._aimed(setpoint, now_s)
+            if self._feed != NOTHING and self._target == NOTHING:
+                self.least_s = self._until_s
+
+    def step(self, t_s: float, others: Mapping[str, _Course]) -> None:
+        """Notes where it is, and goes on by `STEP_S`."""
+        if self._curve is not None:
+            self._along(t_s)
+            return
+        self.places.append(self._place)
+        self.velocities.append(self._velocity)
+        target, feed = self._wanted(t_s, others)
+        wanted = [
+            (0.0 if place is None else gain * (place - at)) + (speed or 0.0)
+            for place, speed, at, gain in zip(target, feed, self._place, self._gains, strict=True)
+        ]
+        ground = math.hypot(wanted[0], wanted[1])
+        scale = min(1.0, self._speed / ground) if ground > 0 else 1.0
+        wanted = [wanted[0] * scale, wanted[1] * scale, min(self._sink, max(-self._climb, wanted[2]))]
+        change = [to - at for to, at in zip(wanted, self._velocity, strict=True)]
+        size, most = math.hypot(*change), ACCELERATION_M_S2 * STEP_S
+        scale = min(1.0, most / size) if size > 0 else 1.0
+        before = self._velocity
+        n, e, d = (at + each * scale for at, each in zip(before, change, strict=True))
+        self._velocity = (n, e, d)
+        n, e, d = (
+            place + (old + new) / 2.0 * STEP_S
+            for place, old, new in zip(self._place, before, self._velocity, strict=True)
+        )
+        self._place = (n, e, d)
+        self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < LONGEST_PLAN_S
+
+    def way(self) -> tuple[Vectors, Vectors]:
+        """All its places and velocities; kept no more, since letting go of all courses at once takes long."""
+        way = np.array(self.places), np.array(self.velocities)
+        self.places, self.velocities = [], []
+        return way
+
+    @property
+    def velocity(self) -> Vector3:
+        """How it moves just now."""
+        return self._velocity
+
+    def place_in(self, origin: LocalOrigin) -> Vector3:
+        """Where it is just now, in another's frame."""
+        return self.origin.to_frame_of(origin, self._place)
+
+    def _along(self, t_s: float) -> None:
+        """A path, and what it still is off it at the begin."""
+        assert self._curve is not None
+        sample = self._curve.at(self.member.elapsed_s + t_s)
+        place, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
+        assert place is not None
+        assert velocity is not None
+        left = math.exp(-self._gains[0] * t_s)
+        n, e, d = (at + off * left for at, off in zip(place, self._off, strict=True))
+        self._place, self._velocity = (n, e, d), velocity
+        self.places.append(self._place)
+        self.velocities.append(velocity)
+        self.moves = False  # `least_s` says how long it flies
+
+    def _aimed(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
+        """What place and velocity the setpoint means, in the local frame."""
+        snapshot = self.member.snapshot
+        if isinstance(setpoint, VelocityBody):
+            yaw = snapshot.yaw_ned_rad
+            return NOTHING, NOTHING if yaw is None else ned_from_heading(setpoint.velocity_frd_m_s, yaw)
+        sent = ResolvedSetpoint(setpoint, now_s, snapshot, snapshot.yaw_ned_rad).at(now_s, snapshot)
+        if isinstance(sent, Position):
+            return sent.position_ned_m, NOTHING
+        if isinstance(sent, PositionGlobal) and sent.alt_amsl_m is not None:
+            return self.origin.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m), NOTHING
+        if isinstance(sent, Trajectory):
+            return sent.position_ned_m, sent.velocity_ned_m_s
+        if isinstance(sent, Velocity):
+            return NOTHING, sent.velocity_ned_m_s
+        return NOTHING, NOTHING
+
+    def _wanted(self, t_s: float, others: Mapping[str, _Course]) -> tuple[Partial3, Partial3]:
+        if self._follow is not None:
+            return self._beside(self._follow, t_s, others)
+        return self._target, self._feed if t_s < self._until_s else NOTHING
+
+    def _beside(self, follow: Follow, t_s: float, others: Mapping[str, _Course]) -> tuple[Partial3, Partial3]:
+        leader, seen = others.get(follow.vehicle), self.member.snapshot.leader
+        yaw = seen.yaw_ned_rad if seen is not None else None
+        offset = follow.offset_ned_m or ned_from_heading(follow.offset_frd_m or (0.0, 0.0, 0.0), yaw or 0.0)
+        if leader is not None:
+            place, velocity = leader.place_in(self.origin), leader.velocity
+        elif seen is not None:
+            on_s = min(t_s, self._until_s)
+            n, e, d = (
+                at + speed * on_s
+                for at, speed in zip(seen.position_ned_m, seen.velocity_ned_m_s, strict=True)
+            )
+            place, velocity = (n, e, d), seen.velocity_ned_m_s
+        else:
+            return NOTHING, NOTHING
+        return (place[0] + offset[0], place[1] + offset[1], place[2] + offset[2]), velocity

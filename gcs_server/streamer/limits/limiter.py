@@ -1,0 +1,311 @@
+"""Keeps what is sent finite, inside the vehicle's and the operator's limits, and inside the fence.
+
+Pure: `apply_limits` takes the setpoint that is wanted now and returns the one that may be sent now, with
+notes on what was reduced. A speed from which the vehicle could not stop before the edge is reduced to one
+from which it can. Kinds that control no position or velocity (acceleration, attitude, rates) cannot be
+reduced in that way: there `stop` says why the stream must take over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
+
+from gcs_server.streamer.limits.region import RegionLimiter, VehicleMotion
+from gcs_server.streamer.values.bounds import Bounds
+from missions.fence import NorthEast
+from missions.frames import Vector3, limit_rotation, limit_tilt, ned_from_heading
+from missions.setpoints import (
+    Acceleration,
+    Attitude,
+    DirectSetpoint,
+    Partial3,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+
+S = TypeVar(
+    "S", bound=Position | PositionGlobal | Velocity | VelocityBody | Acceleration | Trajectory | Attitude
+)
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class LimitResult:
+    """The setpoint that may be sent."""
+
+    setpoint: DirectSetpoint | None
+    """None where nothing that was wanted may be."""
+    notes: tuple[str, ...] = ()
+    """What was reduced, in words."""
+    stop: str | None = None
+    """Why the order must not be followed any further; None where it may."""
+
+
+def apply_limits(
+    wanted: DirectSetpoint,
+    bounds: Bounds,
+    here: VehicleMotion | None,
+    before: DirectSetpoint | None = None,
+    dt_s: float = 0.0,
+) -> LimitResult:
+    """What of `wanted` may be sent.
+
+    Args:
+        wanted: as ordered, at this moment.
+        bounds: in the vehicle's local frame.
+        here: the vehicle; None where it is not known.
+        before: what was sent last, for slewing; None where that is no matter.
+        dt_s: how long ago.
+    """
+    if not is_finite(wanted):
+        return LimitResult(None, stop="The setpoint is not a number")
+    limiter = _Limiter(bounds, here, before, dt_s)
+    setpoint = limiter.limited(wanted)
+    stop = limiter.stop if limiter.stop or is_finite(setpoint) else "The setpoint is not a number"
+    return LimitResult(setpoint, tuple(dict.fromkeys(limiter.notes)), stop)
+
+
+def is_finite(setpoint: DirectSetpoint) -> bool:
+    """Whether all its numbers are."""
+    for field in fields(setpoint):
+        value = getattr(setpoint, field.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                return False
+    return True
+
+
+class _Limiter:
+    def __init__(
+        self, bounds: Bounds, here: VehicleMotion | None, before: DirectSetpoint | None, dt_s: float
+    ) -> None:
+        self._bounds = bounds
+        self._here = here
+        self._before = before
+        self._dt_s = dt_s
+        self.notes: list[str] = []
+        self._region = RegionLimiter(bounds, here, self.notes)
+
+    @property
+    def stop(self) -> str | None:
+        return self._region.stop
+
+    def limited(self, s: DirectSetpoint) -> DirectSetpoint:
+        if isinstance(s, Rates):
+            return self._rates(s)
+        if isinstance(s, Attitude):
+            return self._attitude(s)
+        if isinstance(s, PositionGlobal):
+            return self._global(s)
+        if isinstance(s, VelocityBody):
+            return self._velocity_body(s)
+        s = self._yaw_rate(s)
+        if isinstance(s, Position):
+            position, _, _ = self._limit_motion(s.position_ned_m, _NONE, _NONE)
+            return s if position == s.position_ned_m else replace(s, position_ned_m=position)
+        if isinstance(s, Velocity):
+            velocity = self._slewed(s.velocity_ned_m_s)
+            _, velocity, _ = self._limit_motion(_NONE, velocity, _NONE)
+            return s if velocity == s.velocity_ned_m_s else replace(s, velocity_ned_m_s=velocity)
+        if isinstance(s, Acceleration):
+            _, _, acceleration = self._limit_motion(_NONE, _NONE, s.acceleration_ned_m_s2)
+            return replace(s, acceleration_ned_m_s2=acceleration)
+        position, velocity, acceleration = self._limit_motion(
+            s.position_ned_m, s.velocity_ned_m_s, s.acceleration_ned_m_s2
+        )
+        return replace(
+            s, position_ned_m=position, velocity_ned_m_s=velocity, acceleration_ned_m_s2=acceleration
+        )
+
+    # --- the kinds ----------------------------------------------------------------------------------
+
+    def _global(self, s: PositionGlobal) -> DirectSetpoint:
+        """Goes out as it is unless a limit changes it: then as the local place."""
+        s = self._yaw_rate(s)
+        origin = self._bounds.origin
+        if origin is None or s.alt_amsl_m is None:
+            return s
+        place = origin.to_ned(s.lat_deg, s.lon_deg, s.alt_amsl_m)
+        position, _, _ = self._limit_motion(place, _NONE, _NONE)
+        return s if position == place else Position(position, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
+
+    def _velocity_body(self, s: VelocityBody) -> VelocityBody:
+        s = self._yaw_rate(s)
+        yaw = None if self._here is None else self._here.yaw_ned_rad
+        if yaw is None:  # speed alone can be held to
+            n, e, d = self._limit_speed(s.velocity_frd_m_s)
+            if self._bounds.region.is_limited_horizontally or self._bounds.region.is_limited_vertically:
+                self.notes.append(
+                    "stands still: its place and heading are not known, and the space is limited"
+                )
+                n = e = d = 0.0
+            return replace(s, velocity_frd_m_s=(n, e, d))
+        ned: Partial3 = ned_from_heading(s.velocity_frd_m_s, yaw)
+        slewed = self._slewed(ned)
+        _, velocity, _ = self._limit_motion(_NONE, slewed, _NONE)
+        if velocity == ned:
+            return s
+        n, e, d = velocity
+        return replace(s, velocity_frd_m_s=ned_from_heading((n or 0.0, e or 0.0, d or 0.0), -yaw))
+
+    def _attitude(self, s: Attitude) -> Attitude:
+        self._region.require_stoppable()
+        q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
+        if tilted:
+            self.notes.append(f"tilt held to {math.degrees(self._bounds.tilt_rad):.0f}°")
+        last = self._before.q_ned_frd if isinstance(self._before, Attitude) else None
+        if last is None and self._here is not None:
+            last = self._here.q_ned_frd
+        if last is not None and math.isfinite(self._bounds.slew_attitude_rad_s):
+            q, slewed = limit_rotation(last, q, self._bounds.slew_attitude_rad_s * self._dt_s)
+            if slewed:
+                q, _ = limit_tilt(q, self._bounds.tilt_rad)
+                self.notes.append("attitude slewed")
+        return replace(self._yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
+
+    def _rates(self, s: Rates) -> Rates:
+        self._region.require_stoppable()
+        pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
+        p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
+        if (p, q, r) != s.rates_frd_rad_s:
+            self.notes.append("rates held to the vehicle's limits")
+        return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
+
+    def _yaw_rate(self, s: S) -> S:
+        rate, most = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]
+        if rate is None or abs(rate) <= most:
+            return s
+        self.notes.append("yaw rate held to the vehicle's limit")
+        return replace(s, yaw_rate_ned_rad_s=math.copysign(most, rate))
+
+    # --- position, velocity, acceleration -----------------------------------------------------------
+
+    def _limit_motion(
+        self, position: Partial3, velocity: Partial3, acceleration: Partial3
+    ) -> tuple[Partial3, Partial3, Partial3]:
+        place, speed = _horizontal(position), _horizontal(velocity)
+        if place is not None:
+            place, speed = self._approach(self._region.limit_position_ne(place), speed)
+        if speed is not None:
+            speed = self._region.limit_velocity_ne(self._scaled(speed, self._bounds.speed_m_s, "speed"))
+            if place is None:
+                speed = self._region.keep_margin(speed)
+        down, velocity_down_m_s = position[2], velocity[2]
+        if down is not None:
+            down, velocity_down_m_s = self._approach_down(self._region.limit_down(down), velocity_down_m_s)
+        if velocity_down_m_s is not None:
+            velocity_down_m_s = self._region.limit_velocity_down(
+                self._limit_climb(velocity_down_m_s), keep_margin=down is None
+            )
+        if (place is None and speed is None) or (down is None and velocity_down_m_s is None):
+            self._region.require_stoppable(
+                ground=place is None and speed is None, height=down is None and velocity_down_m_s is None
+            )
+        acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
+        lift = acceleration[2]
+        if lift is not None:
+            most_up, most_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
+            held = min(most_down, max(-most_up, lift))
+            if held != lift:
+                self.notes.append(f"acceleration held to {abs(held):.1f} m/s²")
+            lift = held
+        return _joined(place, down), _joined(speed, velocity_down_m_s), _joined(acceleration_ne, lift)
+
+    def _approach(self, place: NorthEast, speed: NorthEast | None) -> tuple[NorthEast, NorthEast | None]:
+        """A place so near that the vehicle's controller asks for no more than the operator's speed."""
+        most = self._bounds.approach_m_s
+        if self._here is None or not math.isfinite(most):
+            return place, speed
+        here, gain = self._here.position_ned_m, self._bounds.position_gain
+        off = (place[0] - here[0], place[1] - here[1])
+        feed = speed or (0.0, 0.0)
+        asked = math.hypot(gain * off[0] + feed[0], gain * off[1] + feed[1])
+        if asked <= most:
+            return place, speed
+        scale = most / asked
+        self.notes.append(f"speed held to {most:g} m/s")
+        near = (here[0] + off[0] * scale, here[1] + off[1] * scale)
+        return near, None if speed is None else (feed[0] * scale, feed[1] * scale)
+
+    def _approach_down(self, down_m: float, velocity_down_m_s: float | None) -> tuple[float, float | None]:
+        if self._here is None:
+            return down_m, velocity_down_m_s
+        off = down_m - self._here.position_ned_m[2]
+        asked = self._bounds.height_gain * off + (velocity_down_m_s or 0.0)
+        most = self._bounds.approach_sink_m_s if asked > 0 else self._bounds.approach_climb_m_s
+        if abs(asked) <= most:
+            return down_m, velocity_down_m_s
+        scale = most / abs(asked)
+        self.notes.append(f"climbing and sinking held to {most:g} m/s")
+        feed = None if velocity_down_m_s is None else velocity_down_m_s * scale
+        return self._here.position_ned_m[2] + off * scale, feed
+
+    def _limit_speed(self, velocity: Vector3) -> Vector3:
+        n, e = self._scaled((velocity[0], velocity[1]), self._bounds.speed_m_s, "speed")
+        return (n, e, self._limit_climb(velocity[2]))
+
+    def _limit_climb(self, velocity_down_m_s: float) -> float:
+        held = min(self._bounds.sink_m_s, max(-self._bounds.climb_m_s, velocity_down_m_s))
+        if held != velocity_down_m_s:
+            self.notes.append(f"climbing and sinking held to {abs(held):g} m/s")
+        return held
+
+    def _scaled(self, vector: NorthEast, most: float, what: str) -> NorthEast:
+        size = math.hypot(*vector)
+        if size <= most:
+            return vector
+        self.notes.append(f"{what} held to {most:g} m/s")
+        return (vector[0] * most / size, vector[1] * most / size)
+
+    def _limit_acceleration_ne(self, acceleration_ne: NorthEast | None) -> NorthEast | None:
+        if acceleration_ne is None:
+            return None
+        most = self._bounds.acceleration_m_s2
+        if self._bounds.tilt_rad < math.pi / 2 - 0.01:
+            most = min(most, GRAVITY_M_S2 * math.tan(self._bounds.tilt_rad))
+        size = math.hypot(*acceleration_ne)
+        if size > most:
+            self.notes.append(f"acceleration held to {most:.1f} m/s²")
+            acceleration_ne = (acceleration_ne[0] * most / size, acceleration_ne[1] * most / size)
+        return acceleration_ne
+
+    def _slewed(self, velocity: Partial3) -> Partial3:
+        most = self._bounds.slew_velocity_m_s2 * self._dt_s
+        if not math.isfinite(most) or any(axis is None for axis in velocity):
+            return velocity
+        last = self._last_velocity()
+        if last is None:
+            return velocity
+        step = [(axis or 0.0) - at for axis, at in zip(velocity, last, strict=True)]
+        size = math.hypot(*step)
+        if size <= most:
+            return velocity
+        self.notes.append(f"velocity slewed at {self._bounds.slew_velocity_m_s2:g} m/s²")
+        n, e, d = (at + each * most / size for at, each in zip(last, step, strict=True))
+        return (n, e, d)
+
+    def _last_velocity(self) -> Vector3 | None:
+        before = self._before
+        if isinstance(before, Velocity):
+            n, e, d = before.velocity_ned_m_s
+            return (n or 0.0, e or 0.0, d or 0.0)
+        if isinstance(before, VelocityBody) and self._here is not None and self._here.yaw_ned_rad is not None:
+            return ned_from_heading(before.velocity_frd_m_s, self._here.yaw_ned_rad)
+        return None if self._here is None else self._here.velocity_ned_m_s
+
+
+_NONE: Partial3 = (None, None, None)
+
+
+def _horizontal(vector: Partial3) -> NorthEast | None:
+    return None if vector[0] is None or vector[1] is None else (vector[0], vector[1])
+
+
+def _joined(ground: NorthEast | None, down: float | None) -> Partial3:
+    return (None, None, down) if ground is None else (*ground, down)

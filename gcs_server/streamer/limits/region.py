@@ -1,0 +1,184 @@
+"""The space that a vehicle may be in: places inside it, and speeds that can be stopped before its edge.
+
+Kinds of setpoints that steer no place cannot be held back so: there `guard` says that the flight must be
+taken over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_server.streamer.limits.braking import (
+    BRAKE_DELAY_S,
+    BRAKE_HEIGHT_DELAY_S,
+    BRAKE_HEIGHT_M_S2,
+    BRAKE_M_S2,
+    GUARD_DELAY_S,
+    GUARD_M_S2,
+    MARGIN_HEIGHT_M,
+    MARGIN_M,
+    PUSH_MOST_M_S,
+    PUSH_PER_S,
+    braking_speed,
+)
+from gcs_server.streamer.values.bounds import Bounds
+from missions.fence import NorthEast
+from missions.frames import Quaternion, Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleMotion:
+    """The vehicle at this moment."""
+
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+    yaw_ned_rad: float | None = None
+    q_ned_frd: Quaternion | None = None
+
+
+class RegionLimiter:
+    """The allowed space around a vehicle at one moment.
+
+    Args:
+        bounds: in the vehicle's local frame.
+        here: the vehicle; None where it is not known.
+        notes: takes what was taken away, in words.
+    """
+
+    def __init__(self, bounds: Bounds, here: VehicleMotion | None, notes: list[str]) -> None:
+        self._bounds = bounds
+        self._here = here
+        self._notes = notes
+        self.stop: str | None = None
+        """Why the order must not be followed any further."""
+
+    def limit_position_ne(self, target: NorthEast) -> NorthEast:
+        """As far towards it as is allowed."""
+        region = self._bounds.region
+        if not region.is_limited_horizontally:
+            return target
+        if self._here is None:
+            inside = region.nearest_inside(target)
+        else:
+            here = self._here.position_ned_m
+            inside = region.last_inside((here[0], here[1]), target)
+        if inside is None:
+            self.stop = "There is no way back into the allowed space"
+            return target
+        if inside != target:
+            breach = region.breach(target) or "the edge of the allowed space on the way"
+            self._notes.append(f"place held inside {breach}")
+        return inside
+
+    def limit_down(self, down_m: float) -> float:
+        """Inside the limits of height."""
+        inside = self._bounds.region.clamp_down_m(down_m)
+        if inside != down_m:
+            self._notes.append("height held inside its limits")
+        return inside
+
+    def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
+        """Slow enough to stop inside."""
+        n, e = velocity
+        region, speed = self._bounds.region, math.hypot(n, e)
+        if not region.is_limited_horizontally or speed == 0.0:
+            return (n, e)
+        if self._here is None:
+            self._notes.append("stands still: where it is is not known, and the space is limited")
+            return (0.0, 0.0)
+        here = (self._here.position_ned_m[0], self._here.position_ned_m[1])
+        breach = region.breach(here)
+        if breach is not None:
+            back = region.nearest_inside(here)
+            if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
+                return (n, e)
+            self._notes.append(f"outside {breach}: only the way back is flown")
+            return (0.0, 0.0)
+        way_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
+        most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
+        if self._cannot_stop_inside(here):
+            most = 0.0
+        if speed <= most:
+            return (n, e)
+        self._notes.append("speed cut to stop before the edge of the allowed space")
+        return (n * most / speed, e * most / speed)
+
+    def keep_margin(self, velocity: NorthEast) -> NorthEast:
+        """Back from an edge that is nearer than the margin."""
+        region = self._bounds.region
+        if self._here is None or not region.is_limited_horizontally:
+            return velocity
+        n, e = velocity
+        for inside_m, out in region.edges((self._here.position_ned_m[0], self._here.position_ned_m[1])):
+            if inside_m >= MARGIN_M:
+                continue
+            most = -min(PUSH_PER_S * (MARGIN_M - inside_m), PUSH_MOST_M_S, self._bounds.speed_m_s)
+            excess = n * out[0] + e * out[1] - most
+            if excess > 0.0:
+                n, e = n - excess * out[0], e - excess * out[1]
+        if (n, e) != velocity:
+            self._notes.append("pushed back from the edge of the allowed space")
+            size = math.hypot(n, e)
+            scale = min(1.0, self._bounds.speed_m_s / size) if size > 0 else 1.0
+            n, e = n * scale, e * scale
+        return (n, e)
+
+    def limit_velocity_down(self, velocity_down_m_s: float, *, keep_margin: bool) -> float:
+        """Slow enough to stop inside; `pushed` back from an edge that is nearer than the margin."""
+        region = self._bounds.region
+        if not region.is_limited_vertically:
+            return velocity_down_m_s
+        if self._here is None:
+            self._notes.append("keeps its height: it is not known, and limited")
+            return 0.0
+        down_m = self._here.position_ned_m[2]
+        left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
+        left_up_m = down_m - region.down_min_m - MARGIN_HEIGHT_M
+        most_down = _height_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
+        most_up = _height_speed(left_up_m, self._bounds.sink_m_s if keep_margin else 0.0)
+        kept = max(min(velocity_down_m_s, most_down), -most_up)
+        if kept != velocity_down_m_s:
+            self._notes.append("climbing or sinking cut to stay inside the limits of height")
+        return kept
+
+    def require_stoppable(self, *, ground: bool = True, height: bool = True) -> None:
+        """Takes over where the vehicle, as it moves, could only just be stopped inside."""
+        region = self._bounds.region
+        if not (ground and region.is_limited_horizontally) and not (height and region.is_limited_vertically):
+            return
+        if self._here is None:
+            self.stop = "Where the vehicle is is not known, and the space is limited"
+            return
+        n, e, d = self._here.position_ned_m
+        if ground and region.is_limited_horizontally:
+            breach = region.breach((n, e))
+            if breach is not None or self._cannot_stop_inside((n, e)):
+                self.stop = f"The vehicle would leave {breach or 'the allowed space'}"
+        velocity_down_m_s = self._here.velocity_ned_m_s[2]
+        left_m = (region.down_max_m - d) if velocity_down_m_s > 0 else (d - region.down_min_m)
+        if height and (
+            left_m < 0
+            or (
+                abs(velocity_down_m_s) > 0.3
+                and abs(velocity_down_m_s) > braking_speed(left_m, GUARD_M_S2, GUARD_DELAY_S)
+            )
+        ):
+            self.stop = "The vehicle would leave its limits of height"
+
+    def _cannot_stop_inside(self, here: NorthEast) -> bool:
+        """Whether the vehicle as it moves now could only just be stopped inside."""
+        assert self._here is not None
+        n, e, _ = self._here.velocity_ned_m_s
+        speed = math.hypot(n, e)
+        if speed < 0.5:
+            return False
+        way_m = self._bounds.region.distance_to_edge_m(here, (n / speed, e / speed))
+        return speed > braking_speed(way_m, GUARD_M_S2, GUARD_DELAY_S)
+
+
+def _height_speed(left_m: float, max_back_m_s: float) -> float:
+    """The speed towards a limit of height from which it is stopped in time; negative: back from it."""
+    if left_m >= 0.0:
+        return braking_speed(left_m, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
+    return max(PUSH_PER_S * left_m, -PUSH_MOST_M_S, -max_back_m_s)

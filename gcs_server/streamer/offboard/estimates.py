@@ -1,0 +1,164 @@
+"""What the stream must know of its vehicle, read from the vehicle's newest samples."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_server.streamer.offboard.failsafe import MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+from gcs_server.streamer.values.snapshot import Leader, Snapshot
+from gcs_server.vehicle.samples import (
+    Attitude,
+    Estimator,
+    GlobalPosition,
+    Health,
+    Home,
+    LocalPosition,
+    TargetAttitude,
+    TargetLocal,
+)
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.geodesy import LocalOrigin
+
+ESTIMATE_FRESH_S = 1.0
+ACCURACY_FRESH_S = 10.0
+"""ESTIMATOR_STATUS comes every one or two seconds."""
+PAIR_WITHIN_S = 0.3
+"""Two positions heard further apart than this are not of one place."""
+# ESTIMATOR_STATUS_FLAGS
+ATTITUDE, VELOCITY_HORIZONTAL, VELOCITY_VERTICAL = 1, 2, 4
+POSITION_HORIZONTAL = 8 | 16
+POSITION_VERTICAL = 32 | 64
+
+
+class VehicleEstimates:
+    """One vehicle's state for its stream; nothing older than a second counts."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+
+    def local(self) -> LocalPosition | None:
+        """Position and velocity, fresh."""
+        value = self._fresh("local_position")
+        return value if isinstance(value, LocalPosition) else None
+
+    def attitude(self) -> Attitude | None:
+        """Fresh."""
+        value = self._fresh("attitude")
+        return value if isinstance(value, Attitude) else None
+
+    def global_position(self) -> GlobalPosition | None:
+        """Fresh."""
+        value = self._fresh("global_position")
+        return value if isinstance(value, GlobalPosition) else None
+
+    def home(self) -> Home | None:
+        """However old: it says so every two seconds and seldom moves."""
+        sample = self._vehicle.topic("home")
+        return sample.value if sample is not None and isinstance(sample.value, Home) else None
+
+    def target_local(self) -> tuple[TargetLocal, float] | None:
+        """The echo of a position target, and its age [s]."""
+        sample = self._vehicle.topic("target_local")
+        if sample is None or not isinstance(sample.value, TargetLocal):
+            return None
+        return sample.value, self._age_s(sample.received_monotonic_s)
+
+    def target_attitude(self) -> tuple[TargetAttitude, float] | None:
+        """The echo of an attitude target, and its age [s]."""
+        sample = self._vehicle.topic("target_attitude")
+        if sample is None or not isinstance(sample.value, TargetAttitude):
+            return None
+        return sample.value, self._age_s(sample.received_monotonic_s)
+
+    def has(self, flags: int) -> bool:
+        """Whether the estimator says one of these; True too where it does not send its flags."""
+        sample = self._vehicle.topic("estimator")
+        return sample is None or not isinstance(sample.value, Estimator) or sample.value.flags & flags != 0
+
+    def has_position(self) -> bool:
+        """Whether the vehicle knows where it is."""
+        return self.local() is not None and self.has(POSITION_HORIZONTAL) and self.has(POSITION_VERTICAL)
+
+    def has_velocity(self) -> bool:
+        """Whether the vehicle knows how it moves."""
+        return self.local() is not None and self.has(VELOCITY_HORIZONTAL) and self.has(VELOCITY_VERTICAL)
+
+    def has_heading(self) -> bool:
+        """Whether it knows how it lies."""
+        return self.attitude() is not None and self.has(ATTITUDE)
+
+    def accuracy_m(self) -> float | None:
+        """Of the position, one sigma: the worse of the two that the estimator reports; None where unknown."""
+        sample = self._vehicle.topic("estimator")
+        if sample is None or not isinstance(sample.value, Estimator):
+            return None
+        told_m = (sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
+        worse_m = max((each if each is not None else math.inf) for each in told_m)
+        stale = self._age_s(sample.received_monotonic_s) > ACCURACY_FRESH_S
+        return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
+
+    def hears_transmitter(self) -> bool:
+        """Whether a transmitter is there and healthy."""
+        sample = self._vehicle.topic("health")
+        if sample is None or not isinstance(sample.value, Health):
+            return False
+        health = sample.value
+        return bool(health.sensors_present & health.sensors_healthy & MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
+
+    def origin(self) -> LocalOrigin | None:
+        """Where the local frame lies on the earth: by home, else by where the vehicle is."""
+        home = self.home()
+        if home is not None and home.position_ned_m is not None:
+            return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
+        local, place = self.local(), self.global_position()
+        apart_s = abs((self._heard_s("local_position") or 0.0) - (self._heard_s("global_position") or 0.0))
+        if local is None or place is None or apart_s > PAIR_WITHIN_S:
+            return None
+        return LocalOrigin.from_pair(place.lat_deg, place.lon_deg, place.alt_amsl_m, local.position_ned_m)
+
+    def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
+        """This vehicle in the local frame of one that follows it; None where either does not know."""
+        place, heard_s = self.global_position(), self._heard_s("global_position")
+        if place is None or heard_s is None or origin is None or self._vehicle.status.link_lost:
+            return None
+        local, attitude = self.local(), self.attitude()
+        return Leader(
+            origin.to_ned(place.lat_deg, place.lon_deg, place.alt_amsl_m),
+            place.velocity_ned_m_s if local is None else local.velocity_ned_m_s,
+            None if attitude is None else attitude.yaw_ned_rad,
+            heard_s,
+        )
+
+    def snapshot(self, **more: object) -> Snapshot:
+        """The vehicle as its stream is to know it."""
+        vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
+        status, home = vehicle.status, self.home()
+        asked = vehicle.command.asked_for(status.mode)
+        usable = local is not None and self.has(POSITION_HORIZONTAL)
+        return Snapshot(
+            vehicle.clock.monotonic_s(),
+            status.mode,
+            local.position_ned_m if local is not None and usable else None,
+            local.velocity_ned_m_s if local is not None else None,
+            attitude.yaw_ned_rad if attitude is not None else None,
+            None if asked is None else f"{asked.by or 'The server'} commanded {asked.what!r}",
+            estimate_s=self._heard_s("local_position") if usable else None,
+            armed=status.armed,
+            lost=status.link_lost or not vehicle.endpoints,
+            home_alt_amsl_m=None if home is None else home.alt_amsl_m,
+            accuracy_m=self.accuracy_m(),
+            **more,  # type: ignore[arg-type]
+        )
+
+    def _heard_s(self, topic: str) -> float | None:
+        sample = self._vehicle.topic(topic)
+        return None if sample is None else sample.received_monotonic_s
+
+    def _age_s(self, heard_s: float) -> float:
+        return max(0.0, self._vehicle.clock.monotonic_s() - heard_s)
+
+    def _fresh(self, topic: str) -> object | None:
+        sample = self._vehicle.topic(topic)
+        if sample is None or self._age_s(sample.received_monotonic_s) > ESTIMATE_FRESH_S:
+            return None
+        return sample.value

@@ -1,0 +1,118 @@
+"""Whether the stream does what it should, and the vehicle what the stream says."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.offboard.failsafe import DEFAULT_COM_OF_LOSS_T_S, Failsafe
+from gcs_server.streamer.offboard.status import Echo, StreamHealth
+from gcs_server.streamer.schedule.streams import StreamState
+from missions.frames import Quaternion, Vector3, ned_from_heading
+from missions.setpoints import (
+    Attitude,
+    DirectSetpoint,
+    Partial3,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+    complete,
+)
+
+
+def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: Failsafe | None) -> StreamHealth:
+    """Of a stream as it stands, beside the vehicle's newest samples."""
+    sent = state.sent
+    patience_s = failsafe.loss_timeout_s if failsafe is not None else None
+    left_s = None
+    if state.sent_age_s is not None:
+        left_s = (DEFAULT_COM_OF_LOSS_T_S if patience_s is None else patience_s) - state.sent_age_s
+    attitude = estimates.attitude()
+    return StreamHealth(
+        rate_achieved_hz=state.rate_achieved_hz,
+        setpoint_age_s=state.age_s,
+        sent_age_s=state.sent_age_s,
+        valid_left_s=state.valid_left_s,
+        failsafe_in_s=None if left_s is None else max(0.0, left_s),
+        echo=None if sent is None else _echo(sent, estimates),
+        position_error_m=None if sent is None else _position_error(sent, estimates),
+        velocity_error_m_s=None if sent is None else _velocity_error(sent, estimates),
+        attitude_error_rad=(
+            angle_between(sent.q_ned_frd, attitude.q_ned_frd)
+            if isinstance(sent, Attitude) and attitude is not None
+            else None
+        ),
+        yaw_error_rad=(
+            None
+            if attitude is None or (wanted := getattr(sent, "yaw_ned_rad", None)) is None
+            else math.remainder(wanted - attitude.yaw_ned_rad, math.tau)
+        ),
+    )
+
+
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """The one turn that takes an attitude to another [rad]."""
+    dot = abs(sum(x * y for x, y in zip(a, b, strict=True)))
+    return 2.0 * math.acos(min(1.0, dot))
+
+
+def _echo(sent: DirectSetpoint, estimates: VehicleEstimates) -> Echo | None:
+    if isinstance(sent, Attitude | Rates):
+        attitude = estimates.target_attitude()
+        if attitude is None:
+            return None
+        value, age_s = attitude
+        return Echo(
+            age_s, q_ned_frd=value.q_ned_frd, rates_frd_rad_s=value.rates_frd_rad_s, thrust=value.thrust
+        )
+    local = estimates.target_local()
+    if local is None:
+        return None
+    target, age_s = local
+    return Echo(
+        age_s,
+        target.position_ned_m,
+        target.velocity_ned_m_s,
+        target.acceleration_ned_m_s2,
+        target.yaw_ned_rad,
+    )
+
+
+def _position_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float | None:
+    local = estimates.local()
+    if local is None:
+        return None
+    if isinstance(sent, PositionGlobal):
+        origin = estimates.origin()
+        if origin is None or sent.alt_amsl_m is None:
+            return None
+        return math.dist(origin.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m), local.position_ned_m)
+    if not isinstance(sent, Position | Trajectory):
+        return None
+    return _distance(sent.position_ned_m, local.position_ned_m)
+
+
+def _velocity_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float | None:
+    local, attitude = estimates.local(), estimates.attitude()
+    if local is None:
+        return None
+    if isinstance(sent, VelocityBody):
+        if attitude is None:
+            return None
+        return math.dist(
+            ned_from_heading(sent.velocity_frd_m_s, attitude.yaw_ned_rad), local.velocity_ned_m_s
+        )
+    if isinstance(sent, Velocity):
+        return _distance(sent.velocity_ned_m_s, local.velocity_ned_m_s)
+    if isinstance(sent, Trajectory) and complete(sent.position_ned_m) is None:
+        return _distance(sent.velocity_ned_m_s, local.velocity_ned_m_s)
+    return None
+
+
+def _distance(wanted: Partial3, there: Vector3) -> float | None:
+    """Over the axes that are controlled; None where none is."""
+    parts = [(w - t) ** 2 for w, t in zip(wanted, there, strict=True) if w is not None]
+    return math.sqrt(sum(parts)) if parts else None

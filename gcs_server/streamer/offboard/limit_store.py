@@ -1,0 +1,212 @@
+"""The operator's limits of each vehicle, kept in the data folder so that a restart brings them back.
+
+A vehicle is recognised by its autopilot's uid. One without a uid of its own (every PX4 simulator reports one
+and the same) is recognised by its MAVLink system id.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import cast
+
+from gcs_server.storage.records import MOST_RECORDS, Records, Unreadable
+from gcs_server.streamer.values.limit_values import OperatorLimits
+from gcs_server.vehicle.identity import PX4_SITL_UID, Identity
+
+log = logging.getLogger(__name__)
+
+FORMAT = 1
+LONGEST_NAME = 200
+LATEST_UNIX_S = 1e11
+_SHARED_UID = f"{PX4_SITL_UID:016x}"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleKey:
+    """What stays the same of a vehicle across restarts."""
+
+    system_id: int
+    uid: str | None
+    """None: it has no uid of its own."""
+
+    @property
+    def by(self) -> str:
+        """`uid` or `system_id`: what the vehicle is recognised by."""
+        return "system_id" if self.uid is None else "uid"
+
+    @property
+    def name(self) -> str:
+        """Of its record."""
+        return f"system-{self.system_id}" if self.uid is None else f"uid-{self.uid}"
+
+
+@dataclass(frozen=True, slots=True)
+class LimitRecord:
+    """Limits, when they were set, and by whom."""
+
+    limits: OperatorLimits
+    set_unix_s: float
+    set_by: str
+
+
+def key_of(identity: Identity) -> VehicleKey | None:
+    """None while the vehicle has not told its identity (AUTOPILOT_VERSION), and for a recording."""
+    if identity.replayed or identity.firmware is None:
+        return None
+    own = identity.uid is not None and identity.uid != _SHARED_UID
+    return VehicleKey(identity.system_id, identity.uid if own else None)
+
+
+class LimitStore:
+    """Of all vehicles.
+
+    Args:
+        records: where; None keeps nothing.
+        parse: limits from the body of `PUT …/offboard/limits`; raises ValueError.
+    """
+
+    def __init__(
+        self,
+        records: Records | None = None,
+        parse: Callable[[Mapping[str, object]], OperatorLimits] = lambda _: OperatorLimits(),
+    ) -> None:
+        self._records = records
+        self._parse = parse
+        self._kept: dict[str, LimitRecord | Unreadable] = {}
+        self._system_ids: dict[str, int] = {}
+        """Of the vehicle of each record, where the record says so."""
+        self._folder_problem: str | None = None
+        self._write_problems: dict[str, str] = {}
+
+    async def load(self) -> None:
+        """Reads what was kept; what cannot be read becomes a warning."""
+        if self._records is None:
+            return
+        try:
+            found = await asyncio.to_thread(self._records.read_all)
+        except OSError as error:
+            self._folder_problem = (
+                f"The kept limits in {self._records.folder} cannot be read: {error.strerror or error}."
+            )
+            return
+        for name, content in found.items():
+            self._kept[name] = content if isinstance(content, Unreadable) else self._record(name, content)
+
+    def find(self, key: VehicleKey) -> LimitRecord | Unreadable | None:
+        """What is kept of a vehicle; None where nothing is."""
+        kept = self._kept.get(key.name)
+        if isinstance(kept, Unreadable):
+            return Unreadable(f"The file {self._file(key.name)} cannot be read: {kept}.")
+        if kept is None and self._folder_problem is not None:
+            return Unreadable(self._folder_problem)
+        return kept
+
+    def may_know(self, system_id: int) -> bool:
+        """Whether something may be kept of a vehicle that has told no more than its system id."""
+        unnamed = [name for name in self._kept if name not in self._system_ids]
+        return bool(self._folder_problem or unnamed) or system_id in self._system_ids.values()
+
+    async def keep(self, key: VehicleKey, record: LimitRecord) -> str | None:
+        """On the disk when it returns; else why not, in words."""
+        if self._records is None:
+            return "This server keeps no data."
+        none_set = record.limits == OperatorLimits()
+        if not none_set and key.name not in self._kept and len(self._kept) >= MOST_RECORDS:
+            return f"Limits of {MOST_RECORDS} vehicles are kept already."
+        content = None if none_set else _content(key, record)
+        writing = self._records.write(key.name, content)
+        try:
+            await asyncio.shield(asyncio.wrap_future(writing))
+        except OSError as error:
+            problem = f"The file {self._file(key.name)} cannot be written: {error.strerror or error}."
+            self._write_problems[key.name] = problem
+            log.warning(problem)
+            return problem
+        self._write_problems.pop(key.name, None)
+        self._system_ids[key.name] = key.system_id
+        if none_set:
+            self._kept.pop(key.name, None)
+        else:
+            self._kept[key.name] = record
+        return None
+
+    def warnings(self) -> list[str]:
+        """What cannot be read or written, in words."""
+        said = [
+            f"Limits of a vehicle cannot be restored: the file {self._file(name)} cannot be read: {kept}. "
+            "Set them again; that replaces the file."
+            for name, kept in self._kept.items()
+            if isinstance(kept, Unreadable)
+        ]
+        if self._folder_problem is not None:
+            said.append(f"{self._folder_problem} No vehicle's limits could be restored: set them again.")
+        said += [f"{problem} A restart forgets these limits." for problem in self._write_problems.values()]
+        return said
+
+    def close(self) -> None:
+        """Waits for what is being written."""
+        if self._records is not None:
+            self._records.close()
+
+    def _file(self, name: str) -> str:
+        return "" if self._records is None else str(self._records.folder / f"{name}.json")
+
+    def _record(self, name: str, content: Mapping[str, object]) -> LimitRecord | Unreadable:
+        try:
+            key, record = _read(content, self._parse)
+        except (ValueError, TypeError, KeyError) as error:
+            first = (str(error).splitlines() or [type(error).__name__])[0]
+            return Unreadable(f"it does not hold limits ({first})")
+        if key.name != name:
+            return Unreadable(f"it holds the limits of another vehicle ({key.name})")
+        self._system_ids[name] = key.system_id
+        return record
+
+
+def _content(key: VehicleKey, record: LimitRecord) -> dict[str, object]:
+    limits = {name: value for name, value in asdict(record.limits).items() if value is not None}
+    return {
+        "format": FORMAT,
+        "system_id": key.system_id,
+        "uid": key.uid,
+        "set_unix_s": record.set_unix_s,
+        "set_by": record.set_by[:LONGEST_NAME],
+        "limits": limits,
+    }
+
+
+def _read(
+    content: Mapping[str, object], parse: Callable[[Mapping[str, object]], OperatorLimits]
+) -> tuple[VehicleKey, LimitRecord]:
+    if content.get("format") != FORMAT:
+        raise ValueError(f"format {content.get('format')!r} is not known")
+    system_id, uid = content["system_id"], content["uid"]
+    set_unix_s, set_by, limits = content["set_unix_s"], content["set_by"], content["limits"]
+    if not isinstance(system_id, int) or not 0 < system_id < 256:
+        raise ValueError("system_id")
+    if uid is not None and not isinstance(uid, str):
+        raise ValueError("uid")
+    if isinstance(set_unix_s, bool) or not isinstance(set_unix_s, int | float):
+        raise ValueError("set_unix_s")
+    if not math.isfinite(set_unix_s) or not 0 <= set_unix_s <= LATEST_UNIX_S:
+        raise ValueError("set_unix_s")
+    if not isinstance(set_by, str) or len(set_by) > LONGEST_NAME or not isinstance(limits, dict):
+        raise ValueError("set_by or limits")
+    record = LimitRecord(parse(cast(dict[str, object], limits)), float(set_unix_s), set_by)
+    return VehicleKey(system_id, uid), record
+
+
+def words_of(limits: OperatorLimits) -> str:
+    """For people: `speed_max_m_s 5, fence polygon`."""
+    said = [
+        f"{field.name} {value:g}"
+        for field in fields(limits)
+        if isinstance(value := getattr(limits, field.name), float | int)
+    ]
+    if limits.fence is not None:
+        said.append(f"fence {limits.fence.kind}")
+    return ", ".join(said) or "none"

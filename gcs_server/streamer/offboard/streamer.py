@@ -1,0 +1,176 @@
+"""All vehicles' setpoint streams: the loop's beat that keeps them informed, and a clean end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from dataclasses import dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, NoReply, UnknownVehicle
+from gcs_server.isolation import Isolation
+from gcs_server.streamer.groups.groups import Groups
+from gcs_server.streamer.offboard.control import OffboardControl
+from gcs_server.streamer.offboard.limit_store import LimitStore
+from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.frames import Vector3
+from missions.setpoints import complete
+
+log = logging.getLogger(__name__)
+
+BEAT_PERIOD_S = 0.1
+STOP_ALL_S = 3.0
+"""How long the server's end may wait for all vehicles to be in Hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What became of one vehicle's stream when the server ended."""
+
+    vehicle: str
+    error: GcsError | None
+    """None where the vehicle is in Hold."""
+    duration_s: float
+
+
+class Streamer:
+    """The streams and the loop's beat that keeps them informed; builds each vehicle's `offboard`.
+
+    Args:
+        streams: runs them: a process of its own, or a scheduler that a test runs.
+        limits: keeps the operator's limits; in memory only unless given.
+    """
+
+    def __init__(self, clock: Clock, streams: Streams, limits: LimitStore | None = None) -> None:
+        self._clock = clock
+        self._streams = streams
+        self._vehicles: dict[str, Vehicle] = {}
+        self._isolation = Isolation(clock, log, "The setpoint streams")
+        self.limits = limits or LimitStore()
+        self._limit_owners: dict[str, str] = {}
+        self.groups = Groups(clock, self._streams, self._find)
+
+    def attach(self, vehicle: Vehicle) -> None:
+        """Gives a vehicle its offboard control."""
+        self._vehicles[vehicle.id] = vehicle
+        limits = VehicleOperatorLimits(vehicle, self.limits, self._limit_owners)
+        vehicle.offboard = OffboardControl(self._clock, vehicle, self._streams, self._find, limits)
+
+    def detach(self, vehicle: Vehicle) -> None:
+        """It is not known any more; a stream to it ends first, with a word."""
+        known = self._vehicles.get(vehicle.id) is vehicle
+        if known and self._streams.state(vehicle.id).phase == "idle":
+            del self._vehicles[vehicle.id]
+            self._streams.forget(vehicle.id)
+
+    def start(self, supervisor: Supervisor) -> None:
+        """Begins the streams and their beat."""
+        self._streams.start()
+        supervisor.start("offboard-beat", self._beat)
+
+    def close(self) -> None:
+        """Stops all streams: the vehicles fail safe."""
+        self._streams.close()
+        self.limits.close()
+
+    def links_changed(self) -> None:
+        """A link was opened or closed: what streams gives the sockets of closed ones back."""
+        self._streams.links_changed()
+
+    def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
+        """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is."""
+        sent = self._streams.state(vehicle_id).sent
+        if sent is None:
+            return None
+        position = getattr(sent, "position_ned_m", None)
+        velocity = getattr(sent, "velocity_ned_m_s", None)
+        return (
+            None if position is None else complete(position),
+            None if velocity is None else complete(velocity),
+            getattr(sent, "yaw_ned_rad", None),
+        )
+
+    def _find(self, vehicle_id: str) -> Vehicle:
+        vehicle = self._vehicles.get(vehicle_id)
+        if vehicle is None:
+            raise UnknownVehicle(vehicle_id, sorted(self._vehicles))
+        return vehicle
+
+    async def stop_all(self) -> list[Stopped]:
+        """Puts every vehicle that is streamed to into Hold, all at once (a clean end of the server).
+
+        One that is not there within `STOP_ALL_S` loses its stream and fails safe. A Stop motors that is not
+        confirmed yet is sent for as long, to whichever vehicle.
+        """
+        self.groups.disable_guard()
+        async with asyncio.TaskGroup() as group:
+            stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._streams.active()]
+            group.create_task(self._kills_over())
+        return [stop.result() for stop in stops]
+
+    async def _kills_over(self) -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STOP_ALL_S):
+                for vehicle in self._vehicles.values():
+                    await vehicle.command.kill_over()
+
+    async def _stop_one(self, vehicle_id: str) -> Stopped:
+        began_s = self._clock.monotonic_s()
+        error: GcsError | None = None
+        try:
+            async with asyncio.timeout(STOP_ALL_S):
+                await self._vehicles[vehicle_id].offboard.stop()
+        except GcsError as problem:
+            error = problem
+        except TimeoutError:
+            error = NoReply(
+                f"Vehicle {vehicle_id} did not report Hold before the server ended; it fails safe.",
+                deadline_s=STOP_ALL_S,
+            )
+        if error is not None:
+            self._tell(vehicle_id, f"It could not be put into Hold at the server's end: {error}", 4)
+        return Stopped(vehicle_id, error, self._clock.monotonic_s() - began_s)
+
+    async def _beat(self) -> None:
+        while True:
+            self.beat_once()
+            await self._clock.sleep(BEAT_PERIOD_S)
+
+    def beat_once(self) -> None:
+        """Shows that the loop lives, renews the snapshots, restores limits and tells what was reported."""
+        for vehicle in self._vehicles.values():
+            self._isolation.run(f"the limits of vehicle {vehicle.id}", vehicle.offboard.operator.recognise)
+        to_come = self._streams.watched()
+        seen = dict.fromkeys(self._streams.active()) | to_come
+        known = [vehicle_id for vehicle_id in seen if vehicle_id in self._vehicles]
+        self._streams.beat({vid: s for vid in known if (s := self._snapshot(vid, seen[vid])) is not None})
+        self._isolation.run("the look after groups", self.groups.look)
+        for vehicle_id, report in self._streams.take_reports():
+            self._tell(vehicle_id, report.text, report.severity, report.code)
+
+    def faults(self) -> list[str]:
+        """What fails now, in words."""
+        return self._isolation.faults
+
+    def _snapshot(self, vehicle_id: str, order: Order | None) -> Snapshot | None:
+        """The vehicle for its stream; one whose snapshot fails is a vehicle without any valid estimate.
+
+        None where not even that can be made: the stream goes by what it knew, which is too old in a second.
+        """
+        vehicle = self._vehicles[vehicle_id]
+        run, offboard = vehicle.isolation.run, vehicle.offboard
+        whole = run("the snapshot for its stream", offboard.snapshot, order)
+        return whole or run("the status for its stream", offboard.snapshot_without_estimates)
+
+    def _tell(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
+        kind = "warning" if severity <= 4 else "command"
+        vehicle = self._vehicles.get(vehicle_id)
+        if vehicle is not None:
+            data = {"source": "offboard", "code": code}
+            vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)

@@ -1,0 +1,327 @@
+"""The server's side of the process that runs all setpoint streams (`worker.py`).
+
+Measured with ten streams beside 5,000 messages a second, ten WebSocket clients and a browser's 3D view on
+two cores (docs/performance.md): a thread of the server's was late by 12 ms and more (p99), since whoever
+holds the interpreter lock may itself wait for a processor; a process with real-time priority is not.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from gcs_server.clock import Clock
+from gcs_server.errors import Refused
+from gcs_server.streamer.process import messages as to
+from gcs_server.streamer.process.calls import WorkerCalls, WorkerDied
+from gcs_server.streamer.schedule.streams import Streams, StreamState
+from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
+from gcs_server.streamer.transport.sender import NoSender, PayloadSender
+from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
+
+STARTS_WITHIN_S = 10.0
+SWITCH_INTERVAL_S = 0.0005
+"""What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
+the loop: Python's own 5 ms are a quarter of a stream's period."""
+LOOK_EVERY_S = 0.02
+"""Whether the process has started is looked at so often."""
+NOT_UP = "The process that flies setpoint streams is being started again."
+ENDED = "The process that flies setpoint streams ended; nothing is sent any more, and the vehicle fails safe."
+
+
+@dataclass(slots=True)
+class _Known:
+    """What the server keeps of a vehicle's streams."""
+
+    sender: PayloadSender
+    target: tuple[int, int]
+    last: StreamState = field(default_factory=StreamState)
+    """As it stood when it was last seen idle."""
+    number: int = 0
+    """Of its newest stream."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """A stream as the process last told it."""
+
+    state: StreamState
+    at_s: float
+
+
+@dataclass(slots=True)
+class _Group:
+    """What the server keeps of a group that is watched."""
+
+    orders: Mapping[str, Order | None]
+    """By member: what it begins with at the instant."""
+    state: GuardState | None
+
+
+class StreamProcess(Streams):
+    """See `Streams`. Should the process end, it is started again; no stream is.
+
+    It says by itself how the streams stand (`worker_messages.Update`): what is read here is what it said
+    last, at most 50 ms old, and no older than the last answer. Nothing here waits for it but a coroutine.
+
+    Args:
+        clock: the machine's: the process has the same.
+        own_ids: system and component id of what is sent. The component is not the server's own, so that each
+            has its own sequence numbers.
+        server_silent_limit_s: the loop's silence after which sending stops.
+    """
+
+    def __init__(self, clock: Clock, own_ids: tuple[int, int], *, server_silent_limit_s: float = 1.5) -> None:
+        self._clock = clock
+        self._calls = WorkerCalls(
+            clock, own_ids, server_silent_limit_s, self._updated, self._gone, self._send_for_it
+        )
+        self._wanted = False
+        self._vehicles: dict[str, _Known] = {}
+        self._begun: set[str] = set()
+        """Who may be streamed to; of all others it is known that nobody does."""
+        self._beginning: list[str] = []
+        """Whose begin is not answered yet."""
+        self._told: dict[str, _Told] = {}
+        self._groups: dict[str, _Group] = {}
+        self._reports: list[tuple[str, StreamEvent]] = []
+        self._findings: list[tuple[str, Finding]] = []
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process; None where there is none."""
+        return None if self._calls.worker is None else self._calls.worker.pid
+
+    def start(self) -> None:
+        """The process itself begins with the first vehicle."""
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._wanted = True
+        self._spawn()
+
+    def close(self) -> None:
+        self._wanted = False
+        self._calls.close()
+        self._forget()
+
+    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+        self._calls.judge()
+        self._spawn()
+        if self._begun or self._beginning:
+            self._post_routes()
+            self._post(to.Beat.of(snapshots))
+        else:
+            self.links_changed()
+
+    def links_changed(self) -> None:
+        worker = self._calls.worker
+        idle = not self._begun and not self._beginning
+        if worker is not None and (worker.holds_closed_sockets or (idle and worker.holds_sockets)):
+            self._post_routes()
+
+    # --- one vehicle's stream ---------------------------------------------------------------------
+
+    def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
+        self._vehicles[vehicle_id] = _Known(sender, target)
+        if self._calls.worker is not None and vehicle_id not in self._begun:
+            self._calls.worker.attached.discard(vehicle_id)  # it may have another component now
+        self._spawn()
+
+    def forget(self, vehicle_id: str) -> None:
+        self._vehicles[vehicle_id].sender = NoSender()
+
+    def active(self) -> list[str]:
+        return [vehicle_id for vehicle_id in sorted(self._begun) if self.state(vehicle_id).phase != "idle"]
+
+    def state(self, vehicle_id: str) -> StreamState:
+        told = self._told.get(vehicle_id) if vehicle_id in self._begun else None
+        if told is None:
+            return self._vehicles[vehicle_id].last
+        return _older(told.state, self._clock.monotonic_s() - told.at_s)
+
+    async def ready(self) -> None:
+        until_s = self._clock.monotonic_s() + STARTS_WITHIN_S
+        while self._calls.worker is None or not self._calls.worker.up:
+            self._spawn()
+            if not self._wanted or self._clock.monotonic_s() >= until_s:
+                raise Refused(NOT_UP, remedy="Try again in a second.")
+            await self._clock.sleep(LOOK_EVERY_S)
+
+    async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        await self.ready()
+        worker, known = self._calls.worker, self._vehicles[vehicle_id]
+        if worker is not None and vehicle_id not in worker.attached:
+            self._post(to.Attach(vehicle_id, known.target, known.number))
+            worker.attached.add(vehicle_id)
+        self._beginning.append(vehicle_id)
+
+        def begun(number: int) -> None:
+            if number:
+                self._begun.add(vehicle_id)
+                known.number = max(known.number, number)
+            if number and asked.cancelled():
+                self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
+
+        self._post_routes()
+        asked = self._calls.request(to.Begin(vehicle_id, order, rate_hz, snapshot), begun)
+        asked.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
+        try:
+            return await self._calls.answer(asked)
+        except WorkerDied:
+            raise Refused(NOT_UP, remedy="Try again in a second.") from None
+
+    def starting(self, vehicle_id: str, number: int) -> bool:
+        state = self.state(vehicle_id)
+        return state.number == number and state.phase == "starting"
+
+    async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        return vehicle_id in self._begun and await self._ask(to.Engage(vehicle_id, snapshot, number))
+
+    def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        if vehicle_id in self._begun:
+            self._post(to.CancelStart(vehicle_id, snapshot, number))
+
+    async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        return vehicle_id in self._begun and await self._ask(to.Change(vehicle_id, order, snapshot))
+
+    def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
+        if vehicle_id in self._begun:
+            self._post(to.RequestStop(vehicle_id, snapshot))
+
+    def inhibit_mode_requests(self, vehicle_id: str) -> None:
+        if vehicle_id in self._begun:
+            self._post(to.InhibitModeRequests(vehicle_id))
+
+    def force_hold(self, vehicle_id: str, why: str) -> None:
+        if vehicle_id in self._begun:
+            self._post(to.ForceHold(vehicle_id, why))
+
+    def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        if vehicle_id not in self._begun:
+            return
+        self._post(to.End(vehicle_id, code, text, number))
+        state = self.state(vehicle_id)
+        if state.phase != "idle" and number in (None, state.number):  # known here before the process says so
+            self._begun.discard(vehicle_id)
+            self._vehicles[vehicle_id].last = StreamState(
+                rate_hz=state.rate_hz,
+                sends_failed=state.sends_failed,
+                last_end=StreamEvent(code, NOTICE, text),
+                number=state.number,
+            )
+
+    def take_reports(self) -> list[tuple[str, StreamEvent]]:
+        taken, self._reports = self._reports, []
+        return taken
+
+    # --- groups -----------------------------------------------------------------------------------
+
+    def watch(self, guard: GroupGuard) -> None:
+        orders = {vehicle_id: guard.order_to_come(vehicle_id) for vehicle_id in guard.members}
+        self._groups[guard.name] = _Group(orders, guard.state())
+        self._post(to.Watch(guard))
+
+    def unwatch(self, name: str) -> None:
+        if self._groups.pop(name, None) is not None:
+            self._post(to.Unwatch(name))
+
+    def disable_guard(self, name: str) -> None:
+        if name in self._groups:
+            self._post(to.DisableGuard(name))
+
+    def guard(self, name: str) -> GuardState | None:
+        group = self._groups.get(name)
+        return None if group is None else group.state
+
+    async def change_together(
+        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+    ) -> bool:
+        group = self._groups.get(name)
+        if group is None:
+            return False
+        members = tuple(group.orders)
+        return await self._ask(to.ChangeTogether(name, dict(orders), dict(snapshots), until_s, members))
+
+    def watched(self) -> dict[str, Order | None]:
+        return {
+            vehicle_id: order if group.state is not None and group.state.phase == "waiting" else None
+            for group in self._groups.values()
+            for vehicle_id, order in group.orders.items()
+        }
+
+    def take_findings(self) -> list[tuple[str, Finding]]:
+        taken, self._findings = self._findings, []
+        return taken
+
+    # --- the process ------------------------------------------------------------------------------
+
+    def _spawn(self) -> None:
+        if self._wanted and self._vehicles:
+            self._calls.spawn()
+
+    def _post(self, message: to.Post) -> None:
+        self._calls.post(message)
+
+    def _post_routes(self) -> None:
+        worker = self._calls.worker
+        if worker is not None:
+            streamed = {*self._begun, *self._beginning}
+            self._post(to.Routes(worker.routes({v: self._vehicles[v].sender for v in streamed})))
+
+    async def _ask(self, message: to.Request[bool]) -> bool:
+        """What the process answers; False where it has ended."""
+        try:
+            return await self._calls.answer(self._calls.request(message))
+        except WorkerDied:
+            return False
+
+    def _updated(self, update: to.Update) -> None:
+        for vehicle_id, told in update.states.items():
+            before, state = self._told.get(vehicle_id), told
+            if vehicle_id in update.same_order and before is not None:
+                state = replace(told, order=before.state.order)
+            self._told[vehicle_id] = _Told(state, update.at_s)
+            known = self._vehicles[vehicle_id]
+            if vehicle_id in self._begun and state.phase == "idle" and state.number >= known.number:
+                self._begun.discard(vehicle_id)
+                known.last = state
+        for name, guard in update.guards.items():
+            group = self._groups.get(name)
+            if group is not None:
+                group.state = guard
+        self._reports += update.reports
+        self._findings += update.findings
+
+    def _gone(self) -> None:
+        """The process ended: nothing is streamed any more, and who was is told."""
+        report = StreamEvent("fault", WARNING, ENDED)
+        for vehicle_id in sorted(self._begun):
+            known = self._vehicles[vehicle_id]
+            known.last = StreamState(last_end=report, number=known.number)
+            self._reports.append((vehicle_id, report))
+        self._forget()
+        self._spawn()
+
+    def _forget(self) -> None:
+        self._begun.clear()
+        self._groups.clear()
+        self._told.clear()
+
+    def _send_for_it(self, vehicle_id: str, msg_id: int, payload: bytes, made_s: float) -> None:
+        """In a thread: what is no datagram; a setpoint that was made too long ago is not sent."""
+        self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, made_s=made_s)
+
+
+def _older(state: StreamState, by_s: float) -> StreamState:
+    """As it stands a moment after it was read."""
+    if by_s <= 0:
+        return state
+    left_s = state.valid_left_s
+    return replace(
+        state,
+        age_s=None if state.age_s is None else state.age_s + by_s,
+        sent_age_s=None if state.sent_age_s is None else state.sent_age_s + by_s,
+        valid_left_s=None if left_s is None else max(0.0, left_s - by_s),
+    )

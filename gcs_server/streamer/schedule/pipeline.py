@@ -1,0 +1,148 @@
+"""What goes out to one vehicle now: the order's setpoint at this moment, within its limits, as bytes."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_server.streamer.frames.resolve import ResolvedSetpoint, keeps_heading
+from gcs_server.streamer.limits.limiter import LimitResult, apply_limits
+from gcs_server.streamer.limits.region import VehicleMotion
+from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
+from gcs_server.streamer.values.events import NOTICE, StreamEvent
+from gcs_server.streamer.values.outgoing import SetpointLoader
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
+
+TOLD_EVERY_S = 10.0
+"""The same limit is told no more often."""
+
+
+class SetpointPipeline:
+    """Follows an order, or stands still.
+
+    Args:
+        loader: the transport; prepares each setpoint that is to be sent.
+    """
+
+    def __init__(self, loader: SetpointLoader) -> None:
+        self._loader = loader
+        self.sent: DirectSetpoint | None = None
+        self.limited: tuple[str, ...] = ()
+        self._resolved: ResolvedSetpoint | None = None
+        self._still: DirectSetpoint | None = None
+        """What is sent where no order is followed any more."""
+        self._yaw_kept = False
+        self._wanted: DirectSetpoint | None = None
+        self._bounds: Bounds = UNBOUNDED
+        self._limited_s = 0.0
+        self._told_s: dict[str, float] = {}
+        self._reports: list[StreamEvent] = []
+
+    def forget(self) -> None:
+        """A new stream begins."""
+        self.sent, self.limited, self._wanted = None, (), None
+
+    def take(self, now_s: float, setpoint: Setpoint, snapshot: Snapshot) -> None:
+        """From now on this one."""
+        keeps = keeps_heading(setpoint)
+        before = getattr(self.sent, "yaw_ned_rad", None) if keeps and self._yaw_kept else None
+        resolved = ResolvedSetpoint(
+            setpoint, now_s, snapshot, snapshot.yaw_ned_rad if before is None else before
+        )
+        first = resolved.at(now_s, snapshot, waiting=True)
+        if first is None:
+            raise ValueError(f"vehicle {resolved.follows} is not heard")
+        self._resolved, self._still, self._yaw_kept = resolved, None, keeps
+        self._load(now_s, snapshot, first)
+
+    def begin_anew(self, now_s: float) -> None:
+        """The flight begins now: a path has waited so far."""
+        if self._resolved is not None:
+            self._resolved.begin_anew(now_s)
+
+    def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
+        """Follows no order any more.
+
+        Sends the place reached; without an estimate no speed; in a flight by attitude or rates, where there
+        may not be an estimate of speed either, level with the thrust that hovers.
+        """
+        position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
+        if position is not None:
+            still: DirectSetpoint = Position(position, yaw)
+        elif isinstance(sent, Attitude | Rates) and snapshot.velocity_ned_m_s is None:
+            still = level(yaw, sent.thrust if snapshot.hover_thrust is None else snapshot.hover_thrust)
+        else:
+            still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
+        self._resolved, self._still, self._yaw_kept = None, still, False
+        self._load(now_s, snapshot, still)
+
+    def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
+        """Looks again what to send; says why the order must not be followed any further.
+
+        Args:
+            now_s: the moment.
+            snapshot: the vehicle, newest.
+            waiting: Offboard has not been confirmed yet.
+        """
+        wanted = (
+            self._still if self._resolved is None else self._resolved.at(now_s, snapshot, waiting=waiting)
+        )
+        return None if wanted is None else self._load(now_s, snapshot, wanted).stop
+
+    def take_reports(self) -> list[StreamEvent]:
+        """What limits did since the last call."""
+        taken, self._reports = self._reports, []
+        return taken
+
+    @property
+    def follows(self) -> str | None:
+        """The vehicle that is followed."""
+        return None if self._resolved is None else self._resolved.follows
+
+    def leader_is_gone(self, now_s: float, snapshot: Snapshot) -> bool:
+        """Whether a vehicle is followed that is not heard."""
+        return (
+            self._resolved is not None
+            and self.follows is not None
+            and self._resolved.at(now_s, snapshot) is None
+        )
+
+    def means_a_local_place(self) -> bool:
+        """Whether what is sent is a place by the vehicle's local origin (a leader's is found anew)."""
+        sent = self.sent
+        if self.follows is not None or not isinstance(sent, Position | Trajectory):
+            return False
+        return any(axis is not None for axis in sent.position_ned_m)
+
+    def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
+        bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
+        if wanted is self._wanted and bounds is self._bounds and not bounds.follows_the_vehicle:
+            return LimitResult(self.sent, self.limited)
+        dt_s = max(0.0, now_s - self._limited_s)
+        result = apply_limits(wanted, bounds, _here(now_s, snapshot), self.sent, dt_s)
+        self._wanted, self._bounds, self._limited_s = wanted, bounds, now_s
+        self.limited = result.notes
+        for note in result.notes:
+            if now_s - self._told_s.get(note, -math.inf) > TOLD_EVERY_S:
+                self._reports.append(StreamEvent("limited", NOTICE, f"Setpoint limited: {note}."))
+            self._told_s[note] = now_s
+        if result.setpoint is not None:
+            if result.setpoint != self.sent:
+                self._loader.load(result.setpoint)
+            self.sent = result.setpoint
+        return result
+
+
+def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
+    """No tilt."""
+    half = (yaw_ned_rad or 0.0) / 2.0
+    return Attitude((math.cos(half), 0.0, 0.0, math.sin(half)), thrust)
+
+
+def _here(now_s: float, snapshot: Snapshot) -> VehicleMotion | None:
+    """The vehicle at this moment; None where it is not known where it is."""
+    position = snapshot.position_at(now_s)
+    if position is None:
+        return None
+    velocity = snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
+    return VehicleMotion(position, velocity, snapshot.yaw_ned_rad, snapshot.q_ned_frd)

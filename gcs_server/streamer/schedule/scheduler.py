@@ -1,0 +1,314 @@
+"""All vehicles' setpoint streams and groups: `step` sends what is due and says when to call it again.
+
+It knows no thread, socket or process: `process/worker.py` runs it in a process of its own, tests call it
+themselves.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.streamer.schedule.stream import VehicleStream
+from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, Seen
+from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
+from gcs_server.streamer.transport.sender import NoSender, PayloadSender
+from gcs_server.streamer.values.events import WARNING, StreamEvent
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class _Stream:
+    core: VehicleStream
+    transport: MavlinkTransport
+    snapshot: Snapshot
+    sends_failed: int = 0
+    number: int = 0
+    """Of the newest `begin`: whoever began an earlier stream has no say in this one."""
+
+
+class StreamScheduler:
+    """What `Streams` says, done at once; whoever calls anything here calls `step` soon afterwards.
+
+    Whatever fails is one vehicle's or one group's: its stream ends (the vehicle fails safe), a group's
+    members are held, and all others go on.
+
+    Args:
+        clock: `monotonic_s` alone is used.
+        server_silent_limit_s: the loop's silence after which sending stops.
+    """
+
+    def __init__(self, clock: Clock, *, server_silent_limit_s: float = 1.5) -> None:
+        self._clock = clock
+        self._silent_limit_s = server_silent_limit_s
+        self._streams: dict[str, _Stream] = {}
+        self._guards: dict[str, GroupGuard] = {}
+        self._beat_s = clock.monotonic_s()
+
+    def start(self) -> None:
+        """See `Streams`."""
+
+    def close(self) -> None:
+        """See `Streams`."""
+        self._streams.clear()
+        self._guards.clear()
+
+    def step(self) -> float:
+        """One round over all streams; returns when the next is due (monotonic), infinity where none is."""
+        due_s = float("inf")
+        for guard in self._guards.values():
+            self._run_guard(guard)
+            due_s = min(due_s, guard.due_s)
+        for vehicle_id, stream in self._streams.items():
+            core = stream.core
+            if not core.streaming:
+                continue
+            try:
+                for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._beat_s):
+                    if not stream.transport.send(out):
+                        stream.sends_failed += 1
+            except Exception as error:
+                self._failed(vehicle_id, error)
+            due_s = min(due_s, core.due_s(self._beat_s))
+        return due_s
+
+    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+        self._loop_alive(self._clock.monotonic_s())
+        for vehicle_id, snapshot in snapshots.items():
+            stream = self._streams.get(vehicle_id)
+            if stream is None:
+                continue
+            try:
+                stream.snapshot = snapshot.plausible()
+            except Exception as error:  # the others' are taken
+                self._failed(vehicle_id, error)
+
+    # --- one vehicle's stream ---------------------------------------------------------------------
+
+    def attach(
+        self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int], number: int = 0
+    ) -> None:
+        """See `Streams`; `number` is that of its last stream, where it had some before."""
+        transport = MavlinkTransport(sender, target)
+        core = VehicleStream(transport, server_silent_limit_s=self._silent_limit_s)
+        nothing = Snapshot(-1.0, "", None, None, None)
+        self._streams[vehicle_id] = _Stream(core, transport, nothing, number=number)
+
+    def forget(self, vehicle_id: str) -> None:
+        """See `Streams`."""
+        self._streams[vehicle_id].transport.sender = NoSender()
+
+    def active(self) -> list[str]:
+        return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.core.streaming]
+
+    def state(self, vehicle_id: str) -> StreamState:
+        stream = self._streams[vehicle_id]
+        core, cadence, now_s = stream.core, stream.core.cadence, self._clock.monotonic_s()
+        return StreamState(
+            core.phase,
+            core.order if core.streaming else None,
+            core.sent if core.streaming else None,
+            core.limited if core.streaming else (),
+            cadence.rate_hz,
+            cadence.achieved_hz(now_s) if core.streaming else None,
+            core.age_s(now_s),
+            cadence.age_s(now_s) if core.streaming else None,
+            core.valid_left_s(now_s),
+            stream.sends_failed,
+            core.last_end,
+            stream.number,
+            cadence.steady_s if core.streaming else 0.0,
+        )
+
+    def phases(self) -> dict[str, tuple[str, int]]:
+        """Phase and number of each vehicle's newest stream."""
+        return {
+            vehicle_id: (stream.core.phase, stream.number) for vehicle_id, stream in self._streams.items()
+        }
+
+    def guard_states(self) -> dict[str, GuardState]:
+        """Of all groups that are watched."""
+        return {name: guard.state() for name, guard in self._guards.items()}
+
+    def guard_phases(self) -> list[tuple[str, str, int]]:
+        """Name, phase and number of those held of each group that is watched."""
+        return [(name, guard.phase, len(guard.held)) for name, guard in self._guards.items()]
+
+    @property
+    def has_news(self) -> bool:
+        """Whether reports or findings wait to be taken."""
+        return any(stream.core.reports for stream in self._streams.values()) or any(
+            guard.findings for guard in self._guards.values()
+        )
+
+    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+        stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
+        if stream.core.streaming:
+            return 0
+        stream.snapshot = snapshot.plausible()
+        stream.number += 1
+        stream.sends_failed = 0
+        self._loop_alive(now_s)  # the loop is here
+        try:
+            stream.core.begin(now_s, order, rate_hz, stream.snapshot)
+        except Exception as error:
+            stream.core.end("refused", f"The setpoint stream did not begin: {error}", report=False)
+            raise
+        return stream.number
+
+    def starting(self, vehicle_id: str, number: int) -> bool:
+        stream = self._streams[vehicle_id]
+        return stream.number == number and stream.core.phase == "starting"
+
+    def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        stream = self._streams[vehicle_id]
+        if number not in (None, stream.number):
+            return False
+        stream.snapshot = snapshot.plausible()
+        return stream.core.engage(self._clock.monotonic_s())
+
+    def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        stream = self._streams[vehicle_id]
+        if stream.number == number:
+            stream.snapshot = snapshot.plausible()
+            stream.core.cancel_start(self._clock.monotonic_s(), stream.snapshot)
+
+    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+        stream = self._streams[vehicle_id]
+        stream.snapshot = snapshot.plausible()
+        return stream.core.change(self._clock.monotonic_s(), order, stream.snapshot)
+
+    def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
+        stream = self._streams[vehicle_id]
+        stream.snapshot = snapshot.plausible()
+        stream.core.request_stop(self._clock.monotonic_s(), stream.snapshot)
+
+    def inhibit_mode_requests(self, vehicle_id: str) -> None:
+        self._streams[vehicle_id].core.inhibit_mode_requests(self._clock.monotonic_s())
+
+    def force_hold(self, vehicle_id: str, why: str) -> None:
+        stream = self._streams[vehicle_id]
+        stream.core.force_hold(self._clock.monotonic_s(), stream.snapshot, "group", why)
+
+    def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        stream = self._streams[vehicle_id]
+        if number in (None, stream.number):
+            stream.core.end(code, text, report=False)
+
+    def take_reports(self) -> list[tuple[str, StreamEvent]]:
+        taken: list[tuple[str, StreamEvent]] = []
+        for vehicle_id, stream in self._streams.items():
+            while stream.core.reports:
+                taken.append((vehicle_id, stream.core.reports.popleft()))
+        return taken
+
+    # --- groups -----------------------------------------------------------------------------------
+
+    def watch(self, guard: GroupGuard) -> None:
+        self._guards[guard.name] = guard
+
+    def unwatch(self, name: str) -> None:
+        self._guards.pop(name, None)
+
+    def disable_guard(self, name: str) -> None:
+        guard = self._guards.get(name)
+        if guard is not None:
+            guard.disable_guard()
+
+    def guard(self, name: str) -> GuardState | None:
+        guard = self._guards.get(name)
+        return None if guard is None else guard.state()
+
+    def watched(self) -> dict[str, Order | None]:
+        return {v: guard.order_to_come(v) for guard in self._guards.values() for v in guard.members}
+
+    def take_findings(self) -> list[tuple[str, Finding]]:
+        taken: list[tuple[str, Finding]] = []
+        for name, guard in self._guards.items():
+            while guard.findings:
+                taken.append((name, guard.findings.popleft()))
+        return taken
+
+    def change_together(
+        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+    ) -> bool:
+        guard, now_s = self._guards.get(name), self._clock.monotonic_s()
+        if guard is None:
+            return False
+        flying = [v for v in guard.members if v not in guard.held]
+        phases = {self._streams[v].core.phase for v in flying}
+        if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
+            return False
+        if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
+            return False  # what has expired is not revived unasked: a path would begin again
+        for vehicle_id in orders:
+            self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
+        self._carry_out(guard, now_s, Actions(take=dict(orders)), until_s)
+        return True
+
+    def _run_guard(self, guard: GroupGuard) -> None:
+        now_s = self._clock.monotonic_s()
+        if now_s < guard.due_s:
+            return
+        try:
+            actions = guard.look(now_s, {v: self._seen(v) for v in guard.members})
+        except Exception as error:  # what keeps them apart must not fail in silence
+            guard.look_later(now_s)
+            actions = guard.fault(now_s, f"What keeps the group apart failed ({error})")
+            if actions.hold:
+                log.exception("the guard of group %s failed", guard.name)
+        self._carry_out(guard, now_s, actions, guard.until_s)
+
+    def _seen(self, vehicle_id: str) -> Seen:
+        stream = self._streams[vehicle_id]
+        core = stream.core
+        ended = core.last_end.text if core.last_end is not None and not core.streaming else None
+        return Seen(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
+
+    def _carry_out(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
+        """All in one go, before any of them is sent anything else."""
+        refused = None
+        for vehicle_id, order in actions.take.items():
+            stream = self._streams[vehicle_id]
+            try:
+                if not stream.core.change(now_s, order, stream.snapshot):
+                    refused = f"Vehicle {vehicle_id} could not begin"
+            except Exception as error:
+                if not isinstance(error, ValueError):
+                    log.exception("the setpoint of vehicle %s failed", vehicle_id)
+                refused = f"Vehicle {vehicle_id} could not begin ({error})"
+        if refused is not None:
+            actions = guard.fault(now_s, refused)
+        elif actions.take or until_s != guard.until_s:
+            guard.renewed(until_s)
+            for vehicle_id in guard.members:
+                if vehicle_id not in guard.held:
+                    self._streams[vehicle_id].core.prolong(until_s)
+        for vehicle_id, why in actions.hold.items():
+            stream = self._streams[vehicle_id]
+            try:
+                stream.core.force_hold(now_s, stream.snapshot, actions.code, why)
+            except Exception as error:  # the others are to be held all the same
+                self._failed(vehicle_id, error)
+
+    def _failed(self, vehicle_id: str, error: Exception) -> None:
+        """One vehicle's fault ends its stream and nobody else's."""
+        log.exception("the stream to vehicle %s failed", vehicle_id)
+        text = f"The setpoint stream failed: {error}"
+        self._streams[vehicle_id].core.end("fault", text, WARNING)
+
+    def _loop_alive(self, now_s: float) -> None:
+        """The loop lives; streams that its silence should have ended (the process stood still) end first."""
+        if now_s - self._beat_s >= self._silent_limit_s:
+            for vehicle_id, stream in self._streams.items():
+                try:
+                    stream.core.tick(now_s, stream.snapshot, self._beat_s)
+                except Exception as error:
+                    self._failed(vehicle_id, error)
+        self._beat_s = max(self._beat_s, now_s)

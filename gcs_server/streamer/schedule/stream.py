@@ -1,0 +1,380 @@
+"""One vehicle's stream as a pure state machine: what goes out now, and when to stop.
+
+    idle ── begin ──► starting ── engage ──► streaming ◄── change ──┐
+      ▲                                         │ expiry            │
+      │                 ┌───────────────────────┼───────────────────┤
+      │              landing                 holding ── time ──► to_hold
+      └── end ◄─────────┴───────────────────────┴───────────────────┘
+
+A start that fails once Offboard has been asked for is `undoing` for a while: the vehicle may take Offboard
+late, and must not then find the stream gone.
+
+It knows no clock, thread or socket: `tick` is handed the time and an immutable snapshot of the vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+
+from gcs_server.streamer.schedule.cadence import Cadence
+from gcs_server.streamer.schedule.pipeline import SetpointPipeline
+from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
+from gcs_server.streamer.values.snapshot import LONGEST_EXTRAPOLATION_S, Snapshot
+from missions.frames import Vector3
+from missions.setpoints import DirectSetpoint
+
+MODE_REQUEST_PERIOD_S = 1.0
+MAX_MODE_REQUESTS = 5
+"""Asked this often without the vehicle's word, the stream stops and PX4's own failsafe takes over."""
+LONGEST_START_S = 20.0
+STOP_WITHIN_S = 7.0
+"""A stop that the loop has not brought about by then is brought about by the stream itself."""
+UNDO_S = 2.5
+"""So long a vehicle may yet report an Offboard that nobody waits for: two heartbeats, one of them lost."""
+INHIBIT_MODE_REQUESTS_S = 6.5
+"""A command of a person's has so long to be done before the stream asks for a mode of its own."""
+JUMP_M, JUMP_M_S = 5.0, 20.0
+"""A local position that moves by more than this (and this a second) did not fly: its origin was moved."""
+
+
+class VehicleStream:
+    """See the module's drawing.
+
+    Args:
+        loader: the transport; prepares each setpoint that is to be sent.
+        server_silent_limit_s: how long the event loop may be silent before the stream stops.
+    """
+
+    def __init__(self, loader: SetpointLoader, *, server_silent_limit_s: float = 1.5) -> None:
+        self._silent_limit_s = server_silent_limit_s
+        self._pipeline = SetpointPipeline(loader)
+        self._why = ""
+        """What made the stream end the flight by itself, for who asks afterwards."""
+        self.phase = "idle"
+        self.order: Order | None = None
+        self.cadence = Cadence()
+        """When setpoints go out, and went out; of the last stream while idle."""
+        self.reports: deque[StreamEvent] = deque(maxlen=50)
+        self.last_end: StreamEvent | None = None
+        self._since_s = 0.0
+        self._engaged_s = math.inf
+        self._phase_until_s = math.inf
+        self._requested_mode: str | None = None
+        self._mode_requests = 0
+        self._next_request_s = 0.0
+        self._inhibited_until_s = -math.inf
+        self._was_armed = False
+        self._last_estimate: tuple[float, Vector3] | None = None
+
+    # --- what the loop asks for -------------------------------------------------------------------
+
+    def begin(self, now_s: float, order: Order, rate_hz: float, snapshot: Snapshot) -> None:
+        """Starts to stream before Offboard is asked for; validity counts from `engage`."""
+        self.cadence.begin(rate_hz)
+        self._requested_mode, self.last_end = None, None
+        self._engaged_s = math.inf
+        self._was_armed, self._last_estimate = False, None
+        self._enter("starting", now_s, LONGEST_START_S)
+        self._pipeline.forget()
+        self._take(now_s, order, snapshot)
+
+    def engage(self, now_s: float) -> bool:
+        """The vehicle reports Offboard: validity counts from now. False: the stream has ended meanwhile."""
+        if self.phase != "starting" or self.order is None:
+            return False
+        self._engaged_s = self._since_s = now_s
+        self._pipeline.begin_anew(now_s)
+        self._enter("streaming", now_s, self.order.lasts_s)
+        return True
+
+    def change(self, now_s: float, order: Order, snapshot: Snapshot) -> bool:
+        """A new setpoint, at once; False where the stream is not (or no longer) to be had."""
+        if self.phase not in ("starting", "streaming", "holding") or self._requested_mode is not None:
+            return False
+        self._take(now_s, order, snapshot)
+        if self.phase != "starting":
+            self._enter("streaming", now_s, order.lasts_s)
+        return True
+
+    def prolong(self, until_s: float) -> None:
+        """The order counts until then, as those of a group that expire together."""
+        if self.phase == "streaming" and self.order is not None:
+            own_s = self.order.lasts_s - self.order.valid_for_s
+            self.order = replace(self.order, valid_for_s=max(0.0, until_s - self._since_s - own_s))
+            self._phase_until_s = self._since_s + self.order.lasts_s
+
+    def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+        """Stops at once and asks for Hold (Land where no place can be held), whatever the order says."""
+        if self.phase in ("streaming", "holding") and self._requested_mode is None:
+            self._why = why
+            self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
+
+    def request_stop(self, now_s: float, snapshot: Snapshot) -> None:
+        """Somebody asked to stop: hold the place while the loop asks the vehicle for Hold.
+
+        If the loop then fails to, the stream asks itself, as after an expiry.
+        """
+        if self.phase in ("streaming", "holding"):
+            self._hold_position(now_s, snapshot)
+            self._enter("holding", now_s, STOP_WITHIN_S)
+            self._requested_mode = "hold"
+
+    def cancel_start(self, now_s: float, snapshot: Snapshot) -> None:
+        """Offboard was asked for and not confirmed: should it come yet, the vehicle is put into Hold."""
+        if self.phase == "starting":
+            self._since_s = now_s
+            self._hold_position(now_s, snapshot)
+            self._enter("undoing", now_s, UNDO_S)
+
+    def inhibit_mode_requests(self, now_s: float) -> None:
+        """Somebody commands a mode: what the stream asks for must not come after it and undo it."""
+        self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
+
+    def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
+        """Nothing is sent from here on."""
+        if self.phase == "idle":
+            return
+        self.phase = "idle"
+        self._phase_until_s = math.inf
+        self.last_end = StreamEvent(code, severity, text)
+        if report:
+            self.reports.append(self.last_end)
+
+    # --- what the scheduler asks for --------------------------------------------------------------
+
+    def due_s(self, beat_s: float) -> float:
+        """When `tick` wants to be called next; infinity while idle."""
+        if self.phase == "idle":
+            return math.inf
+        return min(self.cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
+
+    def tick(self, now_s: float, snapshot: Snapshot, beat_s: float) -> list[Outgoing]:
+        """What goes out now.
+
+        Args:
+            now_s: monotonic time.
+            snapshot: the newest one.
+            beat_s: when the event loop last showed that it lives.
+        """
+        if self.phase == "idle":
+            return []
+        if now_s - beat_s >= self._silent_limit_s:
+            self.end(
+                "server_silent",
+                f"The server's event loop was silent for {self._silent_limit_s:g} s: the setpoint stream "
+                "was stopped so that the vehicle fails safe.",
+                WARNING,
+            )
+            return []
+        if self._left_offboard(snapshot):
+            return []
+        self._react_to(now_s, snapshot)
+        if now_s >= self._phase_until_s:
+            self._phase_over(now_s, snapshot)
+        outgoing: list[Outgoing] = []
+        if self.phase in ("to_hold", "landing"):
+            self._send_mode_request(now_s, outgoing)
+        if self.phase != "idle" and now_s >= self.cadence.next_s:
+            self._refresh_setpoint(now_s, snapshot)
+            if not self.streaming:
+                return outgoing
+            outgoing.append(SetpointDue(now_s))
+            self.cadence.sent(now_s)
+        return outgoing
+
+    # --- what can be read -------------------------------------------------------------------------
+
+    @property
+    def sent(self) -> DirectSetpoint | None:
+        """What goes out now: what was ordered within its limits, or the place held after it expired."""
+        return self._pipeline.sent
+
+    @property
+    def limited(self) -> tuple[str, ...]:
+        """What the limits take away from the order now, in words."""
+        return self._pipeline.limited
+
+    @property
+    def streaming(self) -> bool:
+        """Whether setpoints go out."""
+        return self.phase != "idle"
+
+    def age_s(self, now_s: float) -> float | None:
+        """Age of the order."""
+        return None if self.order is None or self.phase == "idle" else now_s - self._since_s
+
+    def valid_left_s(self, now_s: float) -> float | None:
+        """Until the order expires (it has not begun to while starting); None while idle."""
+        if self.order is None or self.phase == "idle":
+            return None
+        if self.phase == "starting":
+            return self.order.lasts_s
+        return max(0.0, self._since_s + self.order.lasts_s - now_s)
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _enter(self, phase: str, now_s: float, for_s: float) -> None:
+        self.phase = phase
+        self._phase_until_s = now_s + for_s
+
+    def _take(self, now_s: float, order: Order, snapshot: Snapshot) -> None:
+        self._pipeline.take(now_s, order.setpoint, snapshot)
+        self._why = ""
+        self.order, self._since_s = order, now_s
+        self.cadence.at_once(now_s)
+
+    def _refresh_setpoint(self, now_s: float, snapshot: Snapshot) -> None:
+        """Looks after what goes out at this very moment."""
+        follows_order = self.phase in ("starting", "streaming")
+        stop = self._pipeline.refresh(now_s, snapshot, waiting=self.phase == "starting")
+        self.reports.extend(self._pipeline.take_reports())
+        if stop is None or not follows_order:
+            return
+        if self.phase == "starting":
+            self.end("fence", f"{stop}; the setpoint stream has ended.", WARNING)
+        else:
+            self._fall_back(now_s, snapshot, "fence", stop)
+
+    def _left_offboard(self, snapshot: Snapshot) -> bool:
+        """Ends where the vehicle flies another mode than Offboard, by whoever's will: never fights for it."""
+        if snapshot.taken_s < self._engaged_s:
+            return False
+        if snapshot.mode == "offboard":
+            disarmed = self._was_armed and not snapshot.armed
+            self._was_armed = snapshot.armed
+            if disarmed:  # armed again, it would fly off at once
+                self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
+            return disarmed
+        if snapshot.mode == self._requested_mode:
+            mode = snapshot.mode
+            code = "held" if mode == "hold" else "landing"
+            because = f" ({self._why[0].lower()}{self._why[1:]})" if self._why else ""
+            self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended{because}.")
+        elif snapshot.mode_asked_by is not None:
+            self.end("commanded", f"{snapshot.mode_asked_by}; the setpoint stream has ended.", INFO)
+        else:
+            self.end(
+                "left_offboard",
+                f"The vehicle left Offboard for {snapshot.mode!r}; the setpoint stream has ended.",
+                WARNING,
+            )
+        return True
+
+    def _react_to(self, now_s: float, snapshot: Snapshot) -> None:
+        """What the vehicle's news mean for what is sent to it."""
+        jumped_m = self._jumped_m(snapshot)
+        if self.phase == "undoing" and snapshot.taken_s > self._since_s:
+            if (
+                snapshot.mode == "offboard" or snapshot.lost
+            ):  # lost: the last word it may hear is not Offboard
+                self._request_mode("hold", now_s)
+        elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
+            self._engaged_s = now_s
+        elif snapshot.lost and self.phase in ("streaming", "holding"):
+            self._end_flight(now_s, snapshot, "lost", "The vehicle is not heard any more")
+        elif self.phase == "streaming" and self._pipeline.leader_is_gone(now_s, snapshot):
+            why = f"Vehicle {self._pipeline.follows}, which it follows, is not heard"
+            self._fall_back(now_s, snapshot, "leader_lost", why)
+        elif jumped_m is not None and self._pipeline.means_a_local_place():
+            why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
+            if self.phase == "streaming":
+                self._end_flight(now_s, snapshot, "jumped", f"{why}: the setpoint means another place now")
+            elif self.phase in ("holding", "to_hold", "landing", "undoing"):
+                self._hold_position(now_s, snapshot)
+
+    def _jumped_m(self, snapshot: Snapshot) -> float | None:
+        """How far the local position moved without flying there; None where it did not."""
+        if snapshot.position_ned_m is None:
+            return None
+        before, self._last_estimate = self._last_estimate, (snapshot.heard_s, snapshot.position_ned_m)
+        if before is None:
+            return None
+        moved_m = math.dist(before[1], snapshot.position_ned_m)
+        allowed_m = JUMP_M + JUMP_M_S * max(snapshot.heard_s - before[0], 0.0)
+        return moved_m if moved_m > allowed_m else None
+
+    def _phase_over(self, now_s: float, snapshot: Snapshot) -> None:
+        if self.phase == "undoing":
+            self.end(
+                "not_confirmed", "Offboard was not confirmed; the setpoint stream has ended.", report=False
+            )
+        elif self.phase == "starting":
+            self.end("not_confirmed", "Offboard was never confirmed; the setpoint stream has ended.", WARNING)
+        elif self.phase == "streaming":
+            self._expired(now_s, snapshot)
+        elif self.phase == "holding":
+            self._request_mode("hold", now_s)
+
+    def _expired(self, now_s: float, snapshot: Snapshot) -> None:
+        assert self.order is not None
+        why = f"The setpoint of {self.order.client or 'a client'} expired after {self.order.lasts_s:g} s"
+        self._fall_back(now_s, snapshot, "expired", why)
+
+    def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+        """Does what the order says for its end, with the place held where that can be."""
+        assert self.order is not None
+        self._why = why
+        if self.order.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
+            hold_for_s = self.order.on_expiry.hold_for_s
+            self._report(code, f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
+            self._hold_position(now_s, snapshot)
+            self._enter("holding", now_s, hold_for_s)
+        else:
+            self._end_flight(now_s, snapshot, code, why)
+
+    def _end_flight(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+        """Ends the flight as the order says, where setpoints of ours cannot hold its place."""
+        assert self.order is not None
+        self._why = why
+        action = self.order.on_expiry.action
+        if action == "stop_stream":
+            self.end(code, f"{why}: the stream stopped, the vehicle fails safe.", WARNING)
+            return
+        self._hold_and_request_mode(now_s, snapshot, code, why, land=action == "land")
+
+    def _hold_and_request_mode(
+        self, now_s: float, snapshot: Snapshot, code: str, why: str, *, land: bool
+    ) -> None:
+        self._hold_position(now_s, snapshot)
+        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.heard_s <= LONGEST_EXTRAPOLATION_S
+        if land:
+            self._report(code, f"{why}: landing.")
+            self._request_mode("land", now_s)
+        elif heard and snapshot.position_ned_m is None:
+            self._report(code, f"{why}: landing (no position estimate to hold).")
+            self._request_mode("land", now_s)
+        else:  # where it is may be known to itself, though not to us
+            self._report(code, f"{why}: asking for Hold mode.")
+            self._request_mode("hold", now_s)
+
+    def _hold_position(self, now_s: float, snapshot: Snapshot) -> None:
+        """What is sent until the mode has changed."""
+        self._pipeline.hold_position(now_s, snapshot)
+        self.cadence.at_once(now_s)
+
+    def _request_mode(self, mode: str, now_s: float) -> None:
+        self._requested_mode, self._mode_requests, self._next_request_s = mode, 0, now_s
+        self._enter("to_hold" if mode == "hold" else "landing", now_s, math.inf)
+
+    def _send_mode_request(self, now_s: float, outgoing: list[Outgoing]) -> None:
+        if now_s < max(self._next_request_s, self._inhibited_until_s):
+            return
+        assert self._requested_mode is not None
+        if self._mode_requests >= MAX_MODE_REQUESTS:
+            self.end(
+                "not_confirmed",
+                f"The vehicle did not change to {self._requested_mode.capitalize()} when asked "
+                f"{MAX_MODE_REQUESTS} times: the stream stopped, the vehicle fails safe.",
+                WARNING,
+            )
+            return
+        outgoing.append(ModeRequest(self._requested_mode, self._mode_requests))
+        self._mode_requests += 1
+        self._next_request_s = now_s + MODE_REQUEST_PERIOD_S
+
+    def _report(self, code: str, text: str) -> None:
+        self.reports.append(StreamEvent(code, WARNING, text))

@@ -1,0 +1,34 @@
+"""The last step of a setpoint: packed as a MAVLink message and handed to the vehicle's sender."""
+
+from __future__ import annotations
+
+from gcs_server.streamer.transport.mavlink import MSG_COMMAND_LONG, Packed, encode, mode_command, stamped
+from gcs_server.streamer.transport.sender import PayloadSender
+from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing
+from missions.setpoints import DirectSetpoint
+
+
+class MavlinkTransport:
+    """Sends to one vehicle.
+
+    Args:
+        sender: how bytes reach the vehicle.
+        target: the vehicle's system id and its autopilot's component id.
+    """
+
+    def __init__(self, sender: PayloadSender, target: tuple[int, int]) -> None:
+        self.sender = sender
+        self._target = target
+        self._packed: Packed = (0, b"")
+
+    def load(self, setpoint: DirectSetpoint) -> None:
+        """See `SetpointLoader`."""
+        self._packed = encode(setpoint, self._target)
+
+    def send(self, outgoing: Outgoing) -> bool:
+        """False where nothing was sent."""
+        if isinstance(outgoing, ModeRequest):
+            payload = mode_command(outgoing.mode, self._target, outgoing.attempt)
+            return self.sender.send_payload(MSG_COMMAND_LONG, payload)
+        msg_id, payload = self._packed
+        return self.sender.send_payload(msg_id, stamped(payload, outgoing.now_s))

@@ -1,0 +1,69 @@
+"""Which combinations PX4 follows at all: it answers the others by sinking level, or by standing still.
+
+Its position controller wants north and east of a quantity together or not at all, and something on every
+axis.
+"""
+
+from __future__ import annotations
+
+from missions.setpoints import NOTHING, Acceleration, Partial3, Position, Setpoint, Trajectory, Velocity
+
+FRAMES = (
+    "PX4 follows the local frames 1 (LOCAL_NED) and 8 (BODY_NED) and the global frames 5, 6 and 11 only, and "
+    "the type of a setpoint says which: position and velocity are local NED, velocity_body goes along the "
+    "heading, position_body is an offset from where the vehicle is (what frames 7 and 9 were meant for), "
+    "position_global is latitude and longitude."
+)
+FORCE = (
+    "PX4 refuses a force: its flag (512) makes it throw an acceleration away. Leave it out and give "
+    "acceleration_ned_m_s2 in m/s²."
+)
+MASK = "The ignore bits follow from the fields: give null for what is not to be controlled."
+MAVLINK_ONLY_FIELDS = {
+    **dict.fromkeys(("frame", "coordinate_frame", "mav_frame"), FRAMES),
+    **dict.fromkeys(("force", "force_ned_n", "is_force", "use_force"), FORCE),
+    **dict.fromkeys(("type_mask", "mask"), MASK),
+}
+"""Fields of MAVLink's that a client may try, and why there are none of them."""
+_AXES = ("north", "east", "down")
+
+
+def axes_problem(
+    position: Partial3 = NOTHING, velocity: Partial3 = NOTHING, acceleration: Partial3 = NOTHING
+) -> str | None:
+    """Why PX4 would not fly this combination; None where it does."""
+    named = {
+        "position_ned_m": position,
+        "velocity_ned_m_s": velocity,
+        "acceleration_ned_m_s2": acceleration,
+    }
+    if all(value is None for vector in named.values() for value in vector):
+        return (
+            "Nothing is controlled but the yaw: PX4 refuses a setpoint without position, velocity or "
+            "acceleration. Give the present position to turn on the spot."
+        )
+    for name, (north, east, _) in named.items():
+        if (north is None) != (east is None):
+            return f"{name}: north and east go together; PX4 does not fly one without the other."
+    for axis, words in enumerate(_AXES):
+        if all(vector[axis] is None for vector in named.values()):
+            return (
+                f"{words} is not controlled: PX4 stops instead of flying the rest. Give a position, a "
+                "velocity or an acceleration on every axis (type trajectory mixes them)."
+            )
+    return None
+
+
+def problem_of(setpoint: Setpoint) -> str | None:
+    """Why PX4 would not fly this setpoint, whatever the vehicle's state; None where it does."""
+    if isinstance(setpoint, Position):
+        return axes_problem(position=setpoint.position_ned_m)
+    if isinstance(setpoint, Velocity):
+        return axes_problem(velocity=setpoint.velocity_ned_m_s)
+    if isinstance(setpoint, Acceleration):
+        return axes_problem(acceleration=setpoint.acceleration_ned_m_s2)
+    if isinstance(setpoint, Trajectory):
+        return axes_problem(
+            setpoint.position_ned_m, setpoint.velocity_ned_m_s, setpoint.acceleration_ned_m_s2
+        )
+    return None

@@ -1,0 +1,165 @@
+"""What is refused before it is taken: places too far or not allowed, paths too fast."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_server.errors import Refused
+from gcs_server.streamer.frames.resolve import ResolvedSetpoint
+from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.curves import PathCurve
+from missions.frames import Vector3
+from missions.setpoints import (
+    DirectSetpoint,
+    Follow,
+    Path,
+    Position,
+    PositionGlobal,
+    Setpoint,
+    Trajectory,
+    complete,
+)
+
+SETPOINT_MAX_DISTANCE_M = 1000.0
+PATH_START_WITHIN_M = 5.0
+PATH_LOOK_S = 0.2
+"""A path is looked through at this spacing."""
+FASTER_THAN = 1.05
+"""A curve may swing a little above the limit between its points."""
+LOCAL = "Coordinates are metres north, east, down of the vehicle's local origin."
+
+
+def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limited_place: bool) -> None:
+    """Whether the vehicle may go where it is sent.
+
+    Args:
+        setpoint: of which the estimates that it needs are there.
+        now_s: monotonic.
+        snapshot: the vehicle, with its bounds.
+        limited_place: the operator has set limits of place.
+
+    Raises:
+        Refused: too far, outside, too fast, or not to be told.
+    """
+    bounds, here = snapshot.bounds, snapshot.position_at(now_s)
+    if limited_place and (bounds.unknown is not None or here is None):
+        why = bounds.unknown or "the vehicle does not know where it is"
+        raise Refused(
+            f"The operator's limits cannot be kept: {why}.",
+            remedy="Wait for GPS and the estimator, or lift the limits of height, distance and fence.",
+        )
+    if here is None:
+        return
+    if isinstance(setpoint, Path):
+        check_path(setpoint, here, bounds)
+    elif not isinstance(setpoint, Follow):  # where the other goes is not known: held inside as it flies
+        target = _place_of(ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot), bounds)
+        if target is not None:
+            _check_distance(target, here, "The target")
+            _check_inside(target, here, bounds)
+
+
+def _place_of(wanted: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
+    if isinstance(wanted, Position | Trajectory):
+        return complete(wanted.position_ned_m)
+    if isinstance(wanted, PositionGlobal) and bounds.origin is not None and wanted.alt_amsl_m is not None:
+        return bounds.origin.to_ned(wanted.lat_deg, wanted.lon_deg, wanted.alt_amsl_m)
+    return None
+
+
+def _check_distance(target: Vector3, here: Vector3, what: str) -> None:
+    distance_m = math.dist(target, here)
+    if distance_m > SETPOINT_MAX_DISTANCE_M:
+        raise Refused(
+            f"{what} is {distance_m:.0f} m from the vehicle; setpoints may be at most "
+            f"{SETPOINT_MAX_DISTANCE_M:.0f} m away.",
+            remedy=LOCAL,
+        )
+
+
+def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
+    breach = _breach(target, bounds)
+    if breach is not None:
+        raise Refused(
+            f"The target is outside {breach}.", remedy="Choose a place inside, or change the limit."
+        )
+    region, start, end = bounds.region, (here[0], here[1]), (target[0], target[1])
+    far_m = math.dist(start, end)
+    if far_m < 1e-6 or region.breach(start) is not None:
+        return  # from outside, the way back in is flown
+    direction = ((end[0] - start[0]) / far_m, (end[1] - start[1]) / far_m)
+    if region.distance_to_edge_m(start, direction) < far_m:
+        raise Refused(
+            "The straight way to the target leaves the allowed space.",
+            remedy="Fly around the corner: by a place in between, or by a path.",
+        )
+
+
+def _breach(place: Vector3, bounds: Bounds) -> str | None:
+    region = bounds.region
+    if region.clamp_down_m(place[2]) != place[2]:
+        return "the limits of height"
+    return region.breach((place[0], place[1]))
+
+
+def check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
+    begin = path.points[0].position_ned_m
+    off_m = math.dist(begin, here)
+    if off_m > PATH_START_WITHIN_M:
+        raise Refused(
+            f"The path begins {off_m:.1f} m away; it must begin within {PATH_START_WITHIN_M:g} m.",
+            remedy="Fly to its first point first.",
+        )
+    for index, point in enumerate(path.points):
+        _check_distance(point.position_ned_m, here, f"Point {index} of the path")
+    curve = PathCurve(path, None)
+    looked_at_s = np.minimum(
+        np.arange(math.ceil(curve.duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, curve.duration_s
+    )
+    for index in np.flatnonzero(_suspect(*curve.many(looked_at_s), bounds)):
+        t_s = float(looked_at_s[index])
+        sample = curve.at(t_s)
+        place, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
+        assert place is not None
+        assert velocity is not None
+        breach = _breach(place, bounds)
+        if breach is not None:
+            raise Refused(
+                f"After {t_s:.1f} s the path is outside {breach}.",
+                remedy="The curve swings beyond its points where it turns: keep them further inside.",
+            )
+        too_fast = _too_fast(velocity, bounds)
+        if too_fast is not None:
+            raise Refused(f"After {t_s:.1f} s {too_fast}.", remedy="Give the points more time.")
+
+
+def _suspect(
+    places: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
+) -> NDArray[np.bool_]:
+    """Which samples of a path are outside or too fast, all looked at together."""
+    region, down_m, down_m_s = bounds.region, places[:, 2], velocities[:, 2]
+    return (
+        region.are_outside(places[:, :2])
+        | (down_m < region.down_min_m)
+        | (down_m > region.down_max_m)
+        | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * FASTER_THAN)
+        | (-down_m_s > bounds.climb_m_s * FASTER_THAN)
+        | (down_m_s > bounds.sink_m_s * FASTER_THAN)
+    )
+
+
+def _too_fast(velocity: Vector3, bounds: Bounds) -> str | None:
+    speed, velocity_down_m_s = math.hypot(velocity[0], velocity[1]), velocity[2]
+    if speed > bounds.speed_m_s * FASTER_THAN:
+        return f"the path flies at {speed:.1f} m/s; at most {bounds.speed_m_s:g} m/s are allowed"
+    if -velocity_down_m_s > bounds.climb_m_s * FASTER_THAN:
+        return (
+            f"the path climbs at {-velocity_down_m_s:.1f} m/s; at most {bounds.climb_m_s:g} m/s are allowed"
+        )
+    if velocity_down_m_s > bounds.sink_m_s * FASTER_THAN:
+        return f"the path sinks at {velocity_down_m_s:.1f} m/s; at most {bounds.sink_m_s:g} m/s are allowed"
+    return None

@@ -1,0 +1,146 @@
+"""The vehicle's and the operator's limits together, in the vehicle's local frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
+from gcs_server.vehicle.samples import Home
+from missions.fence import Circle, CircleFence, Polygon, Region
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+
+INF = math.inf
+NOWHERE_LIMITED = Region()
+DEFAULT_POSITION_GAIN = 0.95
+"""MPC_XY_P: the speed with which PX4 approaches a place a metre away [1/s]."""
+DEFAULT_HEIGHT_GAIN = 1.0
+"""MPC_Z_P."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Infinite: not limited."""
+
+    speed_m_s: float = INF
+    climb_m_s: float = INF
+    sink_m_s: float = INF
+    tilt_rad: float = INF
+    acceleration_m_s2: float = INF
+    acceleration_up_m_s2: float = INF
+    acceleration_down_m_s2: float = INF
+    rates_rad_s: Vector3 = (INF, INF, INF)
+    slew_velocity_m_s2: float = INF
+    slew_attitude_rad_s: float = INF
+    approach_m_s: float = INF
+    """Positions are approached no faster: PX4 itself keeps its own limit only."""
+    approach_climb_m_s: float = INF
+    approach_sink_m_s: float = INF
+    position_gain: float = DEFAULT_POSITION_GAIN
+    height_gain: float = DEFAULT_HEIGHT_GAIN
+    region: Region = NOWHERE_LIMITED
+    origin: LocalOrigin | None = None
+    unknown: str | None = None
+    """Why the operator's limits of place cannot be kept now; None where they can."""
+
+    @property
+    def follows_the_vehicle(self) -> bool:
+        """Whether the same setpoint may be limited otherwise a moment later."""
+        region = self.region
+        return (
+            region.is_limited_horizontally
+            or region.is_limited_vertically
+            or min(self.approach_m_s, self.approach_climb_m_s, self.approach_sink_m_s) < INF
+            or min(self.slew_velocity_m_s2, self.slew_attitude_rad_s) < INF
+        )
+
+
+UNBOUNDED = Bounds()
+
+
+def bounds_of(
+    vehicle: VehicleLimits,
+    operator: OperatorLimits,
+    home: Home | None,
+    origin: LocalOrigin | None,
+    gains: tuple[float | None, float | None] = (None, None),
+) -> Bounds:
+    """Whichever is narrower of each pair.
+
+    Args:
+        vehicle: of its parameters.
+        operator: set by API.
+        home: heights and distances count from it.
+        origin: of the local frame, for a fence in latitude and longitude.
+        gains: MPC_XY_P and MPC_Z_P, where known.
+    """
+    region, unknown = _region(vehicle, operator, home, origin)
+    return Bounds(
+        speed_m_s=_least(vehicle.speed_max_m_s, operator.speed_max_m_s),
+        climb_m_s=_least(vehicle.climb_max_m_s, operator.climb_max_m_s),
+        sink_m_s=_least(vehicle.sink_max_m_s, operator.sink_max_m_s),
+        tilt_rad=_least(vehicle.tilt_max_rad, operator.tilt_max_rad),
+        acceleration_m_s2=_least(vehicle.acceleration_max_m_s2),
+        acceleration_up_m_s2=_least(vehicle.acceleration_up_max_m_s2),
+        acceleration_down_m_s2=_least(vehicle.acceleration_down_max_m_s2),
+        rates_rad_s=(
+            _least(vehicle.roll_rate_max_rad_s),
+            _least(vehicle.pitch_rate_max_rad_s),
+            _least(vehicle.yaw_rate_max_rad_s),
+        ),
+        slew_velocity_m_s2=_least(operator.slew_velocity_m_s2),
+        slew_attitude_rad_s=_least(operator.slew_attitude_rad_s),
+        approach_m_s=_least(operator.speed_max_m_s),
+        approach_climb_m_s=_least(operator.climb_max_m_s),
+        approach_sink_m_s=_least(operator.sink_max_m_s),
+        position_gain=gains[0] or DEFAULT_POSITION_GAIN,
+        height_gain=gains[1] or DEFAULT_HEIGHT_GAIN,
+        region=region,
+        origin=origin,
+        unknown=unknown,
+    )
+
+
+def _least(*limits: float | None) -> float:
+    return min((limit for limit in limits if limit is not None), default=INF)
+
+
+def _region(
+    vehicle: VehicleLimits, operator: OperatorLimits, home: Home | None, origin: LocalOrigin | None
+) -> tuple[Region, str | None]:
+    circles: list[Circle] = []
+    polygons: list[Polygon] = []
+    down_min_m, down_max_m = -INF, INF
+    unknown = None
+    heights = (vehicle.height_max_m, operator.height_max_m, operator.height_min_m)
+    distances = (vehicle.distance_max_m, operator.distance_max_m)
+    if any(limit is not None for limit in (*heights, *distances)):
+        home_ned = _home_ned(home, origin)
+        if home_ned is None:
+            unknown = "its home position is not known, from which heights and distances are limited"
+        else:
+            down_min_m = home_ned[2] - _least(vehicle.height_max_m, operator.height_max_m)
+            if operator.height_min_m is not None:
+                down_max_m = home_ned[2] - operator.height_min_m
+            for radius_m, whose in zip(distances, ("the vehicle's", "the operator's"), strict=True):
+                if radius_m is not None:
+                    name = f"{whose} limit of {radius_m:g} m from home"
+                    circles.append(Circle((home_ned[0], home_ned[1]), radius_m, name))
+    fence = operator.fence
+    if fence is not None:
+        if origin is None:
+            unknown = "it does not know where on the earth it is, where a fence is set"
+        elif isinstance(fence, CircleFence):
+            circles.append(fence.to_local(origin, "the operator's fence"))
+        else:
+            polygons.append(fence.to_local(origin, "the operator's fence"))
+    return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), unknown
+
+
+def _home_ned(home: Home | None, origin: LocalOrigin | None) -> Vector3 | None:
+    if home is None:
+        return None
+    if home.position_ned_m is not None:
+        return home.position_ned_m
+    return None if origin is None else origin.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)

@@ -1,0 +1,130 @@
+"""The real process and a vehicle at the other end of real sockets, for the tests beside this file."""
+
+import asyncio
+import contextlib
+import functools
+import inspect
+import os
+import socket
+import struct
+import threading
+import time
+from types import SimpleNamespace
+
+from gcs_server.clock import SystemClock
+from gcs_server.links.base import Peer
+from gcs_server.streamer.process.stream_process import StreamProcess
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.setpoints import Position
+
+HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+OWN_IDS = (255, 191)
+MSG_SET_POSITION_TARGET_LOCAL_NED = 84
+VELOCITY_ONLY = 2503
+"""The type_mask of a velocity without a yaw rate, its yaw kept."""
+
+
+class Vehicle:
+    """Somebody at the other end of a UDP link (or of another kind), and the link as the server has it."""
+
+    def __init__(self):
+        self.heard = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.heard.bind(("127.0.0.1", 0))
+        self.frames, self.recorded, self.relayed = [], [], []
+        self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.datagrams = True
+        link = SimpleNamespace(datagrams=lambda: self.link_socket if self.datagrams else None)
+        self.way = SimpleNamespace(
+            connection=SimpleNamespace(link=link, sent_elsewhere=self._record, signing=None),
+            peer=Peer("peer", self.heard.getsockname()),
+        )
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self):
+        with contextlib.suppress(OSError):
+            while True:
+                self.frames.append((time.monotonic(), self.heard.recv(300)))
+
+    def _record(self, time_us, raw):
+        self.recorded.append((time_us, raw))
+
+    def send_payload(self, msg_id, payload, *, made_s=None):
+        self.made_s = made_s
+        self.relayed.append((time.monotonic(), msg_id, payload))
+        return True
+
+    def way_out(self):
+        return self.way
+
+    def close(self):
+        self.heard.close()
+        self.link_socket.close()
+
+
+def flown(story):
+    """A test of the process and one vehicle, in a loop of its own."""
+
+    @functools.wraps(story, assigned=("__name__", "__doc__"))
+    def test(**more):
+        async def run():
+            process, vehicle = StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5), Vehicle()
+            process.start()
+            try:
+                await story(process, vehicle, **more)
+            finally:
+                process.close()
+                vehicle.close()
+
+        asyncio.run(run())
+
+    names = list(inspect.signature(story).parameters.values())[2:]
+    test.__signature__ = inspect.Signature(names)
+    del test.__wrapped__
+    return test
+
+
+def snapshot():
+    return Snapshot(time.monotonic(), "offboard", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+
+
+async def begin(streams, name, vehicle, rate_hz=50.0, order=None, attach=True):
+    if attach:
+        streams.attach(name, vehicle, (7, 1))
+    number = await streams.begin(name, order or Order(HOVER, 60.0), rate_hz, snapshot())
+    assert number
+    assert await streams.engage(name, snapshot(), number)
+    return number
+
+
+def ended(pid):
+    with contextlib.suppress(OSError):
+        os.kill(pid, 0)
+        return False
+    return True
+
+
+def type_mask(raw):
+    """Of a framed SET_POSITION_TARGET_LOCAL_NED."""
+    return struct.unpack_from("<H", raw, 10 + 48)[0]
+
+
+def stall(seconds):
+    """The loop, which the test is, stands still."""
+    time.sleep(seconds)
+
+
+async def soon(condition, within_s=3.0):
+    until_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < until_s
+        await asyncio.sleep(0.005)
+
+
+def bindable(address):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as another:
+        try:
+            another.bind(address)
+        except OSError:
+            return False
+        return True

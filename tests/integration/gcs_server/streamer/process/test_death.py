@@ -1,0 +1,200 @@
+"""A process that dies, hangs or does not read: it is replaced, and nothing in the server waits for it."""
+
+import asyncio
+import os
+import signal
+import socket
+import time
+from dataclasses import replace
+
+import pytest
+
+from gcs_server.errors import Refused
+from gcs_server.streamer.process.worker import Worker
+from gcs_server.streamer.separation.guard import GroupGuard
+from gcs_server.streamer.values.order import Order
+from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
+    HOVER,
+    OWN_IDS,
+    begin,
+    ended,
+    flown,
+    snapshot,
+    soon,
+    stall,
+)
+
+
+@flown
+async def test_a_killed_process_is_told_and_started_again_but_no_stream_is(streams, vehicle):
+    number = await begin(streams, "1", vehicle)
+    pid = streams.pid
+    os.kill(pid, signal.SIGKILL)
+    await soon(lambda: streams.pid != pid)
+    count = len(vehicle.frames)
+    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+    state = streams.state("1")
+    assert (state.phase, state.last_end.code) == ("idle", "fault")
+    assert not await streams.change("1", Order(HOVER), snapshot())
+    assert streams.active() == []
+    streams.beat({})
+    await asyncio.sleep(0.1)
+    assert len(vehicle.frames) == count
+    assert await begin(streams, "1", vehicle, attach=False) > number
+    await soon(lambda: len(vehicle.frames) > count)
+
+
+@flown
+async def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWERS_WITHIN_S", 0.2)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    os.kill(pid, signal.SIGSTOP)
+    streams.attach("2", vehicle, (8, 1))
+    with pytest.raises(Refused, match="started again"):
+        await streams.begin("2", Order(HOVER), 50.0, snapshot())
+    await soon(lambda: ended(pid))
+    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+
+
+@flown
+async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWERS_WITHIN_S", 0.3)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    os.kill(pid, signal.SIGSTOP)
+    await soon(lambda: streams.beat({"1": snapshot()}) or streams.pid != pid)
+    await soon(lambda: ended(pid))
+    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+
+
+@flown
+async def test_a_loop_that_stood_still_does_not_end_a_living_process(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWERS_WITHIN_S", 0.3)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    streams.beat({"1": snapshot()})
+    os.kill(pid, signal.SIGSTOP)  # both stand still, as on a machine that was suspended
+    streams.beat({"1": snapshot()})
+    stall(0.6)
+    streams.beat({"1": snapshot()})
+    os.kill(pid, signal.SIGCONT)
+    for _ in range(5):
+        await asyncio.sleep(0.05)
+        streams.beat({"1": snapshot()})
+    assert streams.pid == pid
+
+
+@flown
+async def test_whatever_the_process_does_nothing_in_the_loop_waits_for_it(streams, vehicle):
+    """It hangs: each plain call returns at once, and the loop turns while a coroutine waits for an answer."""
+    await begin(streams, "1", vehicle)
+    os.kill(streams.pid, signal.SIGSTOP)
+    guard = GroupGuard(
+        "g", {"1": Order(HOVER)}, {"1": Order(HOVER)}, minimum_m=3.0, start_s=time.monotonic() + 9, lasts_s=9
+    )
+    calls = (
+        lambda: streams.beat({"1": snapshot()}),
+        streams.links_changed,
+        lambda: streams.attach("2", vehicle, (8, 1)),
+        streams.active,
+        lambda: streams.state("1"),
+        lambda: streams.starting("1", 1),
+        lambda: streams.cancel_start("1", snapshot(), 1),
+        lambda: streams.request_stop("1", snapshot()),
+        lambda: streams.inhibit_mode_requests("1"),
+        lambda: streams.force_hold("1", "why"),
+        lambda: streams.watch(guard),
+        lambda: streams.guard("g"),
+        streams.watched,
+        lambda: streams.disable_guard("g"),
+        lambda: streams.unwatch("g"),
+        streams.take_reports,
+        streams.take_findings,
+        lambda: streams.end("1", "stopped", "", 77),
+    )
+    changing = asyncio.ensure_future(streams.change("1", Order(HOVER), snapshot()))
+    await asyncio.sleep(0)
+    slowest_s, until_s = 0.0, time.thread_time() + 60
+    while not changing.done():
+        for call in calls:
+            began_s = time.thread_time()
+            call()
+            slowest_s = max(slowest_s, time.thread_time() - began_s)
+        turn_s = time.monotonic()
+        await asyncio.sleep(0.01)
+        assert time.monotonic() - turn_s < 1.0, "the loop turns"
+        assert time.thread_time() < until_s
+    assert not await changing
+    assert slowest_s < 0.1
+    assert streams.active() == []
+
+
+@flown
+async def test_a_process_that_reads_nothing_is_ended_at_a_bound(streams, vehicle, monkeypatch):
+    monkeypatch.setattr("gcs_server.streamer.process.handle.MOST_WAITING_BYTES", 2_000_000)
+    await begin(streams, "1", vehicle)
+    pid = streams.pid
+    os.kill(pid, signal.SIGSTOP)
+    big = replace(snapshot(), mode="x" * 300_000)
+    began_s = time.monotonic()
+    for _ in range(12):
+        streams.beat({"1": big})
+    assert time.monotonic() - began_s < 1.0, "without a wait"
+    await soon(lambda: ended(pid))
+    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@flown
+async def test_signals_for_the_server_leave_it_streaming(streams, vehicle, number):
+    await begin(streams, "1", vehicle)
+    os.kill(streams.pid, number)
+    await asyncio.sleep(0.1)
+    count = len(vehicle.frames)
+    await soon(lambda: len(vehicle.frames) >= count + 3)
+
+
+def test_streams_that_want_more_than_a_processor_still_let_others_run(monkeypatch):
+    waits = []
+
+    class Hurrying:
+        """Wakes a millisecond later than it was to, and then is due at once."""
+
+        def __init__(self):
+            self.now_s = 10.0
+
+        def monotonic_s(self):
+            self.now_s += 0.0005
+            return self.now_s
+
+        def step(self):
+            return self.now_s
+
+        def phases(self):
+            return {}
+
+        def guard_phases(self):
+            return []
+
+        has_news = False
+
+    class Messages:
+        waits = False
+
+        def fileno(self):
+            return 0
+
+        def receive(self):
+            raise EOFError
+
+    def select(read, _write, _errors, timeout_s):
+        waits.append(timeout_s)
+        hurrying.now_s += timeout_s
+        return (read if len(waits) == 1000 else [], [], [])
+
+    hurrying = Hurrying()
+    monkeypatch.setattr("gcs_server.streamer.process.worker.select.select", select)
+    with socket.socket() as sender:
+        Worker(Messages(), sender, OWN_IDS, hurrying, hurrying).run()
+    assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20

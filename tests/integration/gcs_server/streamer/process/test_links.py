@@ -1,0 +1,177 @@
+"""How the process sends: by the links' own sockets, signed and recorded, else by the server."""
+
+import asyncio
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+from pymavlink.dialects.v20 import common
+
+from gcs_server.clock import SystemClock
+from gcs_server.mavlink.signing import TICKS_PER_S, FrameSigner, SecretKey, SigningClock
+from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
+    MSG_SET_POSITION_TARGET_LOCAL_NED,
+    OWN_IDS,
+    Vehicle,
+    begin,
+    bindable,
+    flown,
+    snapshot,
+    soon,
+    stall,
+)
+
+
+@flown
+async def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.frames) >= 10)
+    streams.end("1", "stopped", "")
+    await soon(lambda: len(vehicle.recorded) == len(vehicle.frames))
+    frames = [frame for _, frame in vehicle.frames]
+    assert [raw for _, raw in vehicle.recorded] == frames
+    assert {(frame[5], frame[6]) for frame in frames} == {OWN_IDS}
+    assert {int.from_bytes(frame[7:10], "little") for frame in frames} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
+    assert [frame[4] for frame in frames] == list(range(len(frames)))
+    assert abs(vehicle.recorded[-1][0] / 1e6 - time.clock_gettime(time.CLOCK_REALTIME)) < 5
+    assert vehicle.relayed == []
+
+
+@flown
+async def test_what_goes_out_is_signed_with_the_links_key_which_no_argument_shows(streams, vehicle):
+    key = bytes(range(32))
+    signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
+    vehicle.way.connection.signing = SimpleNamespace(signer=signer)
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.frames) >= 10)
+    signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # a vehicle's clock is ahead
+    count = len(vehicle.frames)
+    for _ in range(25):
+        streams.beat({"1": snapshot()})
+        await asyncio.sleep(0.02)
+    await soon(lambda: len(vehicle.frames) >= count + 10)
+    frames = [raw for _, raw in vehicle.frames]
+    other = common.MAVLink(None)
+    other.signing.secret_key = key
+    messages = [other.decode(bytearray(raw)) for raw in frames]
+    assert all(message.get_signed() for message in messages)
+    assert {message.get_link_id() for message in messages} == {5}
+    first, last = (int.from_bytes(raw[-12:-6], "little") for raw in (frames[0], frames[-1]))
+    assert 99 < (last - first) / TICKS_PER_S < 110
+    shown = shown_to_other_users(streams.pid)
+    assert b"gcs_server.streamer.process.worker" in shown
+    assert key not in shown
+    assert key.hex().encode() not in shown
+
+
+def shown_to_other_users(pid):
+    return b"".join(Path(f"/proc/{pid}/{name}").read_bytes() for name in ("cmdline", "environ"))
+
+
+@flown
+async def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_stalls(streams, vehicle):
+    vehicle.datagrams = False
+    await begin(streams, "1", vehicle)
+    stall(0.4)
+    assert len(vehicle.relayed) >= 10
+    assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
+    assert vehicle.frames == []
+    at_s, made_s = vehicle.relayed[-1][0], vehicle.made_s
+    assert 0 <= at_s - made_s < 0.5, "handed over with its age, so that a late one can be left out"
+
+
+@flown
+async def test_a_new_way_is_taken_with_the_next_beat_and_the_server_sends_where_there_is_none(
+    streams, vehicle
+):
+    await begin(streams, "1", vehicle)
+    await soon(lambda: vehicle.frames)
+    other = Vehicle()
+    vehicle.way = other.way
+    streams.beat({"1": snapshot()})
+    await soon(lambda: len(other.frames) >= 3)
+    count = len(vehicle.frames)
+    await asyncio.sleep(0.1)
+    assert len(vehicle.frames) == count
+    vehicle.way = None
+    streams.beat({"1": snapshot()})
+    await soon(lambda: len(vehicle.relayed) >= 3)
+    other.close()
+
+
+@flown
+async def test_a_closed_links_port_is_free_although_the_process_sent_by_its_socket(streams, vehicle):
+    vehicle.link_socket.bind(("127.0.0.1", 0))
+    address = vehicle.link_socket.getsockname()
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.frames) >= 2)
+    streams.end("1", "stopped", "That is all.")
+    assert streams.active() == []
+    vehicle.link_socket.close()
+    streams.beat({})
+    await soon(lambda: bindable(address), 1.0)
+    await begin(streams, "2", second := Vehicle())  # the process still takes sockets
+    await soon(lambda: len(second.frames) >= 2)
+    second.close()
+
+
+@flown
+async def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_passes_on(streams, vehicle):
+    vehicle.datagrams = False
+    real, faults = vehicle.send_payload, []
+
+    def send_payload(msg_id, payload, *, made_s):
+        if len(faults) < 3:
+            faults.append(1)
+            raise TypeError("a fault of the link")
+        return real(msg_id, payload, made_s=made_s)
+
+    vehicle.send_payload = send_payload
+    await begin(streams, "1", vehicle)
+    await soon(lambda: len(vehicle.relayed) >= 5)
+
+
+@flown
+async def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_and_again(streams, vehicle):
+    other = Vehicle()
+    streams.attach("2", other, (8, 1))
+    await begin(streams, "1", vehicle)
+    for name, one in (("2", other), ("1", vehicle), ("2", other), ("1", vehicle)):
+        streams.end("1" if name == "2" else "2", "stopped", "")
+        streams.take_reports()
+        assert len(streams.active()) <= 1
+        count, recorded = len(one.frames), len(one.recorded)
+        await begin(streams, name, one, attach=False)
+        streams.beat({name: snapshot()})
+        await soon(lambda one=one, count=count: len(one.frames) >= count + 3)
+        await soon(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
+    assert vehicle.relayed == other.relayed == []
+    other.close()
+
+
+@flown
+async def test_a_closed_links_port_is_free_at_once_whoever_streams(streams, vehicle):
+    """Its descriptor lives in the process, too: a link deleted and added again would find its port taken."""
+    other = Vehicle()
+    other.link_socket.bind(("127.0.0.1", 0))
+    await begin(streams, "1", vehicle)
+    await begin(streams, "2", other)
+    await soon(lambda: other.frames)
+    address = other.link_socket.getsockname()
+    other.link_socket.close()
+    other.way = None
+    streams.links_changed()  # and no beat
+    await soon(lambda: bindable(address), 1.0)
+    assert streams.state("1").phase == "streaming"
+    other.close()
+
+
+@flown
+async def test_a_link_closed_after_its_stream_has_ended_leaves_its_port_free(streams, vehicle):
+    vehicle.link_socket.bind(("127.0.0.1", 0))
+    address = vehicle.link_socket.getsockname()
+    await begin(streams, "1", vehicle)
+    streams.end("1", "stopped", "")
+    vehicle.link_socket.close()
+    streams.links_changed()
+    await soon(lambda: bindable(address), 1.0)

@@ -1,0 +1,182 @@
+"""What the server asks of the process is sent at once, answered, and never delayed by the event loop."""
+
+import asyncio
+import os
+import signal
+import time
+from dataclasses import replace
+
+import pytest
+
+from gcs_server.errors import Refused
+from gcs_server.streamer.separation.guard import GroupGuard
+from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.order import OnExpiry, Order
+from missions.geodesy import LocalOrigin
+from missions.setpoints import Follow, Velocity
+from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
+    HOVER,
+    VELOCITY_ONLY,
+    Vehicle,
+    begin,
+    ended,
+    flown,
+    snapshot,
+    soon,
+    stall,
+    type_mask,
+)
+
+
+@flown
+async def test_streams_while_the_loop_is_stalled_and_stops_when_it_stays_silent(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    streams.beat({"1": snapshot()})
+    stall(0.8)
+    await soon(lambda: streams.active() == [])
+    assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 a second, and the moment of the start"
+    count = len(vehicle.frames)
+    await asyncio.sleep(0.2)
+    assert len(vehicle.frames) == count
+    assert [report.code for _, report in streams.take_reports()] == ["server_silent"]
+    assert streams.take_reports() == []
+
+
+@flown
+async def test_a_change_is_sent_at_once(streams, vehicle):
+    await begin(streams, "1", vehicle, rate_hz=2.0)
+    await soon(lambda: vehicle.recorded)
+    count = len(vehicle.recorded)
+    assert await streams.change("1", Order(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
+    changed_us = time.clock_gettime(time.CLOCK_REALTIME) * 1e6
+    assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
+    await soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
+    sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
+    assert sent_us <= changed_us, "before the call returned, not when the next was due"
+
+
+@flown
+async def test_a_snapshot_that_cannot_be_handed_over_costs_its_own_vehicle_only(streams, vehicle):
+    other = Vehicle()
+    await begin(streams, "1", vehicle)
+    await begin(streams, "2", other)
+    for _ in range(8):  # longer than the server may be silent
+        bad = replace(snapshot(), mode_asked_by=lambda: "cannot be pickled")
+        streams.beat({"1": bad, "2": snapshot()})
+        await asyncio.sleep(0.1)
+    count = len(other.frames)
+    await soon(lambda: len(other.frames) > count)
+    assert streams.state("2").phase == "streaming"
+    other.close()
+
+
+@flown
+async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_stream(streams, vehicle):
+    streams.attach("1", vehicle, (7, 1))
+    await streams.ready()
+    starting = asyncio.ensure_future(streams.begin("1", Order(HOVER, 60.0), 50.0, snapshot()))
+    await asyncio.sleep(0)  # sent, and not answered
+    starting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    await soon(lambda: streams.state("1").last_end is not None)
+    await asyncio.sleep(0.1)
+    count = len(vehicle.frames)
+    await asyncio.sleep(0.1)
+    assert (len(vehicle.frames), streams.active()) == (count, [])
+    assert await begin(streams, "1", vehicle, attach=False) == 2
+
+
+@flown
+async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    order, now_s = Order(HOVER, 5.0), time.monotonic()
+
+    def known():
+        return replace(snapshot(), bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
+
+    assert await streams.change("1", order, known())
+    streams.watch(
+        GroupGuard("g", {"1": order}, {"1": order}, minimum_m=3.0, start_s=now_s + 0.1, lasts_s=5.0)
+    )
+    await soon(lambda: streams.beat({"1": known()}) or streams.guard("g").phase == "flying")
+    assert streams.state("1").valid_left_s < 5.2
+    assert await streams.change_together("g", {}, {}, time.monotonic() + 50.0)
+    assert streams.state("1").valid_left_s > 45.0
+    assert streams.guard("g").until_s > time.monotonic() + 45.0
+
+
+@flown
+async def test_ended_here_it_is_idle_before_the_process_says_so(streams, vehicle):
+    number = await begin(streams, "1", vehicle)
+    streams.end("1", "stopped", "The stream was stopped.", number)
+    state = streams.state("1")
+    assert (state.phase, state.last_end.code, state.number) == ("idle", "stopped", number)
+    assert not streams.starting("1", number)
+    again = await streams.begin("1", Order(HOVER, 60.0), 50.0, snapshot())
+    assert (again, streams.state("1").phase) == (number + 1, "starting")
+
+
+@flown
+async def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams, vehicle, monkeypatch):
+    """The moment after its end: a server that waited with its loop would hear no vehicle meanwhile."""
+    turns = []
+
+    async def turn():
+        while True:
+            turns.append(streams.pid)
+            await asyncio.sleep(0.005)
+
+    turning = asyncio.ensure_future(turn())
+    streams.attach("1", vehicle, (7, 1))
+    await soon(lambda: streams.pid)
+    os.kill(streams.pid, signal.SIGSTOP)
+    pid, began_s = streams.pid, time.monotonic()
+    waiting = asyncio.ensure_future(streams.ready())
+    await asyncio.sleep(0.2)
+    assert not waiting.done()
+    assert len(turns) > 5
+    os.kill(pid, signal.SIGCONT)
+    await waiting
+    assert time.monotonic() - began_s >= 0.2
+    os.kill(pid, signal.SIGKILL)
+    await soon(lambda: streams.beat({}) or streams.pid not in (None, pid))
+    os.kill(streams.pid, signal.SIGSTOP)
+    monkeypatch.setattr("gcs_server.streamer.process.stream_process.STARTS_WITHIN_S", 0.1)
+    with pytest.raises(Refused, match="started again"):
+        await streams.ready()
+    os.kill(streams.pid, signal.SIGCONT)
+    monkeypatch.setattr("gcs_server.streamer.process.stream_process.STARTS_WITHIN_S", 10.0)
+    await streams.ready()
+    assert await begin(streams, "1", vehicle, attach=False)
+    turning.cancel()
+
+
+@flown
+async def test_an_order_that_cannot_be_flown_is_an_error_here_and_ends_nothing(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    with pytest.raises(ValueError, match="vehicle 2 is not heard"):
+        await streams.change("1", Order(Follow("2"), 60.0), snapshot())
+    assert streams.active() == ["1"]
+
+
+@flown
+async def test_expiry_is_brought_about_and_told_there(streams, vehicle):
+    await begin(streams, "1", vehicle, order=Order(HOVER, 0.1, OnExpiry("stop_stream")))
+    await soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
+    assert "expired" in [report.code for _, report in streams.take_reports()]
+
+
+@flown
+async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    assert not await streams.begin("1", Order(HOVER), 50.0, snapshot())
+    pid = streams.pid
+    streams.close()
+    await asyncio.sleep(0.1)  # what was sent is heard
+    count = len(vehicle.frames)
+    await asyncio.sleep(0.1)
+    assert len(vehicle.frames) == count
+    assert ended(pid)
+    with pytest.raises(Refused):
+        await streams.ready()

@@ -1,0 +1,365 @@
+"""What keeps a group apart, without any vehicle: braking, looking ahead, and the guard's decisions."""
+
+import asyncio
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs_server.streamer.groups import plan
+from gcs_server.streamer.groups.checks import GroupChecks
+from gcs_server.streamer.groups.plan import LONGEST_PLAN_S, Planned, first_conflict, too_near_now
+from gcs_server.streamer.separation.distance import UNSTEADY_M, Moving, closest_m, margin_m, stopping_m
+from gcs_server.streamer.separation.guard import GroupGuard, Seen, moving
+from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
+    Attitude,
+    Follow,
+    Path,
+    PathPoint,
+    Position,
+    PositionGlobal,
+    Velocity,
+    VelocityBody,
+)
+
+METRE_EAST_DEG = math.degrees(1 / (6_371_000.0 * math.cos(math.radians(47.0))))
+HERE = (0.0, 0.0, -10.0)
+
+
+def origin(east_m=0.0):
+    return LocalOrigin(47.0, 8.0 + east_m * METRE_EAST_DEG, 500.0)
+
+
+def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
+    """Of a vehicle whose estimate is exact: wind and braking alone make the margin, 0.8 m for two."""
+    bounds = Bounds(origin=origin(east_m))
+    return Snapshot(101.0, "offboard", position, velocity, yaw, bounds=bounds, accuracy_m=0.0)
+
+
+def planned(vehicle, setpoint, east_m=0.0, lasts_s=30.0, **more):
+    return Planned(vehicle, setpoint, snapshot(east_m, **more), lasts_s)
+
+
+def conflict(*members, minimum_m=3.0):
+    search = first_conflict(members, 100.0, minimum_m)
+    while True:
+        try:
+            next(search)
+        except StopIteration as done:
+            return done.value
+
+
+def vectors(*rows):
+    return (np.array(row, dtype=float) for row in rows)
+
+
+# --- braking --------------------------------------------------------------------------------------
+
+
+def test_head_on_both_ways_of_stopping_count():
+    left_m = closest_m(*vectors((0, 0, 0), (5, 0, 0), (30, 0, 0), (-5, 0, 0)))
+    assert float(left_m) == pytest.approx(30 - 2 * stopping_m(5.0), abs=0.02)
+
+
+def test_in_parallel_nothing_is_lost_however_fast():
+    assert float(closest_m(*vectors((0, 0, 0), (9, 0, 0), (0, 4, 0), (9, 0, 0)))) == pytest.approx(4.0)
+
+
+def test_standing_and_apart_nothing_comes_nearer():
+    left_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (-7, 0, 0), (0, 0, 0)))
+    assert float(left_m) == pytest.approx(7.0)
+
+
+def test_a_fast_pass_between_two_samples_is_seen():
+    left_m = closest_m(*vectors((0, 0, 0), (12, 0, 0), (1, 0.4, 0), (-12, 0, 0)))
+    assert float(left_m) == pytest.approx(0.4, abs=0.02)
+
+
+def test_the_margin_grows_with_inaccuracy_and_age():
+    def of(accuracy_m, age_s):
+        return Moving((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), accuracy_m, age_s)
+
+    exact = of(0.0, 0.0)
+    assert margin_m(exact, exact) == pytest.approx(2 * UNSTEADY_M)
+    assert margin_m(of(0.3, 0.0), of(0.4, 0.0)) == pytest.approx(2 * UNSTEADY_M + 2.0 * 0.5)
+    late_m = margin_m(of(0.0, 0.4), exact) - 2 * UNSTEADY_M
+    assert late_m == pytest.approx(1.5 * 0.4 * (0.2 + 0.8))
+
+
+def test_a_vehicle_that_reports_no_accuracy_gets_a_margin_of_its_own():
+    silent = replace(snapshot(), accuracy_m=None)
+    assert moving(silent, 101.0, HERE, None).accuracy_m == 1.0
+    assert moving(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
+
+
+def test_who_allows_itself_little_tilt_or_flies_by_attitude_is_stopped_earlier():
+    def brakes(tilt_deg, setpoint):
+        bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
+        return moving(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
+
+    steered, drifting = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
+    assert brakes(45, steered) == 2.5
+    assert brakes(10, steered) == pytest.approx(0.78, abs=0.01)
+    assert brakes(45, drifting) == pytest.approx(1.5)
+    weak_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (30, 0, 0), (0, 0, 0)), brakes(10, steered))
+    assert float(weak_m) == pytest.approx(30 - 4 * 0.8 - 16 / (2 * 0.778), abs=0.05)
+
+
+# --- looking ahead --------------------------------------------------------------------------------
+
+
+def test_places_in_two_local_frames_are_compared_on_the_earth():
+    there = Position((20.0, 0.0, -10.0))
+    assert conflict(planned("1", there), planned("2", there, east_m=8.0)) is None
+    found = conflict(planned("1", there), planned("2", Position((20.0, -8.0, -10.0)), east_m=8.0))
+    assert found is not None
+    assert found.vehicles == ("1", "2")
+    assert found.distance_m < 0.5
+    assert "vehicles 1 and 2 would come within" in found.words(3.0)
+
+
+def test_two_that_stand_too_near_are_found_at_once():
+    found = conflict(planned("1", None), planned("2", None, east_m=2.0))
+    assert found is not None
+    assert (found.after_s, found.distance_m) == (0.0, pytest.approx(2.0, abs=0.01))
+    assert "are 2.0 m apart now (at least 3 m were asked for, with 0.8 m of margin)" in found.words(3.0)
+
+
+def test_paths_are_compared_in_time():
+    def across(begin_s):
+        points = [(0.0, (0.0, 0.0, -10.0)), (begin_s, (0.0, 0.0, -10.0)), (begin_s + 20, (0.0, 40.0, -10.0))]
+        return Path(tuple(PathPoint(t, at) for t, at in points))
+
+    def back():
+        return Path((PathPoint(0.0, HERE), PathPoint(20.0, (0.0, -40.0, -10.0))))
+
+    assert conflict(planned("1", across(1.0)), planned("2", back(), east_m=40.0)) is not None
+    follows = planned("2", across(1.0), east_m=-10.0)
+    assert conflict(planned("1", across(1.0)), follows) is None
+    assert conflict(planned("1", across(60.0)), planned("2", across(1.0), east_m=-10.0)) is not None
+
+
+def test_a_path_under_way_is_looked_at_from_where_it_is():
+    path = Path((PathPoint(0.0, (0.0, 0.0, -10.0)), PathPoint(20.0, (40.0, 0.0, -10.0))))
+    late = Planned("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
+    passed = planned("2", None, position=(4.0, 0.0, -10.0))
+    assert conflict(late, passed) is None
+    ahead = planned("2", None, position=(38.0, 0.0, -10.0))
+    assert conflict(late, ahead) is not None
+
+
+def test_velocities_count_until_they_expire():
+    def pair(lasts_s):
+        towards = planned("2", Velocity((0.0, -1.0, 0.0)), east_m=30.0, lasts_s=lasts_s)
+        return planned("1", Velocity((0.0, 1.0, 0.0)), lasts_s=lasts_s), towards
+
+    assert conflict(*pair(5.0)) is None
+    assert conflict(*pair(20.0)) is not None
+
+
+def test_a_body_velocity_and_a_place_on_the_earth_are_understood():
+    east = planned("1", VelocityBody((1.0, 0.0, 0.0)), yaw=math.pi / 2)
+    assert conflict(east, planned("2", None, east_m=20.0)) is not None
+    place = PositionGlobal(47.0, 8.0, alt_amsl_m=510.0)
+    assert conflict(planned("1", None), planned("2", place, east_m=20.0)) is not None
+    assert (
+        conflict(planned("1", None), planned("2", Attitude((1.0, 0.0, 0.0, 0.0), 0.5), east_m=20.0)) is None
+    )
+
+
+def test_a_follower_is_where_its_leader_will_be():
+    leader = planned("1", Position((30.0, 0.0, -10.0)))
+    beside = planned("2", Follow("1", offset_ned_m=(0.0, 6.0, 0.0)), east_m=6.0)
+    assert conflict(leader, beside) is None
+    in_the_way = planned("3", None, east_m=6.0, position=(20.0, 0.0, -10.0))
+    found = conflict(leader, beside, in_the_way)
+    assert found is not None
+    assert found.vehicles == ("2", "3")
+
+
+def test_so_fast_that_both_could_not_be_stopped_is_refused_though_they_would_pass():
+    def pass_by(north_m, towards):
+        points = [(0.0, (0.0, north_m, -10.0)), (10.0, (80.0 * towards, north_m, -10.0))]
+        return Path(tuple(PathPoint(t, (n, e, d)) for t, (n, e, d) in points))
+
+    crossing = Path((PathPoint(0.0, (40.0, -34.0, -10.0)), PathPoint(12.0, (40.0, 60.0, -10.0))))
+    first = planned("1", pass_by(0.0, 1.0))
+    found = conflict(first, planned("2", crossing, position=(40.0, -34.0, -10.0)))
+    assert found is not None
+    assert found.while_stopping or found.distance_m < 3.0
+
+
+def test_looking_ahead_has_an_end():
+    endless = planned("1", Follow("9", offset_ned_m=(0.0, 3.0, 0.0)))
+    assert conflict(endless, planned("2", None, east_m=50.0)) is None
+    assert LONGEST_PLAN_S == 600.0
+
+
+def far(index, north_m_s):
+    """600 s to the north and back, `index` times 12 m to the east."""
+    north_m = 300.0 * north_m_s
+    points = (PathPoint(0.0, HERE), PathPoint(300.0, (north_m, 0.0, -10.0)), PathPoint(600.0, HERE))
+    return planned(str(index), Path(points), east_m=12.0 * index)
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        [far(index, 2.0 + index) for index in range(10)],
+        [
+            far(0, 8.0),
+            *(planned(str(i), Position((40.0, 0.0, -10.0)), east_m=12.0 * i) for i in range(1, 10)),
+        ],
+    ],
+    ids=["ten_paths", "a_path_and_nine_places"],
+)
+def test_the_others_have_a_turn_after_each_small_piece_of_a_long_search(monkeypatch, members):
+    piece, most, total = Counter(), Counter(), Counter()
+
+    def counted(name, work, size=lambda *_: 1):
+        def run(*arguments):
+            piece[name] += size(*arguments)
+            return work(*arguments)
+
+        return run
+
+    def braking_samples(place_a, velocity_a, place_b, velocity_b, brakes_a, brakes_b):
+        fastest_m_s = max(np.max(np.linalg.norm(v, axis=-1)) for v in (velocity_a, velocity_b))
+        return len(place_a) * (0.8 + fastest_m_s / min(brakes_a, brakes_b)) / 0.1
+
+    course = plan._Course
+    monkeypatch.setattr(course, "__init__", counted("courses", course.__init__))
+    monkeypatch.setattr(course, "step", counted("steps", course.step))
+    monkeypatch.setattr(plan, "margin_m", counted("pairs", plan.margin_m))
+    monkeypatch.setattr(plan, "closest_m", counted("samples", plan.closest_m, braking_samples))
+    search = first_conflict(members, 100.0, 3.0)
+    ended = False
+    while not ended:
+        ended = next(search, "ended") == "ended"
+        most |= piece
+        total += piece
+        piece.clear()
+    assert total["courses"] == 10
+    assert total["steps"] >= 24_000
+    assert total["pairs"] == 45
+    assert total["samples"] > 12_000
+    assert most["courses"] == most["pairs"] == 1
+    assert most["steps"] <= 100
+    assert most["samples"] <= 12_000
+
+
+def test_searches_made_at_once_take_turns_and_the_loop_has_its_own_after_each_piece():
+    log = []
+
+    def search(name):
+        for _ in range(3):
+            log.append(name)
+            yield
+
+    async def others():
+        while len(log) - log.count("-") < 6:
+            log.append("-")
+            await asyncio.sleep(0)
+
+    async def run():
+        checks = GroupChecks(None, None)
+        async with asyncio.timeout(5.0):
+            await asyncio.gather(*(checks._in_pieces(search(name)) for name in "ab"), others())
+
+    asyncio.run(run())
+    assert re.fullmatch(r"a-+b-+a-+b-+a-+b", "".join(log))
+
+
+def test_too_near_now_is_what_the_search_finds_at_its_first_step():
+    near = planned("1", None), planned("2", None, east_m=2.0)
+    assert too_near_now(near, 100.0, 3.0) == conflict(*near)
+    apart = planned("1", None), planned("2", None, east_m=8.0)
+    assert too_near_now(apart, 100.0, 3.0) is None
+    fast = planned("1", None, velocity=(0.0, 4.0, 0.0)), planned("2", None, east_m=9.0)
+    found, searched = too_near_now(fast, 100.0, 3.0), conflict(*fast)
+    assert (found.while_stopping, found.after_s) == (True, 0.0)
+    assert found.distance_m == pytest.approx(9.0 - stopping_m(4.0), abs=0.05)
+    assert searched.vehicles == found.vehicles
+
+
+# --- the guard ------------------------------------------------------------------------------------
+
+WAIT, GO = Order(Position(HERE)), Order(Velocity((1.0, 0.0, 0.0)), 30.0)
+
+
+def guard(**more):
+    both = ("1", "2")
+    options = {"minimum_m": 3.0, "start_s": 101.0, "lasts_s": 30.0, **more}
+    return GroupGuard("7", dict.fromkeys(both, WAIT), dict.fromkeys(both, GO), **options)
+
+
+def seen(second=None, order=WAIT, phase="streaming", **more):
+    first = Seen("streaming", order, snapshot(**more), None)
+    return {"1": first, "2": Seen(phase, order, second or snapshot(20.0), None)}
+
+
+def test_all_begin_at_the_instant_and_once():
+    watch = guard()
+    assert not watch.look(100.5, seen()).take
+    assert watch.due_s <= 101.0
+    assert set(watch.look(101.0, seen()).take) == {"1", "2"}
+    assert watch.phase == "flying"
+    assert not watch.look(101.1, seen(order=GO)).take
+
+
+def test_woken_late_nobody_begins():
+    watch = guard()
+    late = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin()))
+    other = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin(20.0)))
+    both = {"1": Seen("streaming", WAIT, late, None), "2": Seen("streaming", WAIT, other, None)}
+    actions = watch.look(102.5, both)
+    assert not actions.take
+    assert set(actions.hold) == {"1", "2"}
+    assert watch.findings[0].code == "late"
+
+
+def test_the_two_that_come_too_near_hold_and_the_finding_says_how_near():
+    watch = guard()
+    watch.look(101.0, seen())
+    near = seen(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))
+    actions = watch.look(101.1, near)
+    assert set(actions.hold) == {"1", "2"}
+    assert actions.code == "separation"
+    finding = watch.findings[0]
+    assert (finding.code, finding.vehicles, finding.held) == ("separation", ("1", "2"), ("1", "2"))
+    assert not watch.look(101.2, near).hold  # told and done once
+
+
+def test_an_expiry_of_all_at_their_instant_is_no_finding():
+    watch = guard()
+    watch.look(101.0, seen())
+    watch._next_look_s = 0.0
+    assert not watch.look(130.99, seen(order=GO, phase="holding")).hold
+    assert not watch.findings
+    over = {v: Seen("idle", None, snapshot(), "done") for v in "12"}
+    watch.look(140.0, over)
+    assert (watch.phase, watch.due_s) == ("over", math.inf)
+
+
+def test_one_whose_place_is_not_known_holds_all():
+    watch = guard()
+    watch.look(101.0, seen())
+    blind = Snapshot(101.0, "offboard", None, None, 0.0, bounds=Bounds(origin=origin(20.0)))
+    actions = watch.look(101.1, seen(blind, GO))
+    assert set(actions.hold) == {"1", "2"}
+    assert watch.findings[0].code == "place_unknown"
+
+
+def test_others_go_on_where_that_was_asked_for():
+    watch = guard(others_go_on=True)
+    watch.look(101.0, seen())
+    actions = watch.look(101.1, seen(order=GO, phase="holding"))
+    assert set(actions.hold) == {"2"}
+    assert watch.held == {"2"}

@@ -1,0 +1,281 @@
+"""Whatever is ordered, what goes out is finite, inside the limits, and stoppable before the fence."""
+
+import math
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from gcs_server.streamer.limits.braking import BRAKE_DELAY_S, BRAKE_M_S2, braking_speed
+from gcs_server.streamer.limits.limiter import apply_limits, is_finite
+from gcs_server.streamer.limits.region import VehicleMotion
+from gcs_server.streamer.values.bounds import Bounds
+from missions.fence import Circle, Polygon, Region
+from missions.frames import ned_from_heading, q_from_euler, tilt_from_q
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
+    Acceleration,
+    Attitude,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+
+number = st.floats(-500, 500)
+vector = st.tuples(number, number, number)
+angle = st.floats(-math.pi, math.pi)
+yaws = st.one_of(
+    st.fixed_dictionaries({}),
+    st.fixed_dictionaries({"yaw_ned_rad": angle}),
+    st.fixed_dictionaries({"yaw_rate_ned_rad_s": st.floats(-20, 20)}),
+)
+ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
+L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
+FENCED = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
+limit = st.floats(0.5, 15)
+
+
+@st.composite
+def bounds(draw, region=FENCED):
+    return Bounds(
+        speed_m_s=draw(limit),
+        climb_m_s=draw(limit),
+        sink_m_s=draw(limit),
+        tilt_rad=draw(st.floats(0.05, 1.2)),
+        acceleration_m_s2=draw(limit),
+        acceleration_up_m_s2=draw(limit),
+        acceleration_down_m_s2=draw(limit),
+        rates_rad_s=(draw(limit), draw(limit), draw(limit)),
+        slew_velocity_m_s2=draw(st.sampled_from((math.inf, 2.0))),
+        slew_attitude_rad_s=draw(st.sampled_from((math.inf, 0.5))),
+        approach_m_s=draw(st.sampled_from((math.inf, 3.0))),
+        approach_climb_m_s=draw(st.sampled_from((math.inf, 1.0))),
+        approach_sink_m_s=draw(st.sampled_from((math.inf, 1.0))),
+        region=region,
+        origin=ORIGIN,
+    )
+
+
+inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).filter(
+    lambda p: FENCED.breach((p[0], p[1])) is None
+)
+well_inside = inside.filter(
+    lambda p: all(FENCED.breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1)))
+)
+heres = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
+unit = st.builds(q_from_euler, angle, st.floats(-1.5, 1.5), angle)
+orders = st.one_of(
+    st.builds(lambda p, y: Position(p, **y), vector, yaws),
+    st.builds(lambda v, y: Velocity(v, **y), vector, yaws),
+    st.builds(lambda v, y: VelocityBody(v, **y), vector, yaws),
+    st.builds(lambda a, y: Acceleration(a, **y), vector, yaws),
+    st.builds(lambda p, v, a, y: Trajectory(p, v, a, **y), vector, vector, vector, yaws),
+    st.builds(lambda p, v: Trajectory((*p[:2], None), (None, None, v[2])), vector, vector),
+    st.builds(
+        lambda n, e, alt, y: PositionGlobal(47.4 + n / 1e5, 8.5 + e / 1e5, alt_amsl_m=480 + alt, **y),
+        number,
+        number,
+        number,
+        yaws,
+    ),
+    st.builds(lambda q, t, r: Attitude(q, t, r), unit, st.floats(0, 1), st.none() | st.floats(-20, 20)),
+    st.builds(Rates, vector, st.floats(0, 1)),
+)
+
+
+def near(value, most):
+    return value <= most * (1 + 1e-9) + 1e-6
+
+
+NEXT_TO = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
+
+
+def ground_ok(place, limits):
+    """Inside, or on the line but for the last digits."""
+    n, e = place
+    return any(limits.region.breach((n + dn, e + de)) is None for dn, de in NEXT_TO)
+
+
+def speeds_ok(velocity, limits):
+    n, e, d = velocity
+    if n is not None:
+        assert near(math.hypot(n, e), limits.speed_m_s)
+    if d is not None:
+        assert near(d, limits.sink_m_s)
+        assert near(-d, limits.climb_m_s)
+
+
+def stoppable(velocity, here, limits):
+    """Flown for the delay and then braked, it stops inside."""
+    n, e, d = (axis or 0.0 for axis in velocity)
+    at, speed = here.position_ned_m, math.hypot(n, e)
+    if speed > 1e-6:
+        stop_m = speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2)
+        assert stop_m <= limits.region.distance_to_edge_m((at[0], at[1]), (n / speed, e / speed)) + 1e-6
+    stop_m = abs(d) * 0.6 + d**2 / 2
+    left_m = (limits.region.down_max_m - at[2]) if d > 0 else (at[2] - limits.region.down_min_m)
+    assert stop_m <= left_m + 1e-6
+
+
+@settings(max_examples=400)
+@given(orders, bounds(), heres, st.none() | orders, st.floats(0.005, 1.0))
+def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, dt_s):
+    result = apply_limits(wanted, limits, here, before, dt_s)
+    sent = result.setpoint
+    assert sent is not None
+    assert is_finite(sent)
+    rate = getattr(sent, "yaw_rate_ned_rad_s", None)
+    assert rate is None or near(abs(rate), limits.rates_rad_s[2])
+    if isinstance(sent, Position | Trajectory):
+        n, e, d = sent.position_ned_m
+        if n is not None:
+            assert ground_ok((n, e), limits)
+        if d is not None:
+            assert limits.region.down_min_m - 1e-9 <= d <= limits.region.down_max_m + 1e-9
+    if isinstance(sent, Velocity | Trajectory):
+        speeds_ok(sent.velocity_ned_m_s, limits)
+        stoppable(sent.velocity_ned_m_s, here, limits)
+    if isinstance(sent, VelocityBody):
+        ned = ned_from_heading(sent.velocity_frd_m_s, here.yaw_ned_rad)
+        speeds_ok(ned, limits)
+        stoppable(ned, here, limits)
+    if isinstance(sent, Acceleration):
+        n, e, d = sent.acceleration_ned_m_s2
+        assert near(math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad)))
+        assert near(-d, limits.acceleration_up_m_s2)
+        assert near(d, limits.acceleration_down_m_s2)
+    if isinstance(sent, Attitude):
+        assert math.hypot(*sent.q_ned_frd) == pytest.approx(1, abs=1e-6)
+        assert near(tilt_from_q(sent.q_ned_frd), limits.tilt_rad + 1e-6)
+        assert 0 <= sent.thrust <= 1
+    if isinstance(sent, Rates):
+        for value, most in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
+            assert near(abs(value), most)
+    if isinstance(sent, PositionGlobal):
+        place = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
+        assert ground_ok(place[:2], limits)
+        assert limits.region.clamp_down_m(place[2]) == place[2]
+    unchanged = sent == wanted
+    assert unchanged or result.notes or result.stop, "what is taken away is said"
+
+
+@given(orders, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
+def test_what_is_not_a_number_never_goes_out(wanted, limits, poison):
+    broken = None
+    if isinstance(wanted, Velocity):
+        broken = Velocity((poison, 0.0, 0.0))
+    elif isinstance(wanted, Rates):
+        broken = Rates((0.0, poison, 0.0), 0.5)
+    elif isinstance(wanted, Attitude):
+        broken = Attitude((1.0, 0.0, 0.0, 0.0), poison)
+    else:
+        broken = Position((0.0, 0.0, poison))
+    result = apply_limits(broken, limits, None)
+    assert result.setpoint is None
+    assert "not a number" in result.stop
+
+
+@given(vector, bounds())
+def test_without_knowing_where_it_is_no_speed_leaves_a_limited_space(velocity, limits):
+    for wanted in (Velocity(velocity), VelocityBody(velocity)):
+        sent = apply_limits(wanted, limits, None).setpoint
+        values = getattr(sent, "velocity_ned_m_s", None) or getattr(sent, "velocity_frd_m_s", None)
+        assert values == (0.0, 0.0, 0.0)
+
+
+def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
+    """A vehicle that follows velocity setpoints as PX4 does: a lag, and no more than 5 m/s²."""
+    position, velocity = list(here.position_ned_m), list(here.velocity_ned_m_s)
+    before = None
+    for _ in range(int(seconds / dt_s)):
+        now = VehicleMotion(tuple(position), tuple(velocity), here.yaw_ned_rad)
+        before = apply_limits(wanted, limits, now, before, dt_s).setpoint
+        asked = before.velocity_ned_m_s
+        for axis in range(3):
+            push = max(-5.0, min(5.0, (asked[axis] - velocity[axis]) / tau_s))
+            velocity[axis] += push * dt_s
+            position[axis] += velocity[axis] * dt_s
+        yield now
+
+
+@settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would fly for minutes
+@given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
+def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, fall):
+    limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, sink_m_s=4.0, region=FENCED)
+    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), fall))
+    for now in flight(wanted, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), 50):
+        n, e, d = now.position_ned_m
+        assert FENCED.breach((n, e)) is None
+        assert -40.0 <= d <= 0.0  # 50 s at this speed are further than the fence is wide
+
+
+def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
+    """Along the fence there would be way enough: but the vehicle still flies towards it."""
+    limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
+    here = VehicleMotion((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
+    sent = apply_limits(Velocity((0.0, 5.0, 0.0)), limits, here).setpoint
+    assert sent.velocity_ned_m_s[:2] == (0.0, 0.0)
+
+
+def test_from_outside_only_the_way_back_is_flown():
+    limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
+    here = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    assert apply_limits(Velocity((-3.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s == (
+        -3.0,
+        0.0,
+        0.0,
+    )
+    stopped = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, here)
+    assert stopped.setpoint.velocity_ned_m_s == (-1.0, 0.0, 0.0)
+    assert "only the way back" in stopped.notes[0]
+
+
+def test_next_to_the_edge_it_is_pushed_back_though_it_is_told_to_stand():
+    """PX4's integrator carries it on for seconds after the setpoint has become zero."""
+    limits = Bounds(region=Region(-20.0, math.inf, (Circle((0.0, 0.0), 50.0, "50 m"),)))
+    here = VehicleMotion((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
+    sent = apply_limits(Velocity((0.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s
+    assert sent == pytest.approx((0.0, -0.6, 0.3))
+
+
+def test_from_outside_a_place_beyond_becomes_one_inside():
+    limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
+    here = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    (n, e, _) = apply_limits(Position((90.0, 0.0, -10.0)), limits, here).setpoint.position_ned_m
+    assert math.hypot(n, e) < 50
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
+)
+def test_kinds_that_steer_no_place_are_taken_over_in_time(wanted):
+    limits = Bounds(region=FENCED)
+    assert apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
+    assert "leave" in apply_limits(wanted, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
+    assert "leave" in apply_limits(wanted, limits, VehicleMotion((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop
+    assert (
+        "height" in apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
+    )
+    assert "not known" in apply_limits(wanted, limits, None).stop
+    assert apply_limits(wanted, Bounds(), None).stop is None
+
+
+def test_a_far_place_is_approached_at_the_operators_speed():
+    """PX4 would fly there at its own: the place sent is a carrot before the vehicle."""
+    limits = Bounds(approach_m_s=3.0, position_gain=0.95)
+    here = VehicleMotion((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))
+    result = apply_limits(Position((100.0, 0.0, -10.0)), limits, here)
+    assert result.setpoint.position_ned_m[0] == pytest.approx(3.0 / 0.95)
+    assert result.notes == ("speed held to 3 m/s",)
+    close = Position((102.0, 0.0, -10.0))
+    assert apply_limits(close, limits, VehicleMotion((100.0, 0.0, -10.0), (0.0, 0.0, 0.0))).setpoint == close
+
+
+@given(st.floats(0, 200))
+def test_from_the_braking_speed_it_stops_in_the_distance(distance_m):
+    speed = braking_speed(distance_m, BRAKE_M_S2, BRAKE_DELAY_S)
+    assert speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2) == pytest.approx(distance_m, abs=1e-6)

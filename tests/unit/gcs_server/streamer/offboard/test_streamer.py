@@ -1,0 +1,235 @@
+"""Starting and stopping the stream against a vehicle made of plain objects, on simulated time."""
+
+import asyncio
+import logging
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.clock import LoopClock
+from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.isolation import Isolation
+from gcs_server.streamer.offboard import streamer as streamer_module
+from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.values.order import Order
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
+from gcs_server.vehicle.services.command import Asked
+from missions.setpoints import Position
+from tests.jump_time import in_jumps
+from tests.loop_streams import LoopStreams
+
+UP = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
+
+
+class Vehicle:
+    def __init__(self, clock):
+        self.id = "1"
+        self.identity = SimpleNamespace(system_id=1, component_id=1, replayed=False, firmware=None)
+        self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
+        self.events = EventFeed("1")
+        self.isolation = Isolation(clock, logging.getLogger("test"), "Vehicle 1")
+        self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink")),)
+        self.clock = clock
+        self.command = self.params = self
+        self.offboard = None
+        self.located = True
+        self.refuses = None
+        self.ours = None
+        self.hangs = False
+        self.sent = []
+        self.asked = []
+
+    def require_commandable(self):
+        pass
+
+    def require_no_kill(self, what):
+        pass
+
+    async def kill_over(self):
+        pass
+
+    async def set_mode(self, name):
+        self.asked.append((name, len(self.sent)))
+        if self.hangs:
+            await asyncio.sleep(30)
+        if self.refuses:
+            raise self.refuses
+        self.status.mode = name
+
+    def asked_for(self, mode):
+        return self.ours if self.ours is not None and self.ours.mode == mode else None
+
+    def known(self, name):
+        return None
+
+    async def get(self, name):
+        if name not in PARAMS:
+            raise NoReply(f"{name} is not known", deadline_s=0)
+        return SimpleNamespace(value=PARAMS[name])
+
+    def topic(self, name):
+        now_s = self.clock.monotonic_s()
+        values = {"attitude": Attitude(0, 0, 0.5, (1, 0, 0, 0), (0, 0, 0))}
+        if self.located:
+            values["local_position"] = LocalPosition((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        return Sample(name, None, 0.0, now_s, values[name]) if name in values else None
+
+    def send_payload(self, msg_id, payload):
+        self.sent.append(msg_id)
+        return True
+
+
+def streaming(clock, stalls=()):
+    """A streamer whose rounds the loop runs; but from `stalls[n][0]` to `[1]` [s] they stand still."""
+    supervisor, rounds = Supervisor(clock), LoopStreams(clock)
+    began_s = clock.monotonic_s()
+
+    async def run():
+        while True:
+            since_s = clock.monotonic_s() - began_s
+            if not any(from_s <= since_s < to_s for from_s, to_s in stalls):
+                rounds.step()
+            await clock.sleep(0.004)
+
+    supervisor.start("rounds", run)
+    return supervisor, Streamer(clock, rounds)
+
+
+def told(story, stalls=()):
+    async def run():
+        clock = LoopClock(asyncio.get_running_loop())
+        vehicle = Vehicle(clock)
+        supervisor, streamer = streaming(clock, stalls)
+        streamer.attach(vehicle)
+        streamer.start(supervisor)
+        try:
+            await story(vehicle)
+        finally:
+            streamer.close()
+            await supervisor.close()
+
+    in_jumps(run)
+
+
+def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means():
+    async def story(vehicle):
+        status = await vehicle.offboard.start(Order(UP, 60.0, client="me"))
+        assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
+        assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 a second"
+        assert (status.state, status.client) == ("streaming", "me")
+        assert "lands where it is" in status.if_stream_stops
+        with pytest.raises(Refused, match="already"):
+            await vehicle.offboard.start(Order(UP, 60.0))
+        await vehicle.offboard.stop()
+        count = len(vehicle.sent)
+        await asyncio.sleep(0.1)
+        assert len(vehicle.sent) == count
+        assert vehicle.status.mode == "hold"
+
+    told(story)
+
+
+def test_setpoints_that_did_not_go_out_are_no_setpoints_streamed():
+    """A machine that stands still during the start must not ask for Offboard after a single setpoint."""
+
+    async def story(vehicle):
+        await vehicle.offboard.start(Order(UP, 60.0))
+        assert vehicle.asked[0][1] >= 60
+
+    told(story, stalls=[(0.01, 1.3)])
+
+
+def test_a_machine_that_cannot_stream_steadily_does_not_ask_for_offboard():
+    async def story(vehicle):
+        with pytest.raises(Refused, match="too busy"):
+            await vehicle.offboard.start(Order(UP, 60.0))
+        assert vehicle.asked == []
+        assert not vehicle.offboard.status().streaming
+
+    told(story, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
+
+
+def test_a_refusal_stops_the_stream_and_is_passed_on():
+    async def story(vehicle):
+        vehicle.refuses = Rejected("Offboard is not available", reasons=("no",))
+        with pytest.raises(Rejected, match="not available"):
+            await vehicle.offboard.start(Order(UP, 60.0))
+        assert not vehicle.offboard.status().streaming
+        with pytest.raises(Refused, match="no setpoint stream"):
+            await vehicle.offboard.setpoint(Order(UP, 60.0))
+
+    told(story)
+
+
+def test_prerequisites_are_explained():
+    async def story(vehicle):
+        vehicle.located = False
+        with pytest.raises(Refused, match="estimate"):
+            await vehicle.offboard.start(Order(UP))
+        vehicle.located = True
+        with pytest.raises(Refused, match="2000 m"):
+            await vehicle.offboard.start(Order(Position(position_ned_m=(2000.0, 0.0, 0.0))))
+        vehicle.status.mode = "offboard"
+        with pytest.raises(Refused, match="somebody else"):
+            await vehicle.offboard.start(Order(UP))
+        assert vehicle.sent == []
+
+    told(story)
+
+
+def test_leaving_offboard_ends_the_stream_and_is_told():
+    async def story(vehicle):
+        await vehicle.offboard.start(Order(UP, 60.0))
+        vehicle.status.mode = "position"
+        await asyncio.sleep(0.35)
+        assert not vehicle.offboard.status().streaming
+        assert [e.data["code"] for e in vehicle.events.since()] == ["left_offboard"]
+
+    told(story)
+
+
+def test_a_mode_that_we_commanded_ends_the_stream_as_news_not_as_a_warning():
+    async def story(vehicle):
+        await vehicle.offboard.start(Order(UP, 60.0))
+        vehicle.ours = Asked("Land", "land", "page", 0.0)
+        vehicle.status.mode = "land"
+        await asyncio.sleep(0.35)
+        (told,) = vehicle.events.since()
+        assert (told.kind, told.severity, told.data["code"]) == ("command", 6, "commanded")
+        assert "page commanded 'Land'" in told.text
+        assert "page" in vehicle.offboard.status().ended
+
+    told(story)
+
+
+def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_more_than_the_deadline(
+    monkeypatch,
+):
+    monkeypatch.setattr(streamer_module, "STOP_ALL_S", 0.4)
+
+    async def run():
+        clock = LoopClock(asyncio.get_running_loop())
+        supervisor, streamer = streaming(clock)
+        fleet = [Vehicle(clock) for _ in range(3)]
+        for number, vehicle in enumerate(fleet, 1):
+            vehicle.id = str(number)
+            streamer.attach(vehicle)
+        streamer.start(supervisor)
+        try:
+            await asyncio.gather(*(v.offboard.start(Order(UP, 60.0)) for v in fleet))
+            fleet[1].hangs = fleet[2].hangs = True
+            began_s = clock.monotonic_s()
+            done = {s.vehicle: s for s in await streamer.stop_all()}
+            assert clock.monotonic_s() - began_s < 0.5
+            assert done["1"].error is None
+            assert [type(done[v].error) for v in "23"] == [NoReply, NoReply]
+            assert [v.status.mode for v in fleet] == ["hold", "offboard", "offboard"]
+            assert [e.severity for e in fleet[1].events.since()] == [4]
+        finally:
+            streamer.close()
+            await supervisor.close()
+
+    in_jumps(run)

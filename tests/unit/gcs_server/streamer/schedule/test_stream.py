@@ -1,0 +1,248 @@
+"""The stream's state machine as flights told from beginning to end; time is a number here."""
+
+import itertools
+import struct
+
+import pytest
+
+from gcs_server.streamer.schedule.stream import MAX_MODE_REQUESTS, VehicleStream
+from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
+from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.setpoints import Position, Velocity
+
+SETPOINT, COMMAND = 84, 76
+HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.5)
+NORTH = Velocity(velocity_ned_m_s=(3.0, 0.0, 0.0), yaw_ned_rad=0.0)
+
+
+class Flight:
+    """A vehicle, a clock and the stream between them."""
+
+    def __init__(self, rate_hz=50.0):
+        self.now_s = 100.0
+        self.transport = MavlinkTransport(self, (7, 1))
+        self.core = VehicleStream(self.transport)
+        self.rate_hz = rate_hz
+        self.mode = "hold"
+        self.position = (1.0, 2.0, -5.0)
+        self.velocity = (0.0, 0.0, 0.0)
+        self.loop_alive = True
+        self.beat_s = self.now_s
+        self.kept = None
+        self.sent = []
+        self.sending = []
+
+    def snapshot(self):
+        if self.loop_alive or self.kept is None:
+            self.kept = Snapshot(self.now_s, self.mode, self.position, self.velocity, 0.25)
+        return self.kept
+
+    def send_payload(self, msg_id, payload):
+        self.sending.append((round(self.now_s, 3), msg_id, fields(msg_id, payload)))
+        return True
+
+    def begin(self, setpoint, **lasting):
+        self.core.begin(self.now_s, Order(setpoint, client="test", **lasting), self.rate_hz, self.snapshot())
+
+    def change(self, setpoint, **lasting):
+        return self.core.change(self.now_s, Order(setpoint, client="test", **lasting), self.snapshot())
+
+    def engage(self):
+        self.mode = "offboard"
+        assert self.core.engage(self.now_s)
+
+    def run(self, seconds):
+        """Ticks whenever the core wants to; returns what went out as (time, id, fields)."""
+        out = []
+        end_s = self.now_s + seconds
+        while self.now_s < end_s - 1e-9:
+            if self.loop_alive:
+                self.beat_s = self.now_s
+            for item in self.core.tick(self.now_s, self.snapshot(), self.beat_s):
+                self.transport.send(item)
+            out += self.sending
+            self.sending.clear()
+            self.now_s = min(end_s, max(self.now_s + 0.001, self.core.due_s(self.beat_s)))
+        self.sent += out
+        return out
+
+    def told(self):
+        return [report.code for report in self.core.reports]
+
+
+def fields(msg_id, payload):
+    if msg_id == COMMAND:
+        values = struct.unpack("<fffffffHBBB", payload)
+        return {"p1": values[0], "main": values[1], "sub": values[2], "command": values[7], "try": values[10]}
+    v = struct.unpack("<IfffffffffffHBBB", payload)
+    return {
+        "position": v[1:4],
+        "velocity": v[4:7],
+        "yaw": v[10],
+        "yaw_rate": v[11],
+        "mask": v[12],
+        "to": v[13:15],
+        "frame": v[15],
+    }
+
+
+def started(setpoint, **lasting):
+    flight = Flight()
+    flight.begin(setpoint, **lasting)
+    flight.run(1.2)
+    flight.engage()
+    return flight
+
+
+def test_streams_fifty_a_second_to_the_target_in_local_ned():
+    flight = started(HOVER, valid_for_s=60)
+    out = flight.run(2.0)
+    assert 99 <= len(out) <= 101
+    _, msg_id, sent = out[0]
+    assert msg_id == SETPOINT
+    assert sent["to"] == (7, 1)
+    assert sent["frame"] == 1
+    assert sent["position"] == (0.0, 0.0, -5.0)
+    assert sent["yaw"] == pytest.approx(0.5)
+    assert flight.core.cadence.achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
+
+
+def test_a_changed_setpoint_goes_out_at_once():
+    flight = Flight(rate_hz=2.0)
+    flight.begin(HOVER, valid_for_s=60)
+    flight.run(1.1)
+    flight.engage()
+    flight.run(0.05)
+    assert flight.change(NORTH, valid_for_s=60)
+    out = flight.run(0.01)
+    assert [sent["mask"] for _, _, sent in out] == [2503]
+
+
+def test_without_yaw_the_heading_of_the_first_moment_is_kept():
+    flight = started(Velocity(velocity_ned_m_s=(1.0, 0.0, 0.0)), valid_for_s=60)
+    flight.change(Velocity(velocity_ned_m_s=(2.0, 0.0, 0.0)), valid_for_s=60)
+    _, _, sent = flight.run(0.02)[0]
+    assert sent["mask"] == 2503
+    assert sent["yaw"] == pytest.approx(0.25)
+
+
+def test_client_killed_mid_velocity_stream_holds_then_hands_over_to_hold_mode():
+    flight = started(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
+    flight.velocity = (3.0, 0.0, 0.0)
+    assert all(sent["velocity"][0] == 3.0 for _, _, sent in flight.run(0.49))
+    flight.position = (10.0, 2.0, -5.0)
+    flight.run(0.02)
+    held = flight.run(1.9)
+    assert {sent["mask"] for _, _, sent in held} == {2552}
+    assert held[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
+    assert flight.told() == ["expired"]
+    asked = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
+    assert [(a["command"], a["p1"], a["main"], a["sub"]) for a in asked] == [(176, 1.0, 4.0, 3.0)]
+    assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, "streams until the vehicle is in Hold"
+    flight.mode = "hold"
+    assert flight.run(1.0) == []
+    assert flight.told() == ["expired", "held"]
+    times = [t for t, m, _ in flight.sent if m == SETPOINT]
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.05
+
+
+def test_a_new_setpoint_while_holding_resumes():
+    flight = started(NORTH, valid_for_s=0.5)
+    flight.run(1.0)
+    assert flight.core.phase == "holding"
+    assert flight.change(HOVER, valid_for_s=60)
+    flight.run(10.0)
+    assert flight.core.phase == "streaming"
+
+
+def test_hold_never_confirmed_stops_so_that_px4_fails_safe():
+    flight = started(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
+    out = flight.run(MAX_MODE_REQUESTS + 2.0)
+    asks = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
+    assert asks == list(range(MAX_MODE_REQUESTS))
+    assert flight.told()[-1] == "not_confirmed"
+    assert flight.run(1.0) == []
+
+
+def test_expiry_without_a_position_estimate_lands():
+    flight = started(NORTH, valid_for_s=0.5)
+    flight.position = None
+    out = flight.run(1.0)
+    assert [(s["main"], s["sub"]) for _, m, s in out if m == COMMAND] == [(4.0, 6.0)]
+    last = [sent for _, m, sent in out if m == SETPOINT][-1]
+    assert (last["mask"], last["velocity"]) == (1479, (0.0, 0.0, 0.0))
+    flight.mode = "land"
+    assert flight.run(1.0) == []
+    assert flight.told() == ["expired", "landing"]
+
+
+def test_on_expiry_land_and_stop_stream():
+    flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("land"))
+    assert COMMAND in [m for _, m, _ in flight.run(0.6)]
+    flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("stop_stream"))
+    assert flight.run(3.0)[-1][0] < 100.0 + 1.2 + 0.52
+    assert flight.told() == ["expired"]
+
+
+def test_a_stall_of_the_loop_leaves_no_gap_and_a_silent_loop_ends_the_stream():
+    flight = started(HOVER, valid_for_s=60)
+    flight.run(0.1)
+    flight.loop_alive = False
+    assert len(flight.run(0.4)) >= 19
+    flight.loop_alive = True
+    flight.run(0.2)
+    flight.loop_alive = False
+    out = flight.run(3.0)
+    assert 1.4 < out[-1][0] - out[0][0] < 1.52
+    assert flight.told() == ["server_silent"]
+
+
+def test_the_stream_expires_while_the_loop_is_stalled_where_the_vehicle_has_got_to():
+    flight = started(NORTH, valid_for_s=0.5)
+    flight.velocity = (4.0, 0.0, 0.0)
+    flight.run(0.4)
+    flight.loop_alive = False
+    flight.snapshot()
+    out = flight.run(0.3)
+    assert out[-1][2]["mask"] == 2552
+    assert 1.2 < out[-1][2]["position"][0] < 1.6
+
+
+@pytest.mark.parametrize("mode", ["position", "rtl", "mission"])
+def test_a_vehicle_that_leaves_offboard_is_let_go(mode):
+    flight = started(HOVER, valid_for_s=60)
+    flight.run(0.5)
+    flight.mode = mode
+    assert flight.run(2.0) == []
+    assert flight.told() == ["left_offboard"]
+    assert not flight.change(HOVER, valid_for_s=1)
+
+
+def test_stop_holds_the_place_and_sends_nothing_afterwards():
+    flight = started(NORTH, valid_for_s=60)
+    flight.run(0.3)
+    flight.core.request_stop(flight.now_s, flight.snapshot())
+    assert {sent["mask"] for _, _, sent in flight.run(0.2)} == {2552}
+    assert not flight.change(NORTH, valid_for_s=60), "who stops is not overruled by a late setpoint"
+    flight.core.end("stopped", "asked")
+    assert flight.run(5.0) == []
+
+
+def test_while_starting_nothing_expires_but_it_does_not_stream_for_ever():
+    flight = Flight()
+    flight.begin(HOVER, valid_for_s=0.1)
+    assert len(flight.run(5.0)) > 200
+    assert flight.told() == []
+    flight.run(20.0)
+    assert flight.told() == ["not_confirmed"]
+
+
+def test_a_late_thread_sends_once_and_keeps_its_grid():
+    flight = started(HOVER, valid_for_s=60)
+    flight.run(0.1)
+    flight.now_s += 0.3
+    flight.beat_s = flight.now_s
+    assert len(flight.core.tick(flight.now_s, flight.snapshot(), flight.beat_s)) == 1
+    assert flight.core.tick(flight.now_s, flight.snapshot(), flight.beat_s) == []
+    assert flight.now_s < flight.core.due_s(flight.beat_s) <= flight.now_s + 0.02 + 1e-9

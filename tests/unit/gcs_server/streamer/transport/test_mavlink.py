@@ -1,0 +1,148 @@
+"""Each kind of setpoint as PX4 reads it, taken apart by somebody else's decoder."""
+
+import math
+import struct
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.mavlink.codec import encode_frame
+from gcs_server.streamer.transport import mavlink
+from missions.setpoints import (
+    Acceleration,
+    Actuators,
+    Attitude,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+from vehicle_sim.mavlink import generated_dialect as sim
+
+number = st.floats(-1000, 1000, width=32)
+angle = st.floats(-3.125, 3.125, width=32)
+vector = st.tuples(number, number, number)
+axis = st.none() | number
+partial = st.tuples(axis, axis, axis)
+TARGET = (7, 1)
+
+
+def read(setpoint, now_s=12.5):
+    """As the vehicle's parser makes of it."""
+    msg_id, payload = mavlink.encode(setpoint, TARGET)
+    raw = encode_frame(msg_id, mavlink.stamped(payload, now_s), 3, 255, 190)
+    (message,) = sim.MAVLink(None).parse_buffer(raw)
+    assert (message.target_system, message.target_component) == TARGET
+    assert message.time_boot_ms == 12500
+    return message
+
+
+def ignored(values, bits, mask):
+    """None where the bit says so, else the value."""
+    return tuple(None if mask & bit else value for value, bit in zip(values, bits, strict=True))
+
+
+# The seed's rows with the masks of PX4's documentation.
+ROWS = [
+    (Position((1.0, 2.0, -3.0), yaw_ned_rad=0.5), 84, 1, 2552),
+    (Position((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 1, 1528),
+    (Velocity((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 1, 1479),
+    (Velocity((1.0, 2.0, -3.0), yaw_ned_rad=0.5), 84, 1, 2503),
+    (VelocityBody((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 8, 1479),
+    (Acceleration((1.0, 2.0, -3.0)), 84, 1, 3135),
+    (Trajectory((1.0, 2.0, -3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0), yaw_ned_rad=0.5), 84, 1, 2048),
+    (Trajectory((1.0, 2.0, None), (None, None, 6.0), yaw_ned_rad=0.5), 84, 1, 4 | 8 | 16 | 448 | 2048),
+    (PositionGlobal(47.5, 8.5, alt_amsl_m=500.0, yaw_ned_rad=0.5), 86, 5, 2552),
+    (Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 82, None, 7),
+    (Attitude((1.0, 0.0, 0.0, 0.0), 0.5, yaw_rate_ned_rad_s=0.2), 82, None, 3),
+    (Rates((0.1, 0.2, 0.3), 0.5), 82, None, 128),
+]
+
+
+@pytest.mark.parametrize(("setpoint", "msg_id", "frame", "mask"), ROWS)
+def test_message_frame_and_mask_are_px4s(setpoint, msg_id, frame, mask):
+    message = read(setpoint)
+    assert message.get_msgId() == msg_id
+    assert message.type_mask == mask
+    assert getattr(message, "coordinate_frame", None) == frame
+
+
+POSITION, VELOCITY, ACCELERATION = (1, 2, 4), (8, 16, 32), (64, 128, 256)
+
+
+@given(partial, partial, partial, axis, axis)
+def test_what_is_none_is_ignored_and_the_rest_arrives(position, velocity, acceleration, yaw, rate):
+    m = read(Trajectory(position, velocity, acceleration, yaw, rate))
+    assert ignored((m.x, m.y, m.z), POSITION, m.type_mask) == position
+    assert ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
+    assert ignored((m.afx, m.afy, m.afz), ACCELERATION, m.type_mask) == acceleration
+    assert not m.type_mask & 512  # never a force
+    (turned, turning) = ignored((m.yaw, m.yaw_rate), (1024, 2048), m.type_mask)
+    assert (turned is None, turning is None) == (yaw is None, rate is None)
+    if yaw is not None:
+        assert -math.pi - 1e-6 <= turned <= math.pi + 1e-6
+        assert math.remainder(turned - yaw, math.tau) == pytest.approx(0, abs=1e-4)
+    if rate is not None:
+        assert turning == rate
+
+
+@given(vector, angle)
+def test_a_body_velocity_never_has_an_ignore_bit_of_velocity(velocity, yaw):
+    """PX4 would drop it as a whole."""
+    m = read(VelocityBody(velocity, yaw_ned_rad=yaw))
+    assert m.type_mask & 0b111111111 == 0b111000111
+    assert (m.vx, m.vy, m.vz) == velocity
+
+
+@given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-500, 9000, width=32))
+def test_a_global_place_arrives_within_a_centimetre_or_two(lat, lon, alt):
+    m = read(PositionGlobal(lat, lon, alt_amsl_m=alt, yaw_ned_rad=0.0))
+    assert m.lat_int == pytest.approx(lat * 1e7, abs=0.51)
+    assert m.lon_int == pytest.approx(lon * 1e7, abs=0.51)
+    assert m.alt == alt
+
+
+@given(st.tuples(angle, angle, angle, angle), axis, st.floats(0, 1, width=32))
+def test_attitude_and_thrust_arrive(q, rate, thrust):
+    m = read(Attitude(q, thrust, yaw_rate_ned_rad_s=rate))
+    assert tuple(m.q) == q
+    assert m.thrust == thrust
+    assert m.type_mask & 128 == 0  # the attitude counts
+    assert m.type_mask & 64 == 0  # so does the thrust
+    assert ignored((m.body_yaw_rate,), (4,), m.type_mask) == (rate,)
+
+
+@given(vector, st.floats(0, 1, width=32))
+def test_rates_arrive_with_roll_and_pitch_counting(rates, thrust):
+    m = read(Rates(rates, thrust))
+    assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate) == rates
+    assert m.type_mask & (1 | 2 | 4 | 64) == 0
+    assert tuple(m.q) == (1.0, 0.0, 0.0, 0.0)
+
+
+def test_only_the_time_changes_between_sendings():
+    _, payload = mavlink.encode(Position((1.0, 2.0, -3.0)), TARGET)
+    early, late = mavlink.stamped(payload, 1.0), mavlink.stamped(payload, 5e6)
+    assert early[4:] == late[4:] == payload[4:]
+    assert struct.unpack("<I", late[:4])[0] == int(5e9) & 0xFFFFFFFF
+
+
+def test_what_no_message_carries_has_no_encoder():
+    assert {"thrust_torque", "actuators"}.isdisjoint(mavlink.MAVLINK_CARRIES)
+    with pytest.raises(KeyError):
+        mavlink.encode(Actuators((0.5,)), TARGET)
+    with pytest.raises(ValueError, match="above mean sea level"):
+        mavlink.encode(replace(PositionGlobal(0.0, 0.0), alt_home_m=5.0), TARGET)
+
+
+@pytest.mark.parametrize(("mode", "sub"), [("hold", 3), ("land", 6)])
+def test_mode_commands_are_set_mode_with_a_growing_confirmation(mode, sub):
+    payload = mavlink.mode_command(mode, TARGET, 300)
+    raw = encode_frame(mavlink.MSG_COMMAND_LONG, payload, 0, 255, 190)
+    (m,) = sim.MAVLink(None).parse_buffer(raw)
+    assert (m.command, m.param1, m.param2, m.param3) == (176, 1, 4, sub)
+    assert (m.target_system, m.target_component, m.confirmation) == (7, 1, 255)

@@ -1,0 +1,30 @@
+"""Every setpoint kind has its place at each step of its way."""
+
+from typing import get_args
+
+import pytest
+
+from gcs_server.api.offboard_models import AnyOrder
+from gcs_server.api.offboard_views import SetpointType
+from gcs_server.api.setpoint_models import AnySetpoint
+from gcs_server.streamer.frames.resolve import RESOLVED_KINDS
+from gcs_server.streamer.transport.mavlink import MAVLINK_CARRIES
+from gcs_server.streamer.validation.availability import carried
+from missions.setpoints import KINDS
+
+
+@pytest.mark.parametrize("bodies", [AnySetpoint, AnyOrder], ids=["setpoint", "order"])
+def test_each_kind_has_a_body(bodies):
+    union, _ = get_args(bodies)
+    assert {get_args(body.model_fields["type"].annotation)[0] for body in get_args(union)} == set(KINDS)
+
+
+def test_the_answers_name_each_kind():
+    assert set(get_args(SetpointType)) == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_is_encoded_or_resolved_or_refused_with_a_reason(kind):
+    why_not = carried(kind, "MAVLink")
+    assert (why_not is None) == (kind in MAVLINK_CARRIES | RESOLVED_KINDS)
+    assert why_not is None or kind in why_not
