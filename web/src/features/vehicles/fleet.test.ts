@@ -29,6 +29,8 @@ describe('list of vehicles', () => {
     expect(ids('', 'flying')).toEqual(['12']);
     expect(ids('', 'attention')).toEqual(['21']);
     expect(ids('9')).toEqual([]);
+    expect(ids('dis')).toEqual(['1', '12']);
+    expect(ids('armed')).toEqual([]); // a word is found by its beginning
   });
 
   it('goes through the list by arrows and stops at its ends', () => {

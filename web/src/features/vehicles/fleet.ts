@@ -46,8 +46,8 @@ export function narrowed(rows: readonly Row[], text: string, filter: Filter): Ro
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;
     if (filter === 'attention' && !row.attention) return false;
-    const all = `${row.facts.id} ${row.facts.name} ${row.words}`.toLowerCase();
-    return words.every((word) => all.includes(word));
+    const said = `${row.facts.name} ${row.words}`.toLowerCase().split(/\s+/);
+    return words.every((word) => row.facts.id.includes(word) || said.some((one) => one.startsWith(word)));
   });
 }
 
