@@ -337,6 +337,27 @@ def test_the_two_that_come_too_near_hold_and_the_finding_says_how_near():
     assert not watch.look(101.2, near).hold  # told and done once
 
 
+def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
+    drift = Order(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
+    gains_m_s2, go_on_s, brakes_m_s2 = 6.0, 0.3, 1.5
+    watch = GroupGuard(
+        "7", dict.fromkeys("12", WAIT), dict.fromkeys("12", drift), minimum_m=3.0, start_s=101.0, lasts_s=60.0
+    )
+    watch.look(101.0, seen(snapshot(60.0)))
+    for step in range(1, 100):
+        now_s, speed_m_s = 101.0 + 0.05 * step, gains_m_s2 * 0.05 * step
+        apart_m = 60.0 - 0.5 * gains_m_s2 * (0.05 * step) ** 2
+        coming = replace(snapshot(apart_m, velocity=(0.0, -speed_m_s, 0.0)), taken_s=now_s)
+        standing = Seen("streaming", drift, replace(snapshot(), taken_s=now_s), None)
+        if watch.look(now_s, {"1": standing, "2": Seen("streaming", drift, coming, None)}).hold:
+            break
+    else:
+        pytest.fail("it was not stopped")
+    fastest_m_s = speed_m_s + gains_m_s2 * go_on_s
+    needs_m = speed_m_s * go_on_s + 0.5 * gains_m_s2 * go_on_s**2 + fastest_m_s**2 / (2.0 * brakes_m_s2)
+    assert apart_m - needs_m >= 3.0, (apart_m, speed_m_s)
+
+
 def test_an_expiry_of_all_at_their_instant_is_no_finding():
     watch = guard()
     watch.look(101.0, seen())
