@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import REPOSITORY, chromium, in_both_themes, opened
-from tests.e2e.conftest import FAST, Station
+from tests.e2e.fast_station import FAST, Station
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 

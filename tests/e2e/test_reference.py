@@ -13,7 +13,7 @@ pytestmark = pytest.mark.browser
 
 def test_the_reference_shows_every_call_and_loads_nothing_from_elsewhere() -> None:
     with server([]) as (url, _), chromium() as browser:
-        paths = httpx.get(f"{url}/api/v1/openapi.json").json()["paths"]
+        paths = httpx.get(f"{url}/api/v1/openapi.json", timeout=30.0).json()["paths"]
         page = browser.new_page()
         watched = Watched(page, url)
         page.goto(f"{url}/docs")

@@ -43,9 +43,9 @@ def test_a_flood_of_empty_frames_is_parsed_bit_by_bit_and_then_closed(opcode):
         async def watch():
             nonlocal longest_s
             while not over:
-                began_s = time.perf_counter()
+                began_s = time.thread_time()
                 await asyncio.sleep(0)
-                longest_s = max(longest_s, time.perf_counter() - began_s)
+                longest_s = max(longest_s, time.thread_time() - began_s)
 
         watching = asyncio.ensure_future(watch())
         await wire.sends(transport, frame(b"", opcode) * 42_000)
