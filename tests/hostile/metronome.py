@@ -1,0 +1,40 @@
+"""A process that wakes 50 times a second and does nothing else: what the machine itself delays."""
+
+from __future__ import annotations
+
+import select
+import subprocess
+import sys
+import time
+
+from gcs_server.streamer.process.worker import take_priority
+
+PERIOD_S = 0.02
+
+
+class Metronome:
+    """Runs from its making to `stop`, with the priority that the process of the streams has."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.hostile.metronome"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def stop(self) -> float:
+        """Ends it; the longest time [s] between two of its wakings."""
+        said, _ = self._process.communicate(b"\n", timeout=30)
+        return float(said)
+
+
+def main() -> None:
+    """Prints the longest time [s] between two wakings, once its input ends."""
+    take_priority()
+    longest_s, next_s, last_s = 0.0, time.monotonic(), time.monotonic()
+    while not select.select([sys.stdin], [], [], max(0.0, next_s - time.monotonic()))[0]:
+        now_s = time.monotonic()
+        longest_s, last_s, next_s = max(longest_s, now_s - last_s), now_s, max(next_s + PERIOD_S, now_s)
+    print(longest_s)
+
+
+if __name__ == "__main__":
+    main()
