@@ -6,6 +6,7 @@ import type { Problem } from '../../api/problems';
 class ReadinessPanel {
   open = $state(false);
   asking = $state(false);
+  choosing = $state(false);
   problem = $state.raw<Problem | null>(null);
 
   toggle(): void {
@@ -18,13 +19,13 @@ class ReadinessPanel {
     this.problem = null;
   }
 
-  /** Does what the server offers: a mode in which the vehicle can be armed. */
+  /** Does what the server offers: a mode in which the vehicle can be armed. A check on its way does not hold it up. */
   async choose(api: ApiClient, vehicle: string, mode: string): Promise<void> {
-    if (this.asking) return;
-    this.asking = true;
+    if (this.choosing) return;
+    this.choosing = true;
     this.problem = null;
     const outcome = await api.post(`/vehicles/${encodeURIComponent(vehicle)}/mode`, { mode });
-    this.asking = false;
+    this.choosing = false;
     if (!outcome.ok) this.problem = outcome.problem;
   }
 
