@@ -1,0 +1,131 @@
+"""A trajectory that can be sampled at any moment: plain arrays without state, to be sent to another process.
+
+Position, velocity and acceleration are continuous; the jerk is limited and may jump. Yaw and yaw rate are
+continuous. It begins and ends at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.frames import wrap_pi
+from missions.setpoints import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """A trajectory at N times; without yaw, yaw and yaw rate are zero."""
+
+    position_ned_m: Array
+    """(N, 3)."""
+    velocity_ned_m_s: Array
+    acceleration_ned_m_s2: Array
+    yaw_ned_rad: Array
+    """(N,), without jumps of a whole turn."""
+    yaw_rate_ned_rad_s: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedCurve:
+    """A path of polynomial pieces and its parameter over time."""
+
+    coefficients: Array
+    """(N, 6, 4): powers 0 to 5 of the share of a piece; north, east, down [m], yaw [rad]."""
+    begins: Array
+    """(N,) the path's parameter where each piece begins."""
+    spans: Array
+    """(N,) its length in the parameter."""
+    phase_start_s: Array
+    """(K,) phases of constant jerk of the parameter: their start …"""
+    phase_parameter: Array
+    """… and there the parameter, its first and second derivative by time; the third throughout."""
+    phase_speed: Array
+    phase_acceleration: Array
+    phase_jerk: Array
+    duration_s: float
+    length_m: float
+    """Along the path."""
+    point_times_s: tuple[float, ...]
+    """When it passes each point it was made of, or the middle of the bend there."""
+    has_yaw: bool
+
+    def at(self, t_s: float) -> Trajectory:
+        """The setpoint `t_s` after the start; before the start and after the end: that point, at rest."""
+        ended = t_s >= self.duration_s
+        if ended or t_s <= 0.0:
+            u, v, a = (float(self.begins[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
+        else:
+            k = int(self.phase_start_s.searchsorted(t_s, side="right")) - 1
+            dt = t_s - float(self.phase_start_s[k])
+            v0, a0, j = (
+                float(self.phase_speed[k]),
+                float(self.phase_acceleration[k]),
+                float(self.phase_jerk[k]),
+            )
+            u = float(self.phase_parameter[k]) + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
+            v = v0 + dt * (a0 + dt * j / 2.0)
+            a = a0 + dt * j
+        n = max(0, int(self.begins.searchsorted(u, side="right")) - 1)
+        span = float(self.spans[n])
+        x = min(1.0, (u - float(self.begins[n])) / span)
+        position: list[float] = []
+        first: list[float] = []
+        second: list[float] = []
+        for c0, c1, c2, c3, c4, c5 in self.coefficients[n].T.tolist():
+            position.append(c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))))
+            first.append((c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span)
+            second.append((2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2)
+        north, east, down, yaw = position
+        vv = v * v
+        return Trajectory(
+            (north, east, down),
+            (first[0] * v, first[1] * v, first[2] * v),
+            (second[0] * vv + first[0] * a, second[1] * vv + first[1] * a, second[2] * vv + first[2] * a),
+            wrap_pi(yaw) if self.has_yaw else None,
+            first[3] * v if self.has_yaw else None,
+        )
+
+    def many(self, times_s: Array) -> Samples:
+        """The same at many times at once."""
+        t = np.clip(np.asarray(times_s, dtype=float), 0.0, self.duration_s)
+        if len(self.phase_start_s):
+            k = np.maximum(self.phase_start_s.searchsorted(t, side="right") - 1, 0)
+            dt = t - self.phase_start_s[k]
+            v0, a0, j = self.phase_speed[k], self.phase_acceleration[k], self.phase_jerk[k]
+            u = self.phase_parameter[k] + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
+            v, a = v0 + dt * (a0 + dt * j / 2.0), a0 + dt * j
+        else:
+            u = v = a = np.zeros_like(t)
+        outside = (t <= 0.0) | (t >= self.duration_s)
+        v, a = np.where(outside, 0.0, v), np.where(outside, 0.0, a)
+        n = np.maximum(self.begins.searchsorted(u, side="right") - 1, 0)
+        x = np.minimum((u - self.begins[n]) / self.spans[n], 1.0)[:, None]
+        c, span = np.moveaxis(self.coefficients[n], 1, 0), self.spans[n][:, None]
+        position = c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
+        first = (c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))) / span
+        second = (2 * c[2] + x * (6 * c[3] + x * (12 * c[4] + x * 20 * c[5]))) / span**2
+        velocity = first * v[:, None]
+        acceleration = second * (v * v)[:, None] + first * a[:, None]
+        return Samples(position[:, :3], velocity[:, :3], acceleration[:, :3], position[:, 3], velocity[:, 3])
+
+    def time_at(self, parameter: float) -> float:
+        """When the path's parameter is passed [s]."""
+        if not len(self.phase_start_s) or parameter <= 0.0:
+            return 0.0
+        if parameter >= float(self.begins[-1] + self.spans[-1]):
+            return self.duration_s
+        k = max(0, int(self.phase_parameter.searchsorted(parameter, side="right")) - 1)
+        end_s = float(self.phase_start_s[k + 1]) if k + 1 < len(self.phase_start_s) else self.duration_s
+        low, high = 0.0, end_s - float(self.phase_start_s[k])
+        v, a, j = float(self.phase_speed[k]), float(self.phase_acceleration[k]), float(self.phase_jerk[k])
+        away = parameter - float(self.phase_parameter[k])
+        for _ in range(50):
+            dt = (low + high) / 2.0
+            short = dt * (v + dt * (a / 2.0 + dt * j / 6.0)) < away
+            low, high = (dt, high) if short else (low, dt)
+        return float(self.phase_start_s[k]) + low

@@ -1,0 +1,159 @@
+"""The yaw of a trajectory, as the fourth coordinate of its path: so its rate slows the flight where it must.
+
+On each piece the yaw is a cubic that has the wanted heading and its change at both ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from missions.frames import Vector3
+from missions.trajectory.pieces import Array, Pieces
+
+BEND_PARTS = 8
+"""Parts of a piece in which the heading is met at both ends."""
+NEAREST_M = 0.5
+"""Over the ground; nearer to the point it looks at the vehicle keeps its heading."""
+TURN_RAD = 1e-6
+"""Smaller differences need no turn on the spot."""
+
+
+@dataclass(frozen=True, slots=True)
+class AlongPath:
+    """The nose along the horizontal direction of flight."""
+
+    start_yaw_ned_rad: float | None = None
+    """The heading before a path that begins vertically."""
+
+
+@dataclass(frozen=True, slots=True)
+class LookAt:
+    """The nose towards a place."""
+
+    position_ned_m: Vector3
+
+
+def through_points(pieces: Pieces, yaws: list[float | None]) -> Pieces:
+    """The yaws of the points, and between them the shorter way round with zero rate at each.
+
+    A point without a yaw lies between those of its neighbours; before the first and after the last yaw, and
+    within turns on the spot, it does not change.
+    """
+    ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))
+    known = [(float(ends[pieces.marks[k]]), yaw) for k, yaw in enumerate(yaws) if yaw is not None]
+    places = np.array([place for place, _ in known])
+    values = np.unwrap(np.array([yaw for _, yaw in known]))
+    left, left_rate = _steps(places, values, ends[:-1], "right")
+    right, right_rate = _steps(places, values, ends[1:], "left")
+    return _with_yaw(pieces, left, left_rate, right, right_rate)
+
+
+def _steps(places: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
+    """A cubic from each value to the next, flat at both: value and derivative."""
+    if len(places) == 1:
+        return np.full_like(at, values[0]), np.zeros_like(at)
+    k = np.clip(places.searchsorted(at, side=side) - 1, 0, len(places) - 2)  # type: ignore[arg-type]
+    width = places[k + 1] - places[k]
+    x = np.clip((at - places[k]) / width, 0.0, 1.0)
+    change = values[k + 1] - values[k]
+    return values[k] + change * x * x * (3.0 - 2.0 * x), change * 6.0 * x * (1.0 - x) / width
+
+
+def along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
+    """The nose along the path; at stops it turns on the spot to the next direction."""
+    curved = np.abs(pieces.derivative(2)).max(axis=(1, 2)) > 1e-9
+    pieces = pieces.split(np.where(curved, BEND_PARTS, 1))
+    (left, left_rate), (right, right_rate) = (
+        _direction(first, second) for first, second in zip(pieces.ends(1), pieces.ends(2), strict=True)
+    )
+    return _turning(pieces, left, left_rate, right, right_rate, heading.start_yaw_ned_rad)
+
+
+def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
+    """The nose towards a place; where the path passes over the place the heading stays."""
+    parts = np.clip(np.ceil(_angles(pieces, heading) / 0.2), 1, 64).astype(np.int64)
+    pieces = pieces.split(parts)
+    (left, left_rate), (right, right_rate) = (
+        _bearing(place, first, heading) for place, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
+    )
+    return _turning(pieces, left, left_rate, right, right_rate, None)
+
+
+def _direction(first: Array, second: Array) -> tuple[Array, Array]:
+    """Yaw of a horizontal direction and its derivative; NaN where the path is vertical."""
+    n, e, size = first[:, 0], first[:, 1], first[:, 0] ** 2 + first[:, 1] ** 2
+    level = size > 1e-6 * (size + first[:, 2] ** 2)
+    safe = np.where(level, size, 1.0)
+    rate = (n * second[:, 1] - e * second[:, 0]) / safe
+    return np.where(level, np.arctan2(e, n), np.nan), np.where(level, rate, 0.0)
+
+
+def _bearing(place: Array, first: Array, heading: LookAt) -> tuple[Array, Array]:
+    n, e = heading.position_ned_m[0] - place[:, 0], heading.position_ned_m[1] - place[:, 1]
+    size = n**2 + e**2
+    far = size >= NEAREST_M**2
+    rate = (e * first[:, 0] - n * first[:, 1]) / np.where(far, size, 1.0)
+    return np.where(far, np.arctan2(e, n), np.nan), np.where(far, rate, 0.0)
+
+
+def _angles(pieces: Pieces, heading: LookAt) -> Array:
+    """How far the bearing turns over each piece [rad], at least."""
+    share = np.linspace(0.0, 1.0, 6)
+    places = pieces.points[:, np.rint(share * 5).astype(int), :2]
+    bearing = np.arctan2(
+        heading.position_ned_m[1] - places[..., 1], heading.position_ned_m[0] - places[..., 0]
+    )
+    return np.abs(np.diff(np.unwrap(bearing, axis=1), axis=1)).sum(axis=1)
+
+
+def _turning(
+    pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array, start: float | None
+) -> Pieces:
+    """With turns on the spot where a stop joins two headings; an unknown heading is the one before it."""
+    both = np.stack((left, right), axis=1).ravel()
+    known = ~np.isnan(both)
+    if start is not None and not known[:1].any():
+        both[0], known[0] = start, True
+    if not known.any():
+        both[0], known[0] = 0.0, True
+    last = np.maximum.accumulate(np.where(known, np.arange(len(both)), -1))
+    both = both[np.where(last < 0, int(known.argmax()), last)]
+    both = np.unwrap(both)
+    left, right = both[0::2], both[1::2]
+    left_rate = np.where(np.isnan(left_rate), 0.0, left_rate)
+    pieces = _with_yaw(pieces, left, left_rate, right, right_rate)
+    turn = left[1:] - right[:-1]
+    at = np.flatnonzero(np.abs(turn) > TURN_RAD) + 1
+    if not len(at):
+        return pieces
+    spots = np.repeat(pieces.points[at, :1], 6, axis=1)
+    spots[:, :, 3] = right[at - 1][:, None] + np.linspace(0.0, 1.0, 6) * turn[at - 1][:, None]
+    points = np.insert(pieces.points, at, spots, axis=0)
+    spans = np.insert(pieces.spans, at, np.abs(turn[at - 1]))
+    stops = pieces.stops.copy()
+    stops[at] = True
+    stops = np.insert(stops, at, True)
+    marks = pieces.marks + np.searchsorted(at, pieces.marks, side="left")
+    return Pieces(points, spans, stops, marks)
+
+
+def _with_yaw(pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array) -> Pieces:
+    """A cubic of yaw over each piece, in the piece's own form."""
+    third = pieces.spans / 3.0
+    cubic = (left, left + left_rate * third, right - right_rate * third, right)
+    points = pieces.points.copy()
+    points[:, :, 3] = _raised(np.stack(cubic, axis=1))
+    return Pieces(points, pieces.spans, pieces.stops, pieces.marks)
+
+
+def _raised(control: Array) -> Array:
+    """Control points of the same polynomial at degree five; from degree three."""
+    while control.shape[1] < 6:
+        count = control.shape[1]
+        share = np.arange(count + 1) / count
+        before = np.concatenate((control[:, :1], control), axis=1)
+        after = np.concatenate((control, control[:, -1:]), axis=1)
+        control = share * before + (1.0 - share) * after
+    return control

@@ -1,0 +1,85 @@
+"""What a trajectory may ask of the vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+from missions.errors import PlanError
+from missions.vehicle import GRAVITY_M_S2
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """Limits that a trajectory never exceeds; the defaults are PX4 v1.16's (parameter names beside)."""
+
+    speed_m_s: float = 12.0  # MPC_XY_VEL_MAX
+    """Over the ground."""
+    climb_m_s: float = 3.0  # MPC_Z_VEL_MAX_UP
+    descent_m_s: float = 1.5  # MPC_Z_VEL_MAX_DN
+    acceleration_m_s2: float = 3.0  # MPC_ACC_HOR
+    """Horizontal."""
+    acceleration_up_m_s2: float = 4.0  # MPC_ACC_UP_MAX
+    acceleration_down_m_s2: float = 3.0  # MPC_ACC_DOWN_MAX
+    jerk_m_s3: float = 4.0  # MPC_JERK_AUTO
+    """Length of the vector."""
+    tilt_rad: float = math.radians(45.0)  # MPC_TILTMAX_AIR
+    yaw_rate_rad_s: float = math.radians(45.0)  # MPC_YAWRAUTO_MAX
+    yaw_acceleration_rad_s2: float = math.radians(60.0)  # MPC_YAWRAUTO_ACC
+
+    def __post_init__(self) -> None:
+        """Refuses what is no limit.
+
+        Raises:
+            PlanError: A limit is not finite, not positive, or the tilt is not below 90°.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 1e-3 <= value <= 1e4:
+                reason = f"{value} is not between 0.001 and 10000"
+                raise PlanError(f"limit {field.name}", reason, "Give a positive number.")
+        if self.tilt_rad > math.radians(89.0):
+            raise PlanError("limit tilt_rad", f"{self.tilt_rad:.3f} rad is above 89°", "Give a smaller tilt.")
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, float]) -> MotionLimits:
+        """With the vehicle's own values, where it has them and they are finite and positive."""
+        found: dict[str, float] = {}
+        for field, name in PARAMETERS.items():
+            value = parameters.get(name, math.nan)
+            value = math.radians(value) if field.endswith(("_rad", "_rad_s", "_rad_s2")) else value
+            if 1e-3 <= value <= 1e4:
+                found[field] = min(value, math.radians(89.0)) if field == "tilt_rad" else value
+        return cls(**found)
+
+    @property
+    def vertical_acceleration_m_s2(self) -> float:
+        """Up and down alike: the smaller of the two limits."""
+        return min(self.acceleration_up_m_s2, self.acceleration_down_m_s2)
+
+    @property
+    def horizontal_acceleration_m_s2(self) -> float:
+        """The limit itself, or what the tilt allows while the vehicle accelerates downwards at its limit."""
+        lift_m_s2 = GRAVITY_M_S2 - min(self.vertical_acceleration_m_s2, 0.9 * GRAVITY_M_S2)
+        return min(self.acceleration_m_s2, lift_m_s2 * math.tan(self.tilt_rad))
+
+    @property
+    def yaw_jerk_rad_s3(self) -> float:
+        """The yaw acceleration builds up in a quarter of a second: a yaw that jumps is not flown."""
+        return 4.0 * self.yaw_acceleration_rad_s2
+
+
+PARAMETERS = {
+    "speed_m_s": "MPC_XY_VEL_MAX",
+    "climb_m_s": "MPC_Z_VEL_MAX_UP",
+    "descent_m_s": "MPC_Z_VEL_MAX_DN",
+    "acceleration_m_s2": "MPC_ACC_HOR",
+    "acceleration_up_m_s2": "MPC_ACC_UP_MAX",
+    "acceleration_down_m_s2": "MPC_ACC_DOWN_MAX",
+    "jerk_m_s3": "MPC_JERK_AUTO",
+    "tilt_rad": "MPC_TILTMAX_AIR",
+    "yaw_rate_rad_s": "MPC_YAWRAUTO_MAX",
+    "yaw_acceleration_rad_s2": "MPC_YAWRAUTO_ACC",
+}
+"""The PX4 parameter of each field of `MotionLimits`; PX4's angles are degrees."""

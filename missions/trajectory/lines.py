@@ -1,0 +1,166 @@
+"""Points as straight legs with rounded corners, or as one smooth curve through all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.trajectory.pieces import Array, Pieces, hermite
+from missions.trajectory.points import SAME_M, PassPoint
+
+REVERSAL = math.cos(math.radians(170.0))
+"""Sharper turns are stops: a bend there would be all but a cusp."""
+STRAIGHT = 1e-9
+"""Directions this near to each other make no corner."""
+SHORTEST_CORNER_M = 0.01
+BEND = 0.1
+"""Where the third control point of a bend lies, as a share of its cut; 0.1 lost least time over bends of 30°
+to 150°, both with a given corner and with a given cut."""
+NEAR = (1.0 + BEND) / 2.0
+"""The second control point: halfway, so that the curvature begins at zero."""
+DEVIATION = (1.0 + 5.0 * NEAR + 10.0 * BEND) / 32.0
+"""Distance of a bend's middle from the corner, by its cut and the difference of the directions."""
+PARTS = 4
+"""Of each leg of a smooth curve, each with its own ceiling of speed."""
+
+
+def straight(points: Sequence[PassPoint]) -> Pieces:
+    """Straight legs; each corner is cut at most so far that the bend passes the point within `corner_m`.
+
+    Points at one place (made by `merge_same`) become a turn on the spot; its yaw is filled in later.
+    """
+    where = np.array([point.position_ned_m for point in points])
+    steps = np.diff(where, axis=0)
+    sizes = np.sqrt((steps**2).sum(axis=1))
+    moves = sizes >= SAME_M
+    directions = steps / np.where(moves, sizes, 1.0)[:, None]
+    cuts, stops = _corners(points, directions, sizes, moves)
+    controls: list[Array] = []
+    spans: list[float] = []
+    halts = [True]
+    marks = [0]
+
+    def add(points_3: Array, span: float, halt: bool) -> None:
+        controls.append(points_3)
+        spans.append(span)
+        halts.append(halt)
+
+    share = np.linspace(0.0, 1.0, 6)[:, None]
+    for leg in range(len(sizes)):
+        start_m, end_m = cuts[leg], cuts[leg + 1]
+        if not moves[leg]:
+            add(np.repeat(where[leg][None], 6, axis=0), 1.0, True)
+            marks.append(len(spans))
+            continue
+        d, length_m = directions[leg], float(sizes[leg] - start_m - end_m)
+        if length_m > 1e-9 * sizes[leg]:
+            begin = where[leg] + d * start_m
+            add(begin + share * (d * length_m), length_m, bool(stops[leg + 1]) and end_m == 0.0)
+        if end_m > 0.0:
+            span = 5.0 * (1.0 - NEAR) * end_m
+            arms = end_m * np.array([1.0, NEAR, BEND])[:, None]
+            into, out_of = where[leg + 1] - arms * d, where[leg + 1] + arms[::-1] * directions[leg + 1]
+            left, right = _halves(np.concatenate((into, out_of)))
+            add(left, span / 2.0, False)
+            marks.append(len(spans))
+            add(right, span / 2.0, False)
+        else:
+            marks.append(len(spans))
+    return _pieces(controls, spans, halts, marks)
+
+
+def _corners(
+    points: Sequence[PassPoint], directions: Array, sizes: Array, moves: NDArray[np.bool_]
+) -> tuple[list[float], list[bool]]:
+    """How much of its legs each corner takes [m], and where the vehicle stops."""
+    cuts, stops = [0.0] * len(points), [True] * len(points)
+    for k in range(1, len(points) - 1):
+        difference = float(np.sqrt(((directions[k] - directions[k - 1]) ** 2).sum()))
+        cosine = float(directions[k] @ directions[k - 1])
+        if points[k].stop or not (moves[k - 1] and moves[k]):
+            continue
+        if difference < STRAIGHT:
+            stops[k] = False
+        elif cosine > REVERSAL and points[k].corner_m >= SHORTEST_CORNER_M:
+            stops[k] = False
+            room_m = 0.5 * min(float(sizes[k - 1]), float(sizes[k]))
+            cuts[k] = min(points[k].corner_m / (DEVIATION * difference), room_m)
+    return cuts, stops
+
+
+def _halves(control: Array) -> tuple[Array, Array]:
+    """De Casteljau's construction at the middle."""
+    left, right = [control[0]], [control[-1]]
+    while len(control) > 1:
+        control = (control[:-1] + control[1:]) / 2.0
+        left.append(control[0])
+        right.append(control[-1])
+    return np.array(left), np.array(right[::-1])
+
+
+def smooth(points: Sequence[PassPoint]) -> Pieces:
+    """One curve exactly through all points: a cubic spline over chord length from stop to stop.
+
+    Its second derivative is continuous, and zero at stops. It swings out of the straight legs.
+    """
+    controls: list[Array] = []
+    spans: list[float] = []
+    halts = [True]
+    marks = [0]
+    start = 0
+    while start < len(points) - 1:
+        end = start + 1
+        here = np.array(points[start].position_ned_m)
+        if math.dist(points[start].position_ned_m, points[end].position_ned_m) < SAME_M:
+            controls.append(np.repeat(here[None], 6, axis=0))
+            spans.append(1.0)
+            halts.append(True)
+            marks.append(len(spans))
+            start = end
+            continue
+        while end < len(points) - 1 and not points[end].stop:
+            end += 1
+        where = np.array([point.position_ned_m for point in points[start : end + 1]])
+        h = np.sqrt((np.diff(where, axis=0) ** 2).sum(axis=1))
+        second = _spline(where, h)
+        slope = np.diff(where, axis=0) / h[:, None]
+        first_start = slope - h[:, None] * (2.0 * second[:-1] + second[1:]) / 6.0
+        first_end = slope + h[:, None] * (second[:-1] + 2.0 * second[1:]) / 6.0
+        left = np.stack((where[:-1], first_start, second[:-1]), axis=1)
+        right = np.stack((where[1:], first_end, second[1:]), axis=1)
+        controls += list(hermite(left, right, h))
+        spans += h.tolist()
+        halts += [False] * (len(h) - 1) + [True]
+        marks += range(marks[-1] + 1, marks[-1] + len(h) + 1)
+        start = end
+    whole = _pieces(controls, spans, halts, marks)
+    return whole.split(np.full(len(spans), PARTS))
+
+
+def _spline(where: Array, h: Array) -> Array:
+    """The second derivatives of the natural cubic spline (tridiagonal system, solved forwards and back)."""
+    count = len(where)
+    second = np.zeros_like(where)
+    if count < 3:
+        return second
+    slopes = np.diff(where, axis=0) / h[:, None]
+    right = 6.0 * np.diff(slopes, axis=0)
+    diagonal = (2.0 * (h[:-1] + h[1:])).tolist()
+    between = h[1:-1].tolist()
+    for k in range(1, count - 2):
+        factor = between[k - 1] / diagonal[k - 1]
+        diagonal[k] -= factor * between[k - 1]
+        right[k] -= factor * right[k - 1]
+    second[count - 2] = right[-1] / diagonal[-1]
+    for k in range(count - 4, -1, -1):
+        second[k + 1] = (right[k] - between[k] * second[k + 2]) / diagonal[k]
+    return second
+
+
+def _pieces(controls: list[Array], spans: list[float], halts: list[bool], marks: list[int]) -> Pieces:
+    points = np.zeros((len(controls), 6, 4))
+    points[:, :, :3] = np.array(controls)
+    return Pieces(points, np.array(spans), np.array(halts), np.array(marks))

@@ -1,0 +1,147 @@
+"""A path as polynomial pieces, and bounds of its derivatives that hold everywhere, not only at samples.
+
+Each piece is of degree five in Bernstein form, with four coordinates: north, east, down [m] and yaw [rad].
+Its parameter runs from 0 to `spans`, roughly the metres along the path. A polynomial lies within the hull of
+its control points, so the longest control point of a derivative bounds it (G. Farin, Curves and Surfaces for
+CAGD, chapter 5); each piece is cut in four first, which makes the bounds tight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+DEGREE = 5
+CUTS = 4
+"""Parts of a piece for bounds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """N pieces, one after the other."""
+
+    points: Array
+    """Control points, (N, 6, 4)."""
+    spans: Array
+    """Length of each piece in the path's parameter, (N,)."""
+    stops: NDArray[np.bool_]
+    """Where the vehicle stands still, (N + 1,): before each piece and after the last."""
+    marks: NDArray[np.int64]
+    """Of each point that the path was made of: the index of its place between pieces, 0 to N."""
+
+    def split(self, counts: NDArray[np.int64]) -> Pieces:
+        """The same path with piece n cut into `counts[n]` equal parts."""
+        owner = np.repeat(np.arange(len(self.spans)), counts)
+        first = np.concatenate(([0], np.cumsum(counts)))
+        part = np.arange(len(owner)) - first[owner]
+        points = np.empty((len(owner), DEGREE + 1, 4))
+        for count in np.unique(counts):
+            for index in range(count):
+                chosen = (counts[owner] == count) & (part == index)
+                matrix = _part(DEGREE, index / count, (index + 1) / count)
+                points[chosen] = np.einsum("ij,njk->nik", matrix, self.points[owner[chosen]])
+        stops = np.zeros(len(owner) + 1, dtype=bool)
+        stops[first] = self.stops
+        return Pieces(points, (self.spans / counts)[owner], stops, first[self.marks])
+
+    def ends(self, order: int) -> tuple[Array, Array]:
+        """Position (0) or derivative by the parameter (1, 2) at the start and end of each piece, (N, 4)."""
+        points = self.derivative(order)
+        return points[:, 0], points[:, -1]
+
+    def derivative(self, order: int) -> Array:
+        """Control points of a derivative by the path's parameter, (N, 6 - order, 4)."""
+        points = self.points
+        for done in range(order):
+            points = np.diff(points, axis=1) * ((DEGREE - done) / self.spans)[:, None, None]
+        return points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """Upper bounds of each piece's derivatives by the path's parameter; all (N,)."""
+
+    across: tuple[Array, Array, Array]
+    """First, second and third derivative over the ground."""
+    up: Array
+    """First derivative upwards."""
+    down: Array
+    vertical: tuple[Array, Array, Array]
+    space: tuple[Array, Array, Array]
+    """The vector of all three axes."""
+    yaw: tuple[Array, Array, Array]
+
+    @classmethod
+    def of(cls, pieces: Pieces) -> Bounds:
+        """For all pieces."""
+        hulls = [_refined(pieces.derivative(order)) for order in (1, 2, 3)]
+        across, vertical, space, yaw = (
+            (measure(hulls[0]), measure(hulls[1]), measure(hulls[2]))
+            for measure in (_across, _vertical, _space, _yaw)
+        )
+        up, down = (-hulls[0][..., 2]).max(axis=1), hulls[0][..., 2].max(axis=1)
+        return cls(across, np.maximum(up, 0.0), np.maximum(down, 0.0), vertical, space, yaw)
+
+
+def _across(points: Array) -> Array:
+    return np.hypot(points[..., 0], points[..., 1]).max(axis=1)
+
+
+def _vertical(points: Array) -> Array:
+    return np.abs(points[..., 2]).max(axis=1)
+
+
+def _space(points: Array) -> Array:
+    return np.sqrt((points[..., :3] ** 2).sum(axis=2)).max(axis=1)
+
+
+def _yaw(points: Array) -> Array:
+    return np.abs(points[..., 3]).max(axis=1)
+
+
+def _refined(points: Array) -> Array:
+    """The control points of all parts of each piece, (N, CUTS · (degree + 1), 4)."""
+    degree = points.shape[1] - 1
+    matrix = np.concatenate([_part(degree, i / CUTS, (i + 1) / CUTS) for i in range(CUTS)])
+    return np.einsum("ij,njk->nik", matrix, points)
+
+
+def _part(degree: int, start: float, end: float) -> Array:
+    """The matrix that gives the control points of a polynomial between two parameters (blossoming)."""
+    matrix = np.zeros((degree + 1, degree + 1))
+    for row in range(degree + 1):
+        blossom = np.eye(degree + 1)
+        for step in range(degree):
+            t = end if step < row else start
+            blossom = (1.0 - t) * blossom[:-1] + t * blossom[1:]
+        matrix[row] = blossom[0]
+    return matrix
+
+
+def power_basis(pieces: Pieces) -> Array:
+    """Coefficients (N, 6, 4) of powers 0 to 5 of the share of a piece, 0 to 1."""
+    matrix = np.zeros((DEGREE + 1, DEGREE + 1))
+    for power in range(DEGREE + 1):
+        for index in range(power + 1):
+            matrix[power, index] = comb(DEGREE, power) * comb(power, index) * (-1.0) ** (power - index)
+    return np.einsum("ij,njk->nik", matrix, pieces.points)
+
+
+def hermite(start: Array, end: Array, spans: Array) -> Array:
+    """Control points (N, 6, D) that have value, first and second derivative (N, 3, D) at both ends."""
+    h = spans[:, None]
+    return np.stack(
+        (
+            start[:, 0],
+            start[:, 0] + start[:, 1] * h / 5,
+            start[:, 0] + start[:, 1] * 2 * h / 5 + start[:, 2] * h**2 / 20,
+            end[:, 0] - end[:, 1] * 2 * h / 5 + end[:, 2] * h**2 / 20,
+            end[:, 0] - end[:, 1] * h / 5,
+            end[:, 0],
+        ),
+        axis=1,
+    )

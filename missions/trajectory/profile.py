@@ -1,0 +1,248 @@
+"""How fast a path is flown: speed along its parameter, within all limits, from stop to stop.
+
+The path is cut into zones. Within a zone the speed has one ceiling, one acceleration and one jerk that keep
+every limit of the vehicle at every place of the zone; at its ends the acceleration is zero. The speeds
+between zones are the highest from which the vehicle can still slow down (one pass backwards) and which it
+can reach (one pass forwards). On a straight leg between two stops that is the jerk-limited optimum itself.
+
+How much of the acceleration and jerk a bend may use, and which pieces make a zone, is tried in several ways
+(`WAYS`); between every two stops the fastest counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.trajectory import ramps
+from missions.trajectory.limits import MotionLimits
+from missions.trajectory.pieces import Bounds, Pieces
+
+Array = NDArray[np.float64]
+WAYS = (
+    (1.0, 1.0, 2.0), (0.9, 0.8, 2.0), (0.6, 0.6, 2.0), (0.9, 0.8, 0.9), (0.8, 0.6, 0.75), (0.6, 0.4, 0.5),
+    (0.4, 0.3, 0.0),
+)  # fmt: skip
+"""Share of acceleration and of jerk for bends, and how alike the ceilings of pieces in one zone are (2: a
+zone for each piece, 0: one zone from stop to stop)."""
+COUPLING = 0.5
+"""Share of the remaining jerk for changing speed within a bend."""
+COARSE, FINE = 10, 48
+"""Bisections for the peak of a zone: to compare the ways, and for the one that is flown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeLaw:
+    """The path's parameter over time: phases of constant jerk; all (K,)."""
+
+    start_s: Array
+    parameter: Array
+    speed: Array
+    acceleration: Array
+    jerk: Array
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Zones:
+    """Runs of pieces; all (Z,)."""
+
+    first: NDArray[np.int64]
+    """Index of the first piece."""
+    start: Array
+    """The path's parameter where it begins."""
+    length: Array
+    ceiling: Array
+    acceleration: Array
+    jerk: Array
+    v0: Array
+    v1: Array
+    peak: Array
+    time_s: Array
+
+    def select(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> list[Array]:
+        """All values of some zones."""
+        return [getattr(self, name)[chosen] for name in self.__slots__]
+
+
+def time_law(pieces: Pieces, limits: MotionLimits) -> TimeLaw:
+    """The fastest of the ways to fly a path, from rest at every stop to rest at the next."""
+    bounds = Bounds.of(pieces)
+    stops = np.flatnonzero(pieces.stops)
+    tried = [_zones(pieces, bounds, limits, stops, *way) for way in WAYS]
+    times = np.stack([_between_stops(zones, stops) for zones in tried])
+    best = times.argmin(axis=0)
+    columns: list[list[Array]] = []
+    for way, zones in enumerate(tried):
+        section = np.searchsorted(stops, zones.first, side="right") - 1
+        columns.append(zones.select(best[section] == way))
+    merged = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
+    order = np.argsort(merged[0], kind="stable")
+    zones = _Zones(*(values[order] for values in merged))
+    return _phases(replace(zones, peak=_peaks(zones, FINE)))
+
+
+def _between_stops(zones: _Zones, stops: NDArray[np.int64]) -> Array:
+    first_zones = np.searchsorted(zones.first, stops[:-1])
+    return np.add.reduceat(zones.time_s, first_zones)
+
+
+def _zones(
+    pieces: Pieces,
+    bounds: Bounds,
+    limits: MotionLimits,
+    stops: NDArray[np.int64],
+    bend_share: float,
+    jerk_share: float,
+    likeness: float,
+) -> _Zones:
+    ceilings = _ceilings(bounds, limits, bend_share, jerk_share)
+    first = _runs(ceilings, pieces.stops, likeness)
+    counts = np.diff(np.append(first, len(ceilings)))
+    ceiling = np.minimum.reduceat(ceilings, first)
+    accelerations, jerks = _budgets(bounds, limits, np.repeat(ceiling, counts))
+    acceleration = np.minimum.reduceat(accelerations, first)
+    jerk = np.minimum.reduceat(jerks, first)
+    start = np.concatenate(([0.0], np.cumsum(pieces.spans)))
+    length = start[np.append(first[1:], len(ceilings))] - start[first]
+    v0, v1 = _junctions(length, ceiling, acceleration, jerk, pieces.stops[first])
+    zones = _Zones(first, start[first], length, ceiling, acceleration, jerk, v0, v1, ceiling, ceiling)
+    zones = replace(zones, peak=_peaks(zones, COARSE))
+    time_s = _phase_table(zones)[0].sum(axis=0)
+    return replace(zones, time_s=np.where(zones.peak > 0.0, time_s, np.inf))
+
+
+def _ceilings(bounds: Bounds, limits: MotionLimits, bend_share: float, jerk_share: float) -> Array:
+    """The highest speed of each piece."""
+    with np.errstate(divide="ignore"):
+        steady = (
+            limits.speed_m_s / bounds.across[0],
+            limits.climb_m_s / bounds.up,
+            limits.descent_m_s / bounds.down,
+            limits.yaw_rate_rad_s / bounds.yaw[0],
+        )
+        bends = (
+            np.sqrt(bend_share * limits.horizontal_acceleration_m_s2 / bounds.across[1]),
+            np.sqrt(bend_share * limits.vertical_acceleration_m_s2 / bounds.vertical[1]),
+            np.sqrt(bend_share * limits.yaw_acceleration_rad_s2 / bounds.yaw[1]),
+        )
+        twists = (np.cbrt(jerk_share * limits.jerk_m_s3 / bounds.space[2]),)
+    return np.minimum.reduce((*steady, *bends, *twists))
+
+
+def _budgets(bounds: Bounds, limits: MotionLimits, speed: Array) -> tuple[Array, Array]:
+    """Acceleration and jerk along the parameter that each piece leaves at a speed."""
+    square = speed * speed
+    with np.errstate(divide="ignore", invalid="ignore"):
+        jerk_left = np.maximum(limits.jerk_m_s3 - bounds.space[2] * square * speed, 0.0)
+        coupled = 3.0 * bounds.space[1] * speed
+        acceleration = np.fmin.reduce(
+            (
+                (limits.horizontal_acceleration_m_s2 - bounds.across[1] * square) / bounds.across[0],
+                (limits.vertical_acceleration_m_s2 - bounds.vertical[1] * square) / bounds.vertical[0],
+                (limits.yaw_acceleration_rad_s2 - bounds.yaw[1] * square) / bounds.yaw[0],
+                COUPLING * jerk_left / coupled,
+            )
+        )
+        acceleration = np.maximum(acceleration, 0.0)
+        jerk = np.fmin(
+            (jerk_left - coupled * acceleration) / bounds.space[0],
+            limits.yaw_jerk_rad_s3 / bounds.yaw[0],
+        )
+    return acceleration, np.maximum(jerk, ramps.STANDSTILL)
+
+
+def _runs(ceilings: Array, stops: NDArray[np.bool_], likeness: float) -> NDArray[np.int64]:
+    """The first piece of each zone: it ends at a stop, and where the ceilings are no longer alike."""
+    if likeness > 1.0:
+        return np.arange(len(ceilings))
+    if likeness == 0.0:
+        return np.flatnonzero(stops[:-1])
+    first: list[int] = []
+    low = high = 0.0
+    for index, (ceiling, stop) in enumerate(zip(ceilings.tolist(), stops[:-1].tolist(), strict=True)):
+        low, high = min(low, ceiling), max(high, ceiling)
+        if stop or low < likeness * high:
+            first.append(index)
+            low = high = ceiling
+    return np.array(first)
+
+
+def _junctions(
+    length: Array, ceiling: Array, acceleration: Array, jerk: Array, stops: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """The speed at the start and end of each zone."""
+    tops = ceiling.tolist()
+    zones = list(zip(length.tolist(), acceleration.tolist(), jerk.tolist(), strict=True))
+    ends = [*stops.tolist(), True]
+    speeds = [0.0] * len(ends)
+    for k in range(1, len(zones)):
+        speeds[k] = 0.0 if ends[k] else min(tops[k - 1], tops[k])
+    for k in range(len(zones) - 1, 0, -1):
+        if speeds[k] > speeds[k + 1]:
+            speeds[k] = min(speeds[k], ramps.reachable(speeds[k + 1], *zones[k]))
+    for k in range(len(zones)):
+        if speeds[k + 1] > speeds[k]:
+            speeds[k + 1] = min(speeds[k + 1], ramps.reachable(speeds[k], *zones[k]))
+    found = np.array(speeds)
+    return found[:-1], found[1:]
+
+
+def _peaks(zones: _Zones, bisections: int) -> Array:
+    """The highest speed within each zone from which its end speed is still reached; never above it."""
+    low = np.maximum(zones.v0, zones.v1)
+    high = np.maximum(zones.ceiling, low)
+    fits = _ramps(zones, high) <= zones.length
+    peak = np.where(fits, high, low)
+    open_ones = np.flatnonzero(~fits)
+    if not len(open_ones):
+        return peak
+    rest = _Zones(*zones.select(open_ones))
+    low, high = low[open_ones], high[open_ones]
+    for _ in range(bisections):
+        middle = 0.5 * (low + high)
+        fits = _ramps(rest, middle) <= rest.length
+        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+    peak[open_ones] = low
+    return peak
+
+
+def _ramps(zones: _Zones, peak: Array) -> Array:
+    """Length of the changes of speed up to a peak and down from it."""
+    up = ramps.lengths(zones.v0, peak, zones.acceleration, zones.jerk)
+    return up + ramps.lengths(zones.v1, peak, zones.acceleration, zones.jerk)
+
+
+def _phase_table(zones: _Zones) -> tuple[Array, Array]:
+    """Durations and jerks of the seven phases of each zone, (7, Z)."""
+    up_s, up_full_s = ramps.phases(zones.peak - zones.v0, zones.acceleration, zones.jerk)
+    down_s, down_full_s = ramps.phases(zones.peak - zones.v1, zones.acceleration, zones.jerk)
+    left = zones.length - _ramps(zones, zones.peak)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steady_s = np.where(zones.peak > 0.0, np.maximum(left, 0.0) / zones.peak, 0.0)
+    zero = np.zeros_like(up_s)
+    times = np.stack((up_s, up_full_s, up_s, steady_s, down_s, down_full_s, down_s))
+    j = zones.jerk
+    return times, np.stack((j, zero, -j, zero, -j, zero, j))
+
+
+def _phases(zones: _Zones) -> TimeLaw:
+    """All phases of all zones in order; each zone begins exactly where it belongs."""
+    times, jerks = _phase_table(zones)
+    count = len(zones.length)
+    u, v, a = np.empty((7, count)), np.empty((7, count)), np.empty((7, count))
+    at_u, at_v, at_a = zones.start, zones.v0, np.zeros(count)
+    for k in range(7):
+        u[k], v[k], a[k] = at_u, at_v, at_a
+        t, j = times[k], jerks[k]
+        at_u = at_u + t * (at_v + t * (at_a / 2.0 + t * j / 6.0))
+        at_v = at_v + t * (at_a + t * j / 2.0)
+        at_a = at_a + t * j
+        if k in (2, 3):  # at the peak, and where the cruise ends: exactly
+            at_v, at_a = zones.peak, np.zeros(count)
+    kept = (times > 0.0).T.ravel()
+    flat = [values.T.ravel()[kept] for values in (times, u, v, a, jerks)]
+    start_s = np.concatenate(([0.0], np.cumsum(flat[0])))
+    return TimeLaw(start_s[:-1], *flat[1:], duration_s=float(start_s[-1]))

@@ -1,0 +1,59 @@
+"""The fastest changes of speed within acceleration and jerk; at both ends the acceleration is zero.
+
+A change by Δ takes Δ / A + A / J where the acceleration A is reached (Δ ≥ A² / J), else 2 √(Δ / J). Its
+speed is symmetric about the middle, so its length is mean speed · time. Any unit of length.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+STANDSTILL = 1e-9
+"""Accelerations below this change no speed [1/s²]."""
+
+
+def reachable(speed: float, length: float, acceleration: float, jerk: float) -> float:
+    """The highest speed after a length that begins with `speed`."""
+    if acceleration < STANDSTILL:
+        return speed
+    full = acceleration * acceleration / jerk
+    time_s = 2.0 * acceleration / jerk
+    if (speed + 0.5 * full) * time_s >= length:  # the acceleration is not reached: x³ + 2 v x = L √J, x² = Δ
+        return speed + _root(2.0 * speed, length * math.sqrt(jerk)) ** 2
+    # (v + Δ/2)(Δ/A + A/J) = L
+    b = speed + 0.5 * full
+    c = speed * full - length * acceleration
+    return speed + (-b + math.sqrt(max(0.0, b * b - 2.0 * c)))
+
+
+def _root(p: float, q: float) -> float:
+    """The root of x³ + p x = q for p, q ≥ 0."""
+    if q <= 0.0:
+        return 0.0
+    if p <= 1e-12 * q ** (2.0 / 3.0):
+        return q ** (1.0 / 3.0)
+    scale = 2.0 * math.sqrt(p / 3.0)
+    return scale * math.sinh(math.asinh(3.0 * q / (p * scale)) / 3.0)
+
+
+def lengths(start: Array, end: Array, acceleration: Array, jerk: Array) -> Array:
+    """Length of each change of speed, (N,)."""
+    return 0.5 * (start + end) * durations(np.abs(end - start), acceleration, jerk)
+
+
+def durations(change: Array, acceleration: Array, jerk: Array) -> Array:
+    """Time of each change of speed [s], (N,)."""
+    a = np.maximum(acceleration, STANDSTILL)
+    return np.where(change * jerk >= a * a, change / a + a / jerk, 2.0 * np.sqrt(change / jerk))
+
+
+def phases(change: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
+    """Durations of the part with jerk (twice) and of the part at full acceleration between [s], (N,) each."""
+    a = np.maximum(acceleration, STANDSTILL)
+    reached = change * jerk >= a * a
+    bending_s = np.where(reached, a / jerk, np.sqrt(change / jerk))
+    return bending_s, np.where(reached, np.maximum(change / a - a / jerk, 0.0), 0.0)

@@ -1,0 +1,149 @@
+"""Orbit, figure-eight, helix and spiral as paths whose parameter is the distance flown.
+
+A shape is a function of one angle; its pieces meet it in position, first and second derivative by length.
+The shapes lie in a level frame that is turned by a heading: first axis along it, second to its right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from missions.errors import PlanError
+from missions.frames import Vector3
+from missions.trajectory.pieces import Array, Pieces, hermite
+from missions.trajectory.points import FARTHEST_M
+
+PIECES_A_TURN = 32
+"""A circle of 100 m radius is met to less than a millimetre."""
+MAX_TURNS = 200.0
+DENSE = 64
+"""Samples a piece from which lengths are summed."""
+
+Shape = Callable[[Array], tuple[Array, Array, Array]]
+"""Positions, first and second derivatives by the angle, (N, 3) each."""
+
+
+def arc(
+    center_ned_m: Vector3,
+    radius_m: float,
+    turns: float,
+    *,
+    start_angle_ned_rad: float = 0.0,
+    clockwise: bool = True,
+    climb_m: float = 0.0,
+    end_radius_m: float | None = None,
+) -> Pieces:
+    """An orbit; with a climb a helix, with another end radius a spiral.
+
+    Args:
+        center_ned_m: the middle, and the height at which it begins.
+        radius_m: at the beginning.
+        turns: how many rounds, parts of one included.
+        start_angle_ned_rad: bearing of the start from the middle, clockwise from north.
+        clockwise: seen from above.
+        climb_m: over the whole shape; negative descends.
+        end_radius_m: at the end; None: the same.
+
+    Raises:
+        PlanError: A value that makes no shape.
+    """
+    end_m = radius_m if end_radius_m is None else end_radius_m
+    _check("turns", turns, 0.01, MAX_TURNS)
+    _check("radius_m", radius_m, 0.1, 10_000.0)
+    _check("end_radius_m", end_m, 0.1, 10_000.0)
+    _check("climb_m", abs(climb_m), 0.0, 10_000.0)
+    _check_place(center_ned_m)
+    sweep = math.tau * turns
+    sense = 1.0 if clockwise else -1.0
+    growth, rise = (end_m - radius_m) / sweep, -climb_m / sweep
+
+    def shape(angle: Array) -> tuple[Array, Array, Array]:
+        bearing = start_angle_ned_rad + sense * angle
+        radius = radius_m + growth * angle
+        out = np.stack((np.cos(bearing), np.sin(bearing), np.zeros_like(angle)), axis=1)
+        on = sense * np.stack((-np.sin(bearing), np.cos(bearing), np.zeros_like(angle)), axis=1)
+        r = radius[:, None]
+        place = np.array(center_ned_m) + r * out
+        place[:, 2] += rise * angle
+        first = growth * out + r * on
+        first[:, 2] = rise
+        return place, first, 2.0 * growth * on - r * out
+
+    return _along(shape, sweep, math.ceil(turns * PIECES_A_TURN))
+
+
+def figure_eight(
+    center_ned_m: Vector3,
+    length_m: float,
+    width_m: float,
+    rounds: float,
+    *,
+    heading_ned_rad: float = 0.0,
+    start_at_center: bool = True,
+) -> Pieces:
+    """A figure-eight (lemniscate of Gerono): along the heading sin θ, to its right sin θ cos θ.
+
+    Args:
+        center_ned_m: where it crosses itself.
+        length_m: from tip to tip, along the heading.
+        width_m: of each of the two loops.
+        rounds: how often all of it is flown.
+        heading_ned_rad: of its long axis, clockwise from north.
+        start_at_center: begin at the crossing; else at the far tip.
+
+    Raises:
+        PlanError: A value that makes no shape.
+    """
+    _check("rounds", rounds, 0.01, MAX_TURNS)
+    _check("length_m", length_m, 0.2, 20_000.0)
+    _check("width_m", width_m, 0.2, 20_000.0)
+    _check_place(center_ned_m)
+    c, s = math.cos(heading_ned_rad), math.sin(heading_ned_rad)
+    turned = np.array([[c, s, 0.0], [-s, c, 0.0]])
+    begin = 0.0 if start_at_center else math.pi / 2.0
+
+    def shape(angle: Array) -> tuple[Array, Array, Array]:
+        t = angle + begin
+        half_m = length_m / 2.0
+        place = np.stack((half_m * np.sin(t), width_m / 2.0 * np.sin(2.0 * t)), axis=1)
+        first = np.stack((half_m * np.cos(t), width_m * np.cos(2.0 * t)), axis=1)
+        second = np.stack((-half_m * np.sin(t), -2.0 * width_m * np.sin(2.0 * t)), axis=1)
+        return np.array(center_ned_m) + place @ turned, first @ turned, second @ turned
+
+    return _along(shape, math.tau * rounds, 2 * math.ceil(rounds * PIECES_A_TURN))
+
+
+def _along(shape: Shape, sweep: float, count: int) -> Pieces:
+    """Pieces of equal length along a shape."""
+    angles = np.linspace(0.0, sweep, count * DENSE + 1)
+    middle = 0.5 * (angles[1:] + angles[:-1])
+    speeds = [np.sqrt((shape(at)[1] ** 2).sum(axis=1)) for at in (angles, middle)]
+    steps = np.diff(angles) / 6.0 * (speeds[0][:-1] + 4.0 * speeds[1] + speeds[0][1:])
+    lengths = np.concatenate(([0.0], np.cumsum(steps)))
+    knots_m = np.linspace(0.0, lengths[-1], count + 1)
+    place, first, second = shape(np.interp(knots_m, lengths, angles))
+    speed = np.sqrt((first**2).sum(axis=1))[:, None]
+    tangent = first / speed
+    bend = (second - tangent * (tangent * second).sum(axis=1)[:, None]) / speed**2
+    values = np.stack((place, tangent, bend), axis=1)
+    points = np.zeros((count, 6, 4))
+    spans = np.diff(knots_m)
+    points[:, :, :3] = hermite(values[:-1], values[1:], spans)
+    stops = np.zeros(count + 1, dtype=bool)
+    stops[[0, -1]] = True
+    return Pieces(points, spans, stops, np.array([0, count]))
+
+
+def _check(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise PlanError(
+            f"field {name}", f"{value} is not between {low:g} and {high:g}", "Correct this value."
+        )
+
+
+def _check_place(center_ned_m: Vector3) -> None:
+    if not all(abs(axis) <= FARTHEST_M for axis in center_ned_m):
+        raise PlanError("field center_ned_m", f"{center_ned_m} is not a place", "Give finite metres.")

@@ -1,0 +1,119 @@
+"""A trajectory from points or from a path: geometry, heading, then time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from missions.errors import PlanError
+from missions.trajectory import headings, lines
+from missions.trajectory.curve import TimedCurve
+from missions.trajectory.headings import AlongPath, LookAt
+from missions.trajectory.limits import MotionLimits
+from missions.trajectory.pieces import Pieces, power_basis
+from missions.trajectory.points import PassPoint, check_points, merge_same
+from missions.trajectory.profile import time_law
+
+Heading = AlongPath | LookAt | float | None
+"""Along the path, towards a place, a fixed yaw [rad], or none."""
+
+
+def through(
+    points: Sequence[PassPoint],
+    limits: MotionLimits | None = None,
+    *,
+    exact: bool = False,
+    heading: Heading = None,
+) -> TimedCurve:
+    """The trajectory through points, at rest at both ends.
+
+    Args:
+        points: one or more; with one it is a hold without duration.
+        limits: what no moment passes.
+        exact: pass every point exactly, on a curve that swings; else straight legs with bends.
+        heading: where no point names a yaw; None and no yaw leaves it to the vehicle.
+
+    Raises:
+        PlanError: A point cannot be flown to; names it and what to do.
+    """
+    check_points(points)
+    kept, owner = merge_same(points)
+    yaws = [point.yaw_ned_rad for point in kept]
+    has_yaws = any(yaw is not None for yaw in yaws)
+    if has_yaws and heading is not None:
+        where = f"point {next(n for n, point in enumerate(points, 1) if point.yaw_ned_rad is not None)}"
+        raise PlanError(where, "it has a yaw, and the trajectory a heading", "Remove one of the two.")
+    if len(kept) == 1:
+        yaw = yaws[0] if has_yaws else heading if isinstance(heading, float) else None
+        return _hold(kept[0], yaw, len(owner))
+    pieces = lines.smooth(kept) if exact else lines.straight(kept)
+    if has_yaws:
+        pieces = headings.through_points(pieces, yaws)
+        heading = 0.0
+    marks = pieces.marks[np.array(owner)]
+    return along(Pieces(pieces.points, pieces.spans, pieces.stops, marks), limits, heading, has_yaw=has_yaws)
+
+
+def along(
+    pieces: Pieces, limits: MotionLimits | None = None, heading: Heading = None, *, has_yaw: bool = False
+) -> TimedCurve:
+    """The fastest flight along a path within the limits.
+
+    Args:
+        pieces: the path.
+        limits: what no moment passes.
+        heading: where the nose points; not used where the path has its yaw already.
+        has_yaw: the path has a yaw.
+    """
+    if not has_yaw:
+        if isinstance(heading, AlongPath):
+            pieces = headings.along_path(pieces, heading)
+        elif isinstance(heading, LookAt):
+            pieces = headings.look_at(pieces, heading)
+        elif heading is not None:
+            points = pieces.points.copy()
+            points[:, :, 3] = heading
+            pieces = Pieces(points, pieces.spans, pieces.stops, pieces.marks)
+    law = time_law(pieces, limits or MotionLimits())
+    ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))
+    curve = TimedCurve(
+        coefficients=power_basis(pieces),
+        begins=ends[:-1],
+        spans=pieces.spans,
+        phase_start_s=law.start_s,
+        phase_parameter=law.parameter,
+        phase_speed=law.speed,
+        phase_acceleration=law.acceleration,
+        phase_jerk=law.jerk,
+        duration_s=law.duration_s,
+        length_m=_length_m(pieces),
+        point_times_s=(),
+        has_yaw=has_yaw or heading is not None,
+    )
+    return replace(curve, point_times_s=tuple(curve.time_at(float(ends[mark])) for mark in pieces.marks))
+
+
+def _length_m(pieces: Pieces) -> float:
+    """Along the path: Gauss quadrature of the first derivative over each piece."""
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    x = (nodes + 1.0) / 2.0
+    control = pieces.derivative(1)[:, :, :3]
+    basis = np.stack([_choose(k) * x**k * (1.0 - x) ** (4 - k) for k in range(5)], axis=1)
+    speed = np.sqrt((np.einsum("qk,nkd->nqd", basis, control) ** 2).sum(axis=2))
+    return float((speed @ weights / 2.0 * pieces.spans).sum())
+
+
+def _choose(k: int) -> int:
+    return (1, 4, 6, 4, 1)[k]
+
+
+def _hold(point: PassPoint, yaw_ned_rad: float | None, count: int) -> TimedCurve:
+    coefficients = np.zeros((1, 6, 4))
+    coefficients[0, 0] = (*point.position_ned_m, yaw_ned_rad or 0.0)
+    none, one = np.zeros(0), np.ones(1)
+    return TimedCurve(
+        coefficients, np.zeros(1), one, none, none, none, none, none, 0.0, 0.0, (0.0,) * count,
+        yaw_ned_rad is not None,
+    )  # fmt: skip

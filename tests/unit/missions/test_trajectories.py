@@ -1,0 +1,238 @@
+"""Trajectories pass their points, are as fast as possible on straight legs, and refuse bad points."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from missions.errors import PlanError
+from missions.trajectory.headings import AlongPath, LookAt
+from missions.trajectory.limits import MotionLimits
+from missions.trajectory.points import PassPoint
+from missions.trajectory.shapes import arc, figure_eight
+from missions.trajectory.solve import along, through
+
+LIMITS = MotionLimits()
+EAST = math.pi / 2
+
+
+def points(*places: tuple[float, float, float], **rest: object) -> list[PassPoint]:
+    return [PassPoint(place, **rest) for place in places]  # type: ignore[arg-type]
+
+
+def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) -> float:
+    """From rest to rest on a line: full jerk one way or the other, until acceleration or speed is reached."""
+    bang_s = (length_m / (2.0 * jerk)) ** (1.0 / 3.0)
+    if jerk * bang_s <= acceleration and jerk * bang_s**2 <= speed:
+        return 4.0 * bang_s
+    if speed * jerk >= acceleration**2:
+        bend_s = acceleration / jerk
+        full_s = (-3.0 * bend_s + math.sqrt(bend_s**2 + 4.0 * length_m / acceleration)) / 2.0
+        if acceleration * (bend_s + full_s) <= speed:
+            return 4.0 * bend_s + 2.0 * full_s
+        return length_m / speed + speed / acceleration + bend_s
+    return length_m / speed + 2.0 * math.sqrt(speed / jerk)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_straight_leg_takes_the_shortest_time_there_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(0.0, 1.0, 3) * rng.choice([0.0, 1.0], 3, p=[0.2, 0.8])
+    direction = direction / (np.linalg.norm(direction) or 1.0) if direction.any() else np.array([0, 0, -1.0])
+    across, down = float(np.hypot(direction[0], direction[1])), float(direction[2])
+    length_m = 10.0 ** rng.uniform(-1.5, 4.0)
+    vertical_m_s = LIMITS.descent_m_s if down > 0.0 else LIMITS.climb_m_s
+    with np.errstate(divide="ignore"):
+        speed = min(np.divide(LIMITS.speed_m_s, across), np.divide(vertical_m_s, abs(down)))
+        acceleration = min(
+            np.divide(LIMITS.acceleration_m_s2, across),
+            np.divide(min(LIMITS.acceleration_up_m_s2, LIMITS.acceleration_down_m_s2), abs(down)),
+        )
+    n, e, d = (float(axis) for axis in direction * length_m)
+    found_s = through(points((0, 0, 0), (n, e, d))).duration_s
+    bound_s = shortest_s(length_m, float(speed), float(acceleration), LIMITS.jerk_m_s3)
+    assert bound_s * (1.0 - 1e-6) <= found_s <= bound_s * (1.0 + 1e-6)
+
+
+def test_legs_between_stops_add_up() -> None:
+    there = through(points((0, 0, 0), (30, 0, 0))).duration_s
+    both = through(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
+    assert both.duration_s == pytest.approx(2.0 * there)
+    assert both.point_times_s == pytest.approx((0.0, there, 2.0 * there))
+
+
+def test_bends_pass_within_their_corner_and_are_faster_than_stops() -> None:
+    square = ((0, 0, -5), (40, 0, -5), (40, 40, -5), (0, 40, -5))
+    times = []
+    for corner_m in (0.0, 0.2, 1.0, 3.0):
+        curve = through(points(*square, corner_m=corner_m))
+        times.append(curve.duration_s)
+        path = curve.many(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
+        for corner in square[1:3]:
+            nearest_m = np.sqrt(((path - np.array(corner)) ** 2).sum(axis=1)).min()
+            assert nearest_m <= corner_m + 1e-3
+            if corner_m:
+                assert nearest_m == pytest.approx(corner_m, abs=0.01)
+    assert times == sorted(times, reverse=True)
+
+
+def test_an_exact_curve_passes_every_point_at_the_time_it_says() -> None:
+    rng = np.random.default_rng(7)
+    places = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
+    curve = through([PassPoint(tuple(place)) for place in places.tolist()], exact=True)
+    found = [curve.at(t).position_ned_m for t in curve.point_times_s]
+    assert np.array(found) == pytest.approx(places, abs=1e-6)
+    assert curve.point_times_s == tuple(sorted(curve.point_times_s))
+
+
+def test_it_rests_where_a_stop_is_asked_for_and_only_there() -> None:
+    route = points((0, 0, 0), (20, 0, 0), (20, 20, 0), (40, 20, 0))
+    route[2] = PassPoint((20, 20, 0), stop=True)
+    curve = through(route)
+    speeds = [math.hypot(*curve.at(t).velocity_ned_m_s) for t in curve.point_times_s]  # type: ignore[arg-type]
+    assert speeds[1] > 1.0
+    assert speeds[2] == pytest.approx(0.0, abs=1e-4)
+    assert curve.at(curve.point_times_s[2]).position_ned_m == pytest.approx((20, 20, 0), abs=1e-6)
+
+
+def test_a_dense_smooth_path_is_not_slower_for_its_points() -> None:
+    few, many = (
+        through(points(*[(x, 0.0, -5.0) for x in np.linspace(0.0, 200.0, count).tolist()])).duration_s
+        for count in (2, 201)
+    )
+    assert many == pytest.approx(few, rel=1e-6)
+
+
+def test_yaws_are_met_at_their_points_the_shorter_way_round() -> None:
+    route = [PassPoint((0, 0, 0), 3.0), PassPoint((30, 0, 0)), PassPoint((60, 0, 0), -3.0)]
+    curve = through(route)
+    yaws = [curve.at(t).yaw_ned_rad for t in curve.point_times_s]
+    assert yaws[0] == pytest.approx(3.0)
+    assert abs(yaws[1]) == pytest.approx(math.pi)  # type: ignore[arg-type]
+    assert yaws[2] == pytest.approx(-3.0)
+    assert curve.at(curve.duration_s).yaw_rate_ned_rad_s == 0.0
+
+
+def test_it_turns_on_the_spot() -> None:
+    curve = through([PassPoint((1, 2, -3), 0.0), PassPoint((1, 2, -3), EAST)])
+    assert curve.duration_s > EAST / LIMITS.yaw_rate_rad_s
+    assert curve.at(curve.duration_s / 2).position_ned_m == pytest.approx((1, 2, -3))
+    assert curve.at(curve.duration_s / 2).yaw_ned_rad == pytest.approx(EAST / 2)
+
+
+def test_the_nose_follows_the_path_and_turns_at_stops() -> None:
+    curve = through(points((0, 0, 0), (30, 0, 0), (30, 30, 0), stop=True), heading=AlongPath())
+    assert curve.at(1.0).yaw_ned_rad == pytest.approx(0.0)
+    assert curve.at(curve.duration_s - 1.0).yaw_ned_rad == pytest.approx(EAST)
+    curve = along(figure_eight((0, 0, -9), 60.0, 30.0, 1.0), LIMITS, AlongPath())
+    for t in np.linspace(0.5, curve.duration_s - 0.5, 200).tolist():
+        now = curve.at(t)
+        north, east, _ = now.velocity_ned_m_s
+        off = math.remainder(math.atan2(east or 0.0, north or 0.0) - (now.yaw_ned_rad or 0.0), math.tau)
+        assert abs(off) < math.radians(0.5)
+
+
+def test_an_orbit_keeps_its_radius_and_looks_at_its_middle() -> None:
+    curve = along(arc((10, 20, -30), 15.0, 2.0), LIMITS, LookAt((10.0, 20.0, 0.0)))
+    assert curve.length_m == pytest.approx(math.tau * 15.0 * 2.0, rel=1e-6)
+    for t in np.linspace(0.0, curve.duration_s, 300).tolist():
+        now = curve.at(t)
+        north, east = (now.position_ned_m[0] or 0.0) - 10.0, (now.position_ned_m[1] or 0.0) - 20.0
+        assert math.hypot(north, east) == pytest.approx(15.0, abs=1e-3)
+        off = math.remainder(math.atan2(-east, -north) - (now.yaw_ned_rad or 0.0), math.tau)
+        assert abs(off) < 1e-3
+
+
+def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
+    curve = along(arc((0, 0, -10), 10.0, 2.0, climb_m=20.0, end_radius_m=30.0, clockwise=False), LIMITS)
+    start, end = curve.at(0.0).position_ned_m, curve.at(curve.duration_s).position_ned_m
+    assert start == pytest.approx((10.0, 0.0, -10.0))
+    assert end == pytest.approx((30.0, 0.0, -30.0))
+    assert (curve.at(2.0).velocity_ned_m_s[1] or 0.0) < 0.0
+
+
+def test_a_figure_eight_crosses_its_middle_and_reaches_its_tips() -> None:
+    curve = along(figure_eight((5, 5, -9), 40.0, 12.0, 1.0, heading_ned_rad=EAST), LIMITS)
+    path = curve.many(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
+    assert path[:, 1].max() == pytest.approx(25.0, abs=1e-3)
+    assert path[:, 0].max() == pytest.approx(11.0, abs=1e-3)
+    assert path[-1] == pytest.approx(path[0], abs=1e-9)
+
+
+def test_one_moment_and_many_moments_agree_and_survive_a_pickle() -> None:
+    curve = through(points((0, 0, 0), (9, 3, -4), (20, -5, -6)), heading=AlongPath(), exact=True)
+    copy = pickle.loads(pickle.dumps(curve))
+    times = np.linspace(-1.0, curve.duration_s + 1.0, 97)
+    found = copy.many(times)
+    for index, t in enumerate(times.tolist()):
+        now = curve.at(t)
+        assert now.position_ned_m == pytest.approx(tuple(found.position_ned_m[index]))
+        assert now.velocity_ned_m_s == pytest.approx(tuple(found.velocity_ned_m_s[index]))
+        assert now.acceleration_ned_m_s2 == pytest.approx(tuple(found.acceleration_ned_m_s2[index]))
+        assert now.yaw_rate_ned_rad_s == pytest.approx(found.yaw_rate_ned_rad_s[index])
+    assert curve.at(-5.0).velocity_ned_m_s == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_odd_input_gives_a_trajectory(exact: bool) -> None:
+    one = through(points((1, 2, -3)), exact=exact)
+    assert (one.duration_s, one.at(5.0).position_ned_m) == (0.0, (1.0, 2.0, -3.0))
+    assert one.many(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
+    same = through(points((1, 2, -3), (1, 2, -3), (1, 2, -3)), exact=exact)
+    assert (same.duration_s, same.point_times_s) == (0.0, (0.0, 0.0, 0.0))
+    back = through(points((0, 0, 0), (50, 0, 0), (0, 0, 0), (50, 0, 0)), exact=exact)
+    assert back.at(back.duration_s).position_ned_m == pytest.approx((50, 0, 0))
+    tiny = through(points((0, 0, 0), (0.002, 0, 0), (0.002, 0.002, 0)), exact=exact)
+    assert 0.0 < tiny.duration_s < 2.0
+    huge = through(points((0, 0, 0), (9e5, 0, 0), (9e5, 9e5, 0)), exact=exact)
+    assert math.isfinite(huge.duration_s)
+    assert huge.duration_s > 1.5e5
+    long = through(points(*[(10.0 * k, 3.0 * (k % 7), -5.0) for k in range(2000)]), exact=exact)
+    assert len(long.point_times_s) == 2000
+    assert math.isfinite(long.duration_s)
+
+
+@pytest.mark.parametrize(
+    ("given", "place", "fix"),
+    [
+        ([], "the trajectory", "Add at least one point"),
+        (points((0, 0, 0), (math.nan, 0, 0)), "point 2", "finite metres"),
+        (points((0, 0, 0), (0, 0, math.inf)), "point 2", "finite metres"),
+        (points((0, 0, 2e6)), "point 1", "finite metres"),
+        ([PassPoint((0, 0, 0), math.nan)], "point 1", "radians"),
+        (points((0, 0, 0), (1, 0, 0), corner_m=-1.0), "point 1", "at least 0"),
+        ([PassPoint((0, 0, 0))] * 10_001, "the trajectory", "Split it"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_with_its_place_and_a_fix(
+    given: list[PassPoint], place: str, fix: str
+) -> None:
+    with pytest.raises(PlanError) as caught:
+        through(given)
+    assert caught.value.place == place
+    assert fix in caught.value.fix
+
+
+def test_a_yaw_and_a_heading_together_are_refused() -> None:
+    with pytest.raises(PlanError, match="point 2"):
+        through([PassPoint((0, 0, 0)), PassPoint((9, 0, 0), 1.0)], heading=AlongPath())
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: arc((0, 0, 0), 0.0, 1.0), "radius_m"),
+        (lambda: arc((0, 0, 0), 5.0, math.nan), "turns"),
+        (lambda: arc((0, math.nan, 0), 5.0, 1.0), "center_ned_m"),
+        (lambda: figure_eight((0, 0, 0), 5.0, -1.0, 1.0), "width_m"),
+        (lambda: figure_eight((0, 0, 0), 5.0, 1.0, 1e9), "rounds"),
+        (lambda: MotionLimits(jerk_m_s3=0.0), "jerk_m_s3"),
+        (lambda: MotionLimits(tilt_rad=1.57), "tilt_rad"),
+    ],
+)
+def test_shapes_and_limits_name_the_field(make: object, field: str) -> None:
+    with pytest.raises(PlanError, match=field):
+        make()  # type: ignore[operator]

@@ -1,0 +1,130 @@
+"""No moment of a trajectory passes a limit, and nothing jumps."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from missions.trajectory import headings, lines
+from missions.trajectory.curve import TimedCurve
+from missions.trajectory.headings import AlongPath, LookAt
+from missions.trajectory.limits import PARAMETERS, MotionLimits
+from missions.trajectory.pieces import Pieces
+from missions.trajectory.points import merge_same
+from missions.trajectory.shapes import arc, figure_eight
+from missions.trajectory.solve import along, through
+from missions.vehicle import GRAVITY_M_S2
+from tests.support.random_paths import random_limits, random_points
+
+BATCHES, MISSIONS = 20, 100
+"""Missions of a batch share their limits and are solved together: from stop to stop each is by itself."""
+MARGIN = 1.0 + 1e-6
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def a_path(rng: np.random.Generator) -> Pieces:
+    """One random mission's path with its yaw."""
+    kind = rng.random()
+    if kind < 0.1:
+        end_m, climb_m = rng.uniform(1.0, 40.0), rng.uniform(-20.0, 20.0)
+        path = arc(
+            (0, 0, -9), rng.uniform(1.0, 40.0), rng.uniform(0.1, 4.0), climb_m=climb_m, end_radius_m=end_m
+        )
+        return headings.look_at(path, LookAt((1.0, 2.0, 0.0)))
+    if kind < 0.15:
+        path = figure_eight(
+            (0, 0, -9), rng.uniform(2.0, 100.0), rng.uniform(2.0, 50.0), rng.uniform(0.1, 3.0)
+        )
+        return headings.along_path(path, AlongPath())
+    points: list = []
+    while len(points) < 2:
+        points, _ = merge_same(random_points(rng, int(rng.integers(2, 9)), yaws=kind < 0.5))
+    path = lines.smooth(points) if rng.random() < 0.4 else lines.straight(points)
+    yaws = [point.yaw_ned_rad for point in points]
+    if any(yaw is not None for yaw in yaws):
+        return headings.through_points(path, yaws)
+    if kind < 0.7:
+        return headings.look_at(path, LookAt((3.0, 4.0, 0.0)))
+    return headings.along_path(path, AlongPath())
+
+
+def joined(paths: list[Pieces]) -> Pieces:
+    """Paths one after the other, each from a stop to a stop."""
+    return Pieces(
+        np.concatenate([path.points for path in paths]),
+        np.concatenate([path.spans for path in paths]),
+        np.concatenate([path.stops[:-1] for path in paths] + [[True]]),
+        np.array([0]),
+    )
+
+
+def holds(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
+    times = np.linspace(0.0, curve.duration_s, samples)
+    found = curve.many(times)
+    v, a = found.velocity_ned_m_s, found.acceleration_ned_m_s2
+    across = np.hypot(a[:, 0], a[:, 1])
+    assert np.hypot(v[:, 0], v[:, 1]).max() <= limits.speed_m_s * MARGIN
+    assert -v[:, 2].min() <= limits.climb_m_s * MARGIN
+    assert v[:, 2].max() <= limits.descent_m_s * MARGIN
+    assert across.max() <= limits.acceleration_m_s2 * MARGIN
+    assert -a[:, 2].min() <= limits.acceleration_up_m_s2 * MARGIN
+    assert a[:, 2].max() <= limits.acceleration_down_m_s2 * MARGIN
+    assert np.arctan2(across, GRAVITY_M_S2 - a[:, 2]).max() <= limits.tilt_rad * MARGIN
+    assert np.abs(found.yaw_rate_ned_rad_s).max() <= limits.yaw_rate_rad_s * MARGIN
+    step_s = times[1]
+    jerk = np.sqrt((np.diff(a, axis=0) ** 2).sum(axis=1)) / step_s
+    assert jerk.max() <= limits.jerk_m_s3 * (1.0 + 1e-4)
+    turning = np.abs(np.diff(found.yaw_rate_ned_rad_s)) / step_s
+    assert turning.max() <= limits.yaw_acceleration_rad_s2 * (1.0 + 1e-4)
+
+
+@pytest.mark.parametrize("seed", range(BATCHES))
+def test_thousands_of_random_missions_keep_every_limit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    limits = random_limits(rng)
+    path = joined([a_path(rng) for _ in range(MISSIONS)])
+    curve = along(path, limits, has_yaw=True)
+    assert math.isfinite(curve.duration_s)
+    holds(curve, limits, 80_000)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
+    rng = np.random.default_rng(1000 + seed)
+    limits = random_limits(rng)
+    points = random_points(rng, 8, yaws=seed % 2 == 0)
+    heading = None if any(p.yaw_ned_rad is not None for p in points) else AlongPath()
+    curve = through(points, limits, exact=seed % 3 == 0, heading=heading)
+    holds(curve, limits, 4000)
+    h = 1e-4
+    moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.begins.tolist()]))
+    times = np.unique(np.concatenate((moments - h / 2.0, moments - h / 3.0)))
+    before, after = curve.many(times), curve.many(times + h)
+    jump_m = after.position_ned_m - before.position_ned_m - h * before.velocity_ned_m_s
+    jump_m_s = after.velocity_ned_m_s - before.velocity_ned_m_s - h * before.acceleration_ned_m_s2
+    jump_m_s2 = after.acceleration_ned_m_s2 - before.acceleration_ned_m_s2
+    assert np.abs(jump_m).max() <= 15.0 * h**2 + 1e-7
+    assert np.abs(jump_m_s).max() <= limits.jerk_m_s3 * h**2 + 1e-6
+    assert np.abs(jump_m_s2).max() <= limits.jerk_m_s3 * h + 1e-4
+    jump_rad = after.yaw_ned_rad - before.yaw_ned_rad - h * before.yaw_rate_ned_rad_s
+    assert np.abs(jump_rad).max() <= limits.yaw_acceleration_rad_s2 * h**2 + 1e-7
+
+
+def test_limits_come_from_the_vehicle() -> None:
+    found = MotionLimits.from_parameters(
+        {"MPC_XY_VEL_MAX": 8.0, "MPC_TILTMAX_AIR": 30.0, "MPC_JERK_AUTO": math.nan, "MPC_YAWRAUTO_MAX": 90.0}
+    )
+    assert found.speed_m_s == 8.0
+    assert found.tilt_rad == pytest.approx(math.radians(30.0))
+    assert found.yaw_rate_rad_s == pytest.approx(math.pi / 2)
+    assert found.jerk_m_s3 == MotionLimits().jerk_m_s3
+
+
+def test_defaults_are_those_of_px4() -> None:
+    known = json.loads((ROOT / "vehicle_sim/data/parameters.json").read_text("utf-8"))
+    defaults = {name: float(known[name][1]) for name in PARAMETERS.values()}
+    assert MotionLimits.from_parameters(defaults) == MotionLimits()
