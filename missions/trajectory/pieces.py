@@ -8,6 +8,7 @@ CAGD, chapter 5); each piece is cut in four first, which makes the bounds tight.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from math import comb
 
@@ -110,6 +111,7 @@ def _refined(points: Array) -> Array:
     return np.einsum("ij,njk->nik", matrix, points)
 
 
+@functools.cache
 def _part(degree: int, start: float, end: float) -> Array:
     """The matrix that gives the control points of a polynomial between two parameters (blossoming)."""
     matrix = np.zeros((degree + 1, degree + 1))

@@ -26,7 +26,7 @@ class PassPoint:
     stop: bool = False
     """Come to rest there, exactly at the point."""
     corner_m: float = 1.0
-    """How far from the point the bend may pass where legs are straight; 0 is a stop."""
+    """How far from the point the bend may pass where legs are straight; 0, or where it is faster, a stop."""
 
 
 def check_points(points: Sequence[PassPoint]) -> None:

@@ -12,6 +12,7 @@ How much of the acceleration and jerk a bend may use, and which pieces make a zo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ WAYS = (
 )  # fmt: skip
 """Share of acceleration and of jerk for bends, and how alike the ceilings of pieces in one zone are (2: a
 zone for each piece, 0: one zone from stop to stop)."""
+MARGIN = 1.05
+"""A bend is kept until it loses this much more time than a stop."""
 COUPLING = 0.5
 """Share of the remaining jerk for changing speed within a bend."""
 COARSE, FINE = 10, 48
@@ -62,7 +65,7 @@ class _Zones:
     peak: Array
     time_s: Array
 
-    def select(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> list[Array]:
+    def select(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> list[Any]:
         """All values of some zones."""
         return [getattr(self, name)[chosen] for name in self.__slots__]
 
@@ -74,7 +77,7 @@ def time_law(pieces: Pieces, limits: MotionLimits) -> TimeLaw:
     tried = [_zones(pieces, bounds, limits, stops, *way) for way in WAYS]
     times = np.stack([_between_stops(zones, stops) for zones in tried])
     best = times.argmin(axis=0)
-    columns: list[list[Array]] = []
+    columns: list[list[Any]] = []
     for way, zones in enumerate(tried):
         section = np.searchsorted(stops, zones.first, side="right") - 1
         columns.append(zones.select(best[section] == way))
@@ -246,3 +249,34 @@ def _phases(zones: _Zones) -> TimeLaw:
     flat = [values.T.ravel()[kept] for values in (times, u, v, a, jerks)]
     start_s = np.concatenate(([0.0], np.cumsum(flat[0])))
     return TimeLaw(start_s[:-1], *flat[1:], duration_s=float(start_s[-1]))
+
+
+def slow_bends(pieces: Pieces, limits: MotionLimits) -> set[int]:
+    """The points (as in `marks`) whose bends take longer than a stop would; each is two pieces long.
+
+    Compared is the time lost against passing at the speed of the legs, as far as they are long enough for it.
+    """
+    bounds = Bounds.of(pieces)
+    ceilings = _ceilings(bounds, limits, 1.0, 1.0)
+    accelerations, jerks = _budgets(bounds, limits, ceilings)
+    curved = bounds.space[1] > 1e-9
+    found: set[int] = set()
+    for index, mark in enumerate(pieces.marks.tolist()):
+        if not 0 < mark < len(ceilings) or pieces.stops[mark] or not (curved[mark] and curved[mark - 1]):
+            continue
+        legs = [leg for leg in (mark - 2, mark + 1) if 0 <= leg < len(ceilings) and not curved[leg]]
+        if not legs:
+            continue
+        leg = min(legs, key=lambda leg: float(ceilings[leg]))
+        acceleration, jerk = float(accelerations[leg]), float(jerks[leg])
+        bend_m = 2.0 * float(pieces.spans[mark])
+        half_m = 0.5 * (float(pieces.spans[leg]) + bend_m)
+        speed = min(float(ceilings[leg]), ramps.reachable(0.0, half_m, acceleration, jerk))
+        bend = min(float(ceilings[mark - 1]), float(ceilings[mark]), speed)
+        changes = np.array([speed, speed - bend])
+        stop_s, slow_s = ramps.durations(changes, np.full(2, acceleration), np.full(2, jerk)).tolist()
+        corner_m = float(np.sqrt(((pieces.points[mark, -1, :3] - pieces.points[mark, 0, :3]) ** 2).sum()))
+        lost_s = bend_m / bend - 2.0 * corner_m / speed + slow_s * (1.0 - bend / speed)
+        if lost_s > MARGIN * stop_s:
+            found.add(index)
+    return found

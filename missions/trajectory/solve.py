@@ -14,7 +14,7 @@ from missions.trajectory.headings import AlongPath, LookAt
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.pieces import Pieces, power_basis
 from missions.trajectory.points import PassPoint, check_points, merge_same
-from missions.trajectory.profile import time_law
+from missions.trajectory.profile import slow_bends, time_law
 
 Heading = AlongPath | LookAt | float | None
 """Along the path, towards a place, a fixed yaw [rad], or none."""
@@ -48,7 +48,12 @@ def through(
     if len(kept) == 1:
         yaw = yaws[0] if has_yaws else heading if isinstance(heading, float) else None
         return _hold(kept[0], yaw, len(owner))
+    limits = limits or MotionLimits()
     pieces = lines.smooth(kept) if exact else lines.straight(kept)
+    slow = set() if exact else slow_bends(pieces, limits)
+    if slow:
+        kept = [replace(point, stop=point.stop or k in slow) for k, point in enumerate(kept)]
+        pieces = lines.straight(kept)
     if has_yaws:
         pieces = headings.through_points(pieces, yaws)
         heading = 0.0

@@ -1,0 +1,224 @@
+"""Trajectories through random points: our solver beside the libraries that are installed.
+
+All get the same points and the same limits (PX4's defaults). The libraries limit each axis by itself, so a
+vector's limit is divided among the axes; what a library does not limit is printed, not hidden.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from missions.trajectory.limits import MotionLimits
+from missions.trajectory.points import PassPoint
+from missions.trajectory.solve import through
+
+COUNTS = (10, 50, 200)
+RUNS = 5
+LONGEST_MS = 5000.0
+"""No further run after this; the fastest counts."""
+STEP_S = 0.01
+LIMITS = MotionLimits(climb_m_s=1.5)
+"""Up and down alike, since the libraries know no other."""
+AXES_V = np.array([LIMITS.speed_m_s / math.sqrt(2)] * 2 + [LIMITS.descent_m_s])
+AXES_A = np.array([LIMITS.acceleration_m_s2 / math.sqrt(2)] * 2 + [LIMITS.vertical_acceleration_m_s2])
+AXES_J = np.full(3, LIMITS.jerk_m_s3 / math.sqrt(3))
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a solver made: velocity and acceleration every `STEP_S` (N, 3)."""
+
+    duration_s: float
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+def places(count: int, seed: int = 4) -> np.ndarray:
+    """A walk with steps of about 20 m, (N, 3)."""
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.normal(0.0, 1.0, (count, 3)) * (15.0, 15.0, 2.0), axis=0)
+
+
+def ours_with_bends(points: np.ndarray) -> Flight:
+    return _ours([PassPoint(tuple(p), corner_m=2.0) for p in points.tolist()], exact=False)
+
+
+def ours_exact(points: np.ndarray) -> Flight:
+    return _ours([PassPoint(tuple(p)) for p in points.tolist()], exact=True)
+
+
+def ours_with_stops(points: np.ndarray) -> Flight:
+    return _ours([PassPoint(tuple(p), stop=True) for p in points.tolist()], exact=False)
+
+
+def _ours(points: list[PassPoint], exact: bool) -> Flight:
+    curve = through(points, LIMITS, exact=exact)
+    found = curve.many(np.arange(0.0, curve.duration_s, STEP_S))
+    return Flight(curve.duration_s, found.velocity_ned_m_s, found.acceleration_ned_m_s2)
+
+
+def minimum_snap(points: np.ndarray) -> Flight:
+    """Time split by the legs' trapezoids, then stretched as a whole until every limit holds."""
+    import minsnap_trajectories as ms
+
+    legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    times = np.concatenate(([0.0], np.cumsum(np.sqrt(legs / LIMITS.acceleration_m_s2) + legs / 3.0)))
+    references = [ms.Waypoint(time=float(t), position=p) for t, p in zip(times, points, strict=True)]
+    rest = np.zeros(3)
+    for end in (0, -1):
+        references[end] = ms.Waypoint(
+            time=float(times[end]), position=points[end], velocity=rest, acceleration=rest
+        )
+    made = ms.generate_trajectory(
+        references, degree=7, idx_minimized_orders=4, num_continuous_orders=4, algorithm="closed-form"
+    )
+    t = np.arange(0.0, times[-1], STEP_S)
+    values = ms.compute_trajectory_derivatives(made, t, 4)
+    v, a, j = values[1], values[2], values[3]
+    stretch = max(
+        worst_speed(v), math.sqrt(worst_acceleration(a)), np.cbrt(_norms(j).max() / LIMITS.jerk_m_s3)
+    )
+    return Flight(float(times[-1] * stretch), v / stretch, a / stretch**2)
+
+
+def reachability(points: np.ndarray) -> Flight:
+    """toppra: speed and acceleration limits; it knows no jerk."""
+    import toppra
+    from toppra import algorithm, constraint
+
+    toppra.setup_logging("ERROR")
+    length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+    path = toppra.SplineInterpolator(length, points)
+    limits = [
+        constraint.JointVelocityConstraint(np.stack((-AXES_V, AXES_V), axis=1)),
+        constraint.JointAccelerationConstraint(np.stack((-AXES_A, AXES_A), axis=1)),
+    ]
+    made = algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
+    t = np.arange(0.0, made.duration, STEP_S)
+    return Flight(float(made.duration), made(t, 1), made(t, 2))
+
+
+def online(points: np.ndarray) -> Flight:
+    """ruckig: from stop to stop, since its waypoints need a cloud service."""
+    import ruckig
+
+    solver = ruckig.Ruckig(3)
+    duration_s, v, a = 0.0, [], []
+    for start, end in itertools.pairwise(points):
+        asked = ruckig.InputParameter(3)
+        asked.current_position, asked.target_position = start.tolist(), end.tolist()
+        asked.max_velocity, asked.max_acceleration = AXES_V.tolist(), AXES_A.tolist()
+        asked.max_jerk = AXES_J.tolist()
+        made = ruckig.Trajectory(3)
+        solver.calculate(asked, made)
+        for t in np.arange(0.0, made.duration, STEP_S).tolist():
+            _, velocity, acceleration = made.at_time(t)
+            v.append(velocity)
+            a.append(acceleration)
+        duration_s += made.duration
+    return Flight(duration_s, np.array(v), np.array(a))
+
+
+def convex(points: np.ndarray) -> Flight:
+    """clarabel: the squared speed on a grid of our exact curve, as a cone program; it has no jerk."""
+    import clarabel
+    from scipy import sparse
+
+    from missions.trajectory import lines
+
+    path = lines.smooth([PassPoint(tuple(p)) for p in points.tolist()])
+    first = np.concatenate((path.derivative(1)[:, 0, :3], path.derivative(1)[-1:, -1, :3]))
+    second = np.concatenate((path.derivative(2)[:, 0, :3], path.derivative(2)[-1:, -1, :3]))
+    n, h = len(first), path.spans
+    a_of = sparse.diags_array([-0.5 / h, 0.5 / h], offsets=[0, 1], shape=(n - 1, n))
+    rows, bounds = [], []
+    for axis in range(3):
+        for at in (0, 1):  # at both ends of each interval, where the acceleration along it is constant
+            b_at = sparse.eye_array(n - 1, n, k=at)
+            row = sparse.diags_array(first[at : n - 1 + at, axis]) @ a_of
+            row = row + sparse.diags_array(second[at : n - 1 + at, axis]) @ b_at
+            rows += [row, -row]
+            bounds += [np.full(2 * (n - 1), AXES_A[axis])]
+    ceiling = np.min(np.divide(AXES_V, np.abs(first) + 1e-12) ** 2, axis=1)
+    ceiling[[0, -1]] = 0.0
+    rows += [sparse.eye_array(n), -sparse.eye_array(n)]
+    bounds += [ceiling, np.zeros(n)]
+    matrix = sparse.csc_matrix(sparse.vstack(rows))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    zero = sparse.csc_matrix((n, n))
+    limit = np.concatenate(bounds)
+    cone = [clarabel.NonnegativeConeT(len(limit))]
+    b = np.maximum(clarabel.DefaultSolver(zero, -np.ones(n), matrix, limit, cone, settings).solve().x, 0.0)
+    speed = np.sqrt(b)
+    steps_s = 2.0 * h / np.maximum(speed[1:] + speed[:-1], 1e-9)
+    along = np.diff(b) / (2.0 * h)
+    a = first[:-1] * along[:, None] + second[:-1] * b[:-1, None]
+    times = np.concatenate(([0.0], np.cumsum(steps_s)))
+    t = np.arange(0.0, times[-1], STEP_S)
+    at = np.clip(np.searchsorted(times, t, side="right") - 1, 0, n - 2)
+    return Flight(float(times[-1]), first[at] * speed[at][:, None], a[at])
+
+
+def worst_speed(v: np.ndarray) -> float:
+    """The highest share of a speed limit."""
+    return float(max(np.hypot(v[:, 0], v[:, 1]).max() / LIMITS.speed_m_s, np.abs(v[:, 2]).max() / 1.5))
+
+
+def worst_acceleration(a: np.ndarray) -> float:
+    """The highest share of an acceleration limit."""
+    across = np.hypot(a[:, 0], a[:, 1]).max() / LIMITS.acceleration_m_s2
+    return float(max(across, np.abs(a[:, 2]).max() / LIMITS.vertical_acceleration_m_s2))
+
+
+def _norms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt((values**2).sum(axis=1))
+
+
+SOLVERS: dict[str, tuple[str | None, str, Callable[[np.ndarray], Flight]]] = {
+    "ours, bends of 2 m": (None, "acceleration", ours_with_bends),
+    "ours, exact": (None, "acceleration", ours_exact),
+    "ours, stops": (None, "acceleration", ours_with_stops),
+    "minsnap-trajectories, exact": ("minsnap_trajectories", "snap", minimum_snap),
+    "toppra, exact": ("toppra", "velocity", reachability),
+    "ruckig, stops": ("ruckig", "acceleration", online),
+    "clarabel, exact": ("clarabel", "velocity", convex),
+}
+"""Name: the library it needs, the highest derivative that is continuous, and the solver."""
+
+
+def table() -> Iterator[str]:
+    """Rows of the table."""
+    yield "| solver | points | solve [ms] | flight [s] | speed, acceleration, jerk / limit | continuous to |"
+    yield "|---|---|---|---|---|---|"
+    for name, (library, order, solve) in SOLVERS.items():
+        if library is not None and importlib.util.find_spec(library) is None:
+            yield f"| {name} | | not installed | | | |"
+            continue
+        for count in COUNTS:
+            yield f"| {name} | {count} | {_row(solve, places(count), order)}"
+
+
+def _row(solve: Callable[[np.ndarray], Flight], points: np.ndarray, order: str) -> str:
+    times_ms: list[float] = []
+    flight: Any = None
+    for _ in range(RUNS):
+        before = time.perf_counter()
+        try:
+            flight = solve(points)
+        except Exception as error:
+            return f"failed: {error!s:.60} | | | |"
+        times_ms.append(1000.0 * (time.perf_counter() - before))
+        if sum(times_ms) > LONGEST_MS:
+            break
+    jerk = _norms(np.diff(flight.acceleration, axis=0)).max() / STEP_S / LIMITS.jerk_m_s3
+    shares = f"{worst_speed(flight.velocity):.2f}, {worst_acceleration(flight.acceleration):.2f}, {jerk:.2f}"
+    return f"{min(times_ms):.0f} | {flight.duration_s:.1f} | {shares} | {order} |"
