@@ -3,6 +3,7 @@
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
 import type { StartWish } from '../vehicle/setpoint';
+import type { Place } from '../vehicle/geo';
 import type { VehicleFacts } from '../vehicle/facts';
 
 /** Cameras of the 3D view. */
@@ -32,6 +33,10 @@ export interface Services {
     camera: Camera;
     /** Makes the other one large. */
     swap: () => void;
+    /** Makes the map large. */
+    showMap: () => void;
+    /** Puts places into what panels leave free of the map. */
+    showPlaces: (places: readonly Place[]) => void;
   };
 }
 

@@ -1,6 +1,8 @@
 /** Draws what moves over the map: homes, trails, vehicles, targets. Knows a canvas, nothing of the page. */
 
 import type { MapTarget, MapVehicle } from './map-model';
+import type { LayerPoint } from '../../app/map-layers.svelte';
+import { POINT_RADIUS_PX } from './layer-draw';
 import type { EdgeLabel, Grid, GridLine } from './grid';
 import { toPixel, type MapView, type Pixel, type Place } from '../../vehicle/geo';
 
@@ -31,6 +33,8 @@ export interface Picture {
   /** Whether tiles lie below: the grid steps back. */
   overTiles: boolean;
   labels: readonly EdgeLabel[];
+  /** Points that MapLibre draws below: no line of the grid crosses them. */
+  edited: readonly LayerPoint[];
   /** Where the open menu points. */
   spot: Place | null;
   inset: boolean;
@@ -40,6 +44,7 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   const { vehicles, inset } = picture;
   ctx.clearRect(0, 0, view.width, view.height);
   if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.overTiles, palette);
+  if (picture.grid !== null) clearPoints(ctx, view, picture.edited);
   if (!inset) for (const label of picture.labels) drawEdge(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
@@ -74,6 +79,17 @@ function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palet
   lines(grid.thin, overTiles ? palette.text3 : palette.line);
   lines(grid.strong, overTiles ? palette.text3 : palette.line2);
   ctx.globalAlpha = 1;
+}
+
+function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): void {
+  ctx.globalCompositeOperation = 'destination-out';
+  for (const point of points) {
+    const { x, y } = toPixel(view, point);
+    ctx.beginPath();
+    ctx.arc(x, y, POINT_RADIUS_PX[point.mark], 0, 2 * Math.PI);
+    ctx.fill();
+  }
+  ctx.globalCompositeOperation = 'source-over';
 }
 
 /** Vehicles that started side by side share one mark. */

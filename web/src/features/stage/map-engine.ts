@@ -1,16 +1,20 @@
 /** MapLibre behind a small face: camera, gestures and offline tiles. Loaded when the map is first shown; nothing else knows MapLibre. */
 
-import { addProtocol, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
+import { addProtocol, LngLatBounds, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
 import { mercator, type MapView, type Pixel, type Place } from '../../vehicle/geo';
 import idleUrl from './idle-worker.js?url';
+import type { LayerPicture } from '../../app/map-layers.svelte';
+import { LayerPainter } from './layer-draw';
 import type { Palette } from './map-draw';
 import { GROUND, mapStyle } from './map-style';
 import { tileLayers, type OfflineMap } from './offline-maps';
 
 const RAD = Math.PI / 180;
 const ZOOM = { min: 7, max: 22 } as const;
+/** Around what is fitted into the view [px]. */
+const FIT_PX = 70;
 
 setWorkerCount(1);
 const archives = new Protocol({ metadata: true });
@@ -27,17 +31,23 @@ export interface EngineEvents {
 
 export class MapEngine {
   private readonly map: MapLibre;
+  private readonly layers: LayerPainter | null;
   private styled = false;
 
-  /** Throws where the browser has no WebGL. */
+  /**
+   * Throws where the browser has no WebGL.
+   *
+   * @param editable whether it draws layers that features edit; they need MapLibre's worker, as tiles do.
+   */
   constructor(
     container: HTMLElement,
     private palette: Palette,
     private readonly offline: readonly OfflineMap[],
+    readonly editable: boolean,
     events: EngineEvents,
   ) {
     // A file of this server's own: a worker made from a blob would need a wider policy.
-    setWorkerUrl(new URL(offline.length > 0 ? workerUrl : idleUrl, location.href).href);
+    setWorkerUrl(new URL(offline.length > 0 || editable ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
       container,
       style: mapStyle(palette),
@@ -57,6 +67,7 @@ export class MapEngine {
       clickTolerance: 5,
       refreshExpiredTiles: false,
     });
+    this.layers = editable ? new LayerPainter(this.map) : null;
     const canvas = this.map.getCanvas();
     canvas.tabIndex = -1; // the stage's own crosshair takes the keyboard
     canvas.setAttribute('aria-hidden', 'true');
@@ -129,6 +140,20 @@ export class MapEngine {
     this.map.easeTo({ bearing: 0, duration: 120 });
   }
 
+  /** Puts all these places into what is free, not nearer than `max_zoom`. */
+  fit(places: readonly Place[], max_zoom: number): void {
+    const [first] = places;
+    if (first === undefined) return;
+    const box = new LngLatBounds([first.lon_deg, first.lat_deg], [first.lon_deg, first.lat_deg]);
+    for (const place of places) box.extend([place.lon_deg, place.lat_deg]);
+    this.map.fitBounds(box, { maxZoom: max_zoom, padding: FIT_PX, duration: 0 });
+  }
+
+  /** What features edit on the map; only of an `editable` one. */
+  showLayers(pictures: readonly LayerPicture[]): void {
+    this.layers?.show(pictures);
+  }
+
   resize(): void {
     this.map.resize();
   }
@@ -138,6 +163,7 @@ export class MapEngine {
     if (!this.styled) return;
     this.map.setPaintProperty(GROUND, 'background-color', palette.map);
     this.showOffline();
+    this.layers?.restyle(palette);
   }
 
   remove(): void {

@@ -4,6 +4,7 @@ import { covered } from '../../app/covers.svelte';
 import { freeMiddle } from '../../app/free';
 import type { Camera } from '../../app/services';
 import type { ScenePreview } from '../../app/preview.svelte';
+import type { Place } from '../../vehicle/geo';
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
 
@@ -20,6 +21,8 @@ export interface MapCommands {
   follow: () => void;
   near: () => void;
   northUp: () => void;
+  /** Puts places into what panels leave free. */
+  show: (places: readonly Place[]) => void;
 }
 
 const RETRY_MS = 5000;
@@ -46,6 +49,15 @@ class StageState {
 
   swap(): void {
     if (this.scene.phase === 'there') this.wantsMap = !this.wantsMap;
+  }
+
+  /** The map fills the stage, whichever view did. */
+  showMap(): void {
+    this.wantsMap = true;
+  }
+
+  showPlaces(places: readonly Place[]): void {
+    this.map?.show(places);
   }
 
   /** Tells only what changed: the menu is laid out anew each time. */

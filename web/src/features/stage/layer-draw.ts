@@ -1,0 +1,156 @@
+/** Editable layers as MapLibre draws them: one GeoJSON source, lines and areas by style, each point a small picture made here (no glyphs, no sprites). */
+
+import type { Feature, FeatureCollection, Geometry } from 'geojson';
+import type { GeoJSONSource, LayerSpecification, Map as MapLibre } from 'maplibre-gl';
+import type { LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
+import type { Place } from '../../vehicle/geo';
+import type { Palette } from './map-draw';
+
+const SOURCE = 'edited';
+const PREFIX = 'edited-';
+const RATIO = 2;
+/** Of a point's disc. */
+export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13 };
+/** Half a picture's side [px]. */
+const HALF_PX = 18;
+const TONES: Readonly<Record<Tone, string>> = {
+  target: '--target',
+  caution: '--caution',
+  danger: '--danger',
+  actual: '--actual',
+  text2: '--text-2',
+};
+
+type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number }>;
+
+const coordinates = (places: readonly Place[]): [number, number][] => places.map((place) => [place.lon_deg, place.lat_deg]);
+
+/** A point's picture by name: what is drawn follows from the name alone. */
+export function iconName(point: LayerPoint): string {
+  return [PREFIX, point.mark, point.tone, point.selected ? 'on' : 'off', point.text].join('|');
+}
+
+/** Everything as GeoJSON; selected points come last, on top. */
+export function features(pictures: readonly LayerPicture[]): FeatureCollection {
+  const found: Drawn[] = [];
+  for (const { areas, lines, points } of pictures) {
+    for (const { ring, tone } of areas) {
+      const closed = [...coordinates(ring), ...coordinates(ring.slice(0, 1))];
+      found.push({ type: 'Feature', properties: { kind: 'area', tone }, geometry: { type: 'Polygon', coordinates: [closed] } });
+    }
+    for (const { places, tone, style } of lines) {
+      found.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(places) } });
+    }
+    for (const point of points) {
+      const sort = point.selected ? 2 : point.mark === 'middle' ? 0 : 1;
+      const properties = { kind: 'point', icon: iconName(point), sort };
+      found.push({ type: 'Feature', properties, geometry: { type: 'Point', coordinates: [point.lon_deg, point.lat_deg] } });
+    }
+  }
+  return { type: 'FeatureCollection', features: found };
+}
+
+export function layers(palette: Palette): LayerSpecification[] {
+  const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.of(name)]), palette.text2] as never;
+  const of = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
+  const line = (kind: string, paint: object): LayerSpecification => ({
+    id: `${PREFIX}${kind}`,
+    type: 'line',
+    source: SOURCE,
+    filter: of(kind.replace('-band', '')),
+    layout: { 'line-cap': 'round', 'line-join': 'round' },
+    paint: { 'line-color': colour, 'line-width': palette.stroke, ...paint },
+  });
+  return [
+    { id: `${PREFIX}area`, type: 'fill', source: SOURCE, filter: of('area'), paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 } },
+    line('dashed', { 'line-width': 1.6, 'line-dasharray': [4, 3.5] }),
+    line('solid-band', { 'line-width': 14, 'line-opacity': 0.13 }),
+    line('dotted', { 'line-width': 2, 'line-dasharray': [0.1, 3] }),
+    line('solid', { 'line-width': palette.stroke + 0.4 }),
+    {
+      id: `${PREFIX}point`,
+      type: 'symbol',
+      source: SOURCE,
+      filter: of('point'),
+      layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sort'] },
+    },
+  ];
+}
+
+/** Draws a point's picture by its name. */
+export function drawIcon(name: string, palette: Palette): ImageData | null {
+  const [, mark, tone, on, text = ''] = name.split('|');
+  const canvas = document.createElement('canvas');
+  canvas.width = canvas.height = HALF_PX * 2 * RATIO;
+  const ctx = canvas.getContext('2d');
+  if (ctx === null || mark === undefined || !(tone !== undefined && tone in TONES)) return null;
+  const colour = palette.of(TONES[tone as Tone]);
+  const selected = on === 'on';
+  ctx.scale(RATIO, RATIO);
+  ctx.translate(HALF_PX, HALF_PX);
+  ctx.lineWidth = palette.stroke;
+  ctx.lineCap = 'round';
+  const radius = POINT_RADIUS_PX[mark as LayerPoint['mark']];
+  if (selected) disc(ctx, radius + 4, null, palette.accent, 2);
+  if (mark === 'cross') {
+    disc(ctx, radius, palette.panel, colour, 1.6);
+    ctx.strokeStyle = colour;
+    ctx.stroke(new Path2D('M0-5v10M-5 0h10'));
+  } else if (mark === 'home') {
+    disc(ctx, radius, palette.panel, colour, palette.stroke);
+    ctx.strokeStyle = palette.text;
+    ctx.lineWidth = 1.6;
+    ctx.stroke(new Path2D('M-5.5 .5l5.5-5.5 5.5 5.5M-3.6 -.5v5.5h7.2v-5.5'));
+  } else disc(ctx, radius, selected ? colour : palette.panel, colour, mark === 'middle' ? 1.6 : palette.stroke);
+  if (text !== '') {
+    ctx.font = `700 ${text.length > 2 ? 10 : 12}px Inter, system-ui, sans-serif`;
+    ctx.textAlign = 'center';
+    ctx.textBaseline = 'middle';
+    ctx.fillStyle = selected ? palette.panel : palette.text;
+    ctx.fillText(text, 0, 0.5);
+  }
+  return ctx.getImageData(0, 0, canvas.width, canvas.height);
+}
+
+function disc(ctx: CanvasRenderingContext2D, radius: number, fill: string | null, stroke: string, width: number): void {
+  ctx.beginPath();
+  ctx.arc(0, 0, radius, 0, 2 * Math.PI);
+  if (fill !== null) {
+    ctx.fillStyle = fill;
+    ctx.fill();
+  }
+  ctx.strokeStyle = stroke;
+  ctx.lineWidth = width;
+  ctx.stroke();
+}
+
+/** The layers of one map; they lie over its tiles. */
+export class LayerPainter {
+  private pictures: readonly LayerPicture[] = [];
+  private palette: Palette | null = null;
+
+  constructor(private readonly map: MapLibre) {
+    map.setMissingStyleImageResolver((id) => {
+      const image = id.startsWith(PREFIX) && this.palette !== null ? drawIcon(id, this.palette) : null;
+      if (image !== null && !map.hasImage(id)) map.addImage(id, image, { pixelRatio: RATIO });
+    });
+  }
+
+  show(pictures: readonly LayerPicture[]): void {
+    this.pictures = pictures;
+    (this.map.getSource(SOURCE) as GeoJSONSource | undefined)?.setData(features(pictures));
+  }
+
+  /** The map's style is there, or its colours changed: everything anew. */
+  restyle(palette: Palette): void {
+    this.palette = palette;
+    const { map } = this;
+    for (const layer of map.getStyle().layers) if (layer.id.startsWith(PREFIX)) map.removeLayer(layer.id);
+    for (const name of map.listImages()) if (name.startsWith(PREFIX)) map.removeImage(name);
+    if (map.getSource(SOURCE) === undefined) {
+      // The last zoom level with tiles of its own: below it places are kept to a centimetre.
+      map.addSource(SOURCE, { type: 'geojson', data: features(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
+    }
+    for (const layer of layers(palette)) map.addLayer(layer);
+  }
+}

@@ -1,0 +1,81 @@
+/** One gesture on an editable layer: a click picks, a drag moves, by pointer or by the crosshair's keys. Pure: pixels and places in, calls to the editor out. */
+
+import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
+import { fromPixel, hit, toPixel, type MapView, type Pixel } from '../../vehicle/geo';
+
+/** A pointer that moves less than this clicks [px]. */
+const STILL_PX = 5;
+/** A middle is asked for by aiming better than a point [of the reach]. */
+const MIDDLE_REACH = 0.7;
+
+/** The point under a pointer; a real one before a middle. */
+export function pointAt(view: MapView, at: Pixel, points: readonly LayerPoint[], reach_px: number): LayerPoint | null {
+  const real = points.filter((point) => point.mark !== 'middle');
+  const middles = points.filter((point) => point.mark === 'middle');
+  return hit(view, at, real, reach_px) ?? hit(view, at, middles, reach_px * MIDDLE_REACH);
+}
+
+interface Held {
+  point: LayerPoint;
+  began: Pixel;
+  /** From the pointer to the point: the point does not jump under the pointer. */
+  offset: Pixel;
+  more: boolean;
+  /** The id that moves; null: not moved yet. */
+  moving: string | null;
+  /** It does not move: the pointer only clicks. */
+  fixed: boolean;
+}
+
+export class LayerGesture {
+  private held: Held | null = null;
+
+  constructor(private readonly editor: LayerEditor) {}
+
+  get isHeld(): boolean {
+    return this.held !== null;
+  }
+
+  down(view: MapView, at: Pixel, point: LayerPoint, more: boolean): void {
+    const place = toPixel(view, point);
+    this.held = { point, began: at, offset: { x: place.x - at.x, y: place.y - at.y }, more, moving: null, fixed: false };
+  }
+
+  /** By keyboard: the point moves from the first key on. @returns false: it does not move. */
+  take(view: MapView, point: LayerPoint): boolean {
+    this.down(view, toPixel(view, point), point, false);
+    this.begin();
+    if (this.held?.moving === null) this.held = null;
+    return this.held !== null;
+  }
+
+  move(view: MapView, at: Pixel): void {
+    const held = this.held;
+    if (held === null || held.fixed) return;
+    if (held.moving === null && Math.hypot(at.x - held.began.x, at.y - held.began.y) < STILL_PX) return;
+    if (held.moving === null) this.begin();
+    if (held.moving !== null) this.editor.drag(held.moving, fromPixel(view, { x: at.x + held.offset.x, y: at.y + held.offset.y }));
+  }
+
+  /** Let go: what moved stays, what did not move is picked. */
+  up(): void {
+    const held = this.held;
+    this.held = null;
+    if (held === null) return;
+    if (held.moving !== null) this.editor.drop(true);
+    else this.editor.pick(held.point.id, held.more);
+  }
+
+  /** Escape, or the system took the pointer: nothing has moved. */
+  cancel(): void {
+    const moved = this.held?.moving != null;
+    this.held = null;
+    if (moved) this.editor.drop(false);
+  }
+
+  private begin(): void {
+    if (this.held === null) return;
+    this.held.moving = this.editor.grab(this.held.point.id);
+    this.held.fixed = this.held.moving === null;
+  }
+}

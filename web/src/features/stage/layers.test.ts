@@ -1,0 +1,138 @@
+import { describe, expect, it } from 'vitest';
+import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
+import { fromPixel, mercator, pixelsPerMetre, placeAt, toPixel, type MapView, type Place } from '../../vehicle/geo';
+import { features, iconName } from './layer-draw';
+import { LayerGesture, pointAt } from './layer-gesture';
+
+const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
+const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
+/** Two pixels a metre. */
+const view: MapView = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
+
+const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): LayerPoint => ({
+  ...placeAt(HERE, { east_m, north_m: 0 }),
+  id,
+  mark,
+  tone: 'target',
+  text: id,
+  selected: false,
+});
+
+/** Notes what it is told. */
+class Notes implements LayerEditor {
+  readonly told: unknown[] = [];
+  constructor(private readonly moves: string | null = null) {}
+  pick = (id: string, more: boolean): void => void this.told.push(['pick', id, more]);
+  grab = (id: string): string | null => {
+    this.told.push(['grab', id]);
+    return this.moves;
+  };
+  drag = (id: string, to: Place): void => void this.told.push(['drag', id, to]);
+  drop = (keep: boolean): void => void this.told.push(['drop', keep]);
+  press = (): boolean => false;
+  remove = (): boolean => false;
+}
+
+describe('the point under a pointer', () => {
+  it('is the nearest within reach', () => {
+    const points = [point('a', 0), point('b', 10)];
+    expect(pointAt(view, { x: 512, y: 400 }, points, 14)?.id).toBe('b');
+    expect(pointAt(view, { x: 540, y: 400 }, points, 14)).toBeNull();
+  });
+  it('is a real point before a middle, also where the middle is nearer', () => {
+    const points = [point('a', 0), point('middle', 3, 'middle')];
+    expect(pointAt(view, { x: 505, y: 400 }, points, 14)?.id).toBe('a');
+    expect(pointAt(view, { x: 515, y: 400 }, points, 14)?.id).toBe('middle');
+  });
+});
+
+describe('a gesture', () => {
+  it('that stays still picks', () => {
+    const notes = new Notes('a');
+    const gesture = new LayerGesture(notes);
+    gesture.down(view, { x: 503, y: 402 }, point('a', 0), true);
+    gesture.move(view, { x: 505, y: 403 });
+    gesture.up();
+    expect(notes.told).toEqual([['pick', 'a', true]]);
+  });
+
+  it('that moves drags, with the point as far from the pointer as it was', () => {
+    const notes = new Notes('a');
+    const gesture = new LayerGesture(notes);
+    gesture.down(view, { x: 503, y: 402 }, point('a', 0), false);
+    gesture.move(view, { x: 523, y: 402 });
+    gesture.up();
+    const [grab, drag, drop] = notes.told as [unknown, [string, string, Place], unknown];
+    expect(grab).toEqual(['grab', 'a']);
+    expect(drop).toEqual(['drop', true]);
+    const at = toPixel(view, drag[2]);
+    expect(at.x).toBeCloseTo(520, 3);
+    expect(at.y).toBeCloseTo(400, 3);
+  });
+
+  it('on a middle drags the point that it inserts', () => {
+    const notes = new Notes('new');
+    const gesture = new LayerGesture(notes);
+    gesture.down(view, { x: 500, y: 400 }, point('middle', 0, 'middle'), false);
+    gesture.move(view, { x: 520, y: 400 });
+    expect(notes.told.at(-1)).toMatchObject(['drag', 'new', {}]);
+  });
+
+  it('that is cancelled puts everything back', () => {
+    const notes = new Notes('a');
+    const gesture = new LayerGesture(notes);
+    gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
+    gesture.move(view, { x: 520, y: 400 });
+    gesture.cancel();
+    gesture.up();
+    expect(notes.told.at(-1)).toEqual(['drop', false]);
+  });
+
+  it('on a point that does not move only picks', () => {
+    const notes = new Notes(null);
+    const gesture = new LayerGesture(notes);
+    gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
+    gesture.move(view, { x: 520, y: 400 });
+    gesture.move(view, { x: 540, y: 400 });
+    gesture.up();
+    expect(notes.told).toEqual([
+      ['grab', 'a'],
+      ['pick', 'a', false],
+    ]);
+  });
+
+  it('by keys moves from the first step on', () => {
+    const notes = new Notes('a');
+    const gesture = new LayerGesture(notes);
+    expect(gesture.take(view, point('a', 0))).toBe(true);
+    gesture.move(view, { x: 501, y: 400 });
+    gesture.up();
+    expect(notes.told[1]).toEqual(['drag', 'a', fromPixel(view, { x: 501, y: 400 })]);
+    expect(notes.told[2]).toEqual(['drop', true]);
+    expect(new LayerGesture(new Notes(null)).take(view, point('a', 0))).toBe(false);
+  });
+});
+
+describe('what MapLibre draws', () => {
+  it('is areas, lines and points, the area closed', () => {
+    const ring = [0, 10, 20].map((east_m) => placeAt(HERE, { east_m, north_m: east_m % 20 }));
+    const drawn = features([
+      {
+        points: [point('1', 0), { ...point('2', 10), selected: true }],
+        lines: [{ places: ring, tone: 'target', style: 'dotted' }],
+        areas: [{ ring, tone: 'caution' }],
+      },
+    ]).features;
+    expect(drawn.map((one) => one.properties?.['kind'])).toEqual(['area', 'dotted', 'point', 'point']);
+    const area = drawn[0]?.geometry as { coordinates: number[][][] };
+    expect(area.coordinates[0]).toHaveLength(4);
+    expect(area.coordinates[0]?.at(-1)).toEqual(area.coordinates[0]?.[0]);
+  });
+  it('names a picture by all that it shows', () => {
+    const one = point('7', 0);
+    const names = [one, { ...one, selected: true }, { ...one, text: '8' }, { ...one, mark: 'corner' as const }, { ...one, tone: 'caution' as const }].map(
+      iconName,
+    );
+    expect(new Set(names).size).toBe(5);
+  });
+});
