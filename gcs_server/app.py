@@ -35,6 +35,8 @@ from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
+from gcs_server.plans.store import PlanChange, PlanStore
+from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
 from gcs_server.settings import Settings, token_of
@@ -107,6 +109,7 @@ class Server:
         journal = Journal(clock, folder.journal)
         terms = Terms(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
+        plans = PlanStore(folder.plans, clock, self._plan_changed)
         self.station = Station(
             clock=clock,
             router=self.router,
@@ -117,6 +120,8 @@ class Server:
             replays=replays,
             groups=self.streamer.groups,
             operations=Operations(clock, self.supervisor, self._operation_told),
+            plans=plans,
+            plan_work=PlanWork(),
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
@@ -131,6 +136,7 @@ class Server:
         self.station.more_warnings.append(lambda: list(self._link_errors))
         self.station.more_warnings.append(self._faults)
         self.station.more_warnings.append(lambda: [Notice("limits", text) for text in limits.warnings()])
+        self.station.more_warnings.append(lambda: [Notice("plans", text) for text in plans.warnings()])
         if self._simulator is not None:
             self.station.more_warnings.append(self._simulator.warnings)
 
@@ -163,6 +169,8 @@ class Server:
         """Vehicles into Hold first, the simulator last."""
         await self._stop_streams()
         await self.station.operations.close()
+        self.station.plans.close()
+        self.station.plan_work.close()
         self.streamer.close()
         self.station.hub.close()
         if self.scene is not None:
@@ -208,6 +216,19 @@ class Server:
         unix_s = self.station.clock.unix_s()
         event = Event(0, "operation", operation.vehicle, unix_s, MAV_SEVERITY_DEBUG, operation.text, data)
         self.station.hub.tell(event)
+
+    def _plan_changed(self, change: PlanChange) -> None:
+        plan = change.plan
+        text = f"{change.by} {change.action} the plan {plan.name!r} (version {plan.version})."
+        data = {
+            "action": change.action,
+            "plan": asdict(plan),
+            "client": change.by,
+            "client_key": change.by_key,
+        }
+        # Told, not kept: GET /plans has them.
+        unix_s = self.station.clock.unix_s()
+        self.station.hub.tell(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
 
     def _watch_for_losses(self, event: Event) -> None:
         gone = event.kind == "vehicle_removed"
@@ -269,9 +290,10 @@ def create_app(
 
     def note_invalid(request: Request, detail: str) -> None:
         if request.method in ("POST", "PUT"):
-            vehicle, command = request.path_params.get("v"), command_of(request).name
-            caller = principal_of(request).name
-            server.station.journal.add(caller, command, vehicle, {}, "invalid_request", detail, 0.0)
+            vehicle, command = request.path_params.get("v"), command_of(request)
+            if command.journaled:
+                caller = principal_of(request).name
+                server.station.journal.add(caller, command.name, vehicle, {}, "invalid_request", detail, 0.0)
 
     app.state.note_invalid = note_invalid
     in_control = server.station.authority.controls_any

@@ -6,6 +6,8 @@
     ├── UnknownLink              no link of that name
     ├── UnknownGroup             no group of that id
     ├── UnknownOperation         no operation of that id (or it was forgotten)
+    ├── UnknownPlan              no plan, or no version of it, of that id
+    ├── PlanConflict             somebody else saved the plan meanwhile
     ├── UnknownRecording         no recording, or no replay, of that name
     ├── RecordingUnusable        a recording in which nothing can be read
     ├── InvalidRequest           what was asked is not well-formed; names the field
@@ -90,6 +92,43 @@ class UnknownOperation(GcsError):
     """No operation has this id, or it was forgotten."""
 
     code = "unknown_operation"
+
+
+class UnknownPlan(GcsError):
+    """No plan has this id, or the plan has no such version."""
+
+    code = "unknown_plan"
+
+
+class PlanConflict(GcsError):
+    """The plan is no longer the version that the caller changed; nothing was saved."""
+
+    code = "conflict"
+
+    def __init__(
+        self,
+        plan_id: str,
+        name: str,
+        version: int,
+        changed_by: str,
+        changed_unix_s: float,
+        base_version: int,
+    ) -> None:
+        super().__init__(
+            f"Plan {name!r} is at version {version}, saved by {changed_by}; yours is based on version "
+            f"{base_version}. Nothing was saved.",
+            remedy=f"Open version {version} and make your changes again, or save yours as a new plan.",
+        )
+        self.plan_id, self.version = plan_id, version
+        self.changed_by, self.changed_unix_s = changed_by, changed_unix_s
+
+    def details(self) -> dict[str, object]:
+        return {
+            "plan": self.plan_id,
+            "version": self.version,
+            "changed_by": self.changed_by,
+            "changed_unix_s": self.changed_unix_s,
+        }
 
 
 class UnknownRecording(GcsError):

@@ -114,7 +114,7 @@ class RoiLocation(PlacedItem):
     gimbal_id: Unset = 0.0
 
 
-class Roi(PlacedItem):
+class LegacyRoi(PlacedItem):
     """The older form of `roi_location`. `mode` is MAV_ROI: 0 none, 1 next waypoint, 3 location."""
 
     COMMAND = 201

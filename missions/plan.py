@@ -24,8 +24,8 @@ MAX_RALLY_POINTS = 500
 
 TYPED_ITEMS: tuple[type[i.Item], ...] = (
     i.Takeoff, i.Waypoint, i.LoiterUnlimited, i.LoiterTime, i.LoiterToAltitude, i.Land, i.RoiLocation,
-    i.Roi, i.Gate, i.ReturnHome, i.Delay, i.Jump, i.ChangeSpeed, i.SetHome, i.LandStart, i.RoiNextWaypoint,
-    i.RoiNone, i.SetServo, i.SetActuator, i.Gripper, i.Winch,
+    i.LegacyRoi, i.Gate, i.ReturnHome, i.Delay, i.Jump, i.ChangeSpeed, i.SetHome, i.LandStart,
+    i.RoiNextWaypoint, i.RoiNone, i.SetServo, i.SetActuator, i.Gripper, i.Winch,
     c.TriggerDistance, c.TriggerInterval, c.TriggerControl, c.PhotoStart, c.PhotoStop, c.VideoStart,
     c.VideoStop, c.CameraMode, c.CameraZoom, c.CameraFocus, c.ControlVideo, c.Digicam, c.ObliqueSurvey,
     c.GimbalPitchYaw, c.GimbalConfigure, c.MountConfigure, c.MountControl,
@@ -34,7 +34,7 @@ TYPED_ITEMS: tuple[type[i.Item], ...] = (
 
 SimpleItem = Annotated[
     i.Takeoff | i.Waypoint | i.LoiterUnlimited | i.LoiterTime | i.LoiterToAltitude | i.Land | i.RoiLocation
-    | i.Roi | i.Gate | i.ReturnHome | i.Delay | i.Jump | i.ChangeSpeed | i.SetHome | i.LandStart
+    | i.LegacyRoi | i.Gate | i.ReturnHome | i.Delay | i.Jump | i.ChangeSpeed | i.SetHome | i.LandStart
     | i.RoiNextWaypoint | i.RoiNone | i.SetServo | i.SetActuator | i.Gripper | i.Winch
     | c.TriggerDistance | c.TriggerInterval | c.TriggerControl | c.PhotoStart | c.PhotoStop | c.VideoStart
     | c.VideoStop | c.CameraMode | c.CameraZoom | c.CameraFocus | c.ControlVideo | c.Digicam | c.ObliqueSurvey

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from missions.geodesy import distance_m
-from missions.items import Delay, Jump, Land, LoiterUnlimited, PlacedItem, ReturnHome, Roi, RoiLocation
+from missions.items import Delay, Jump, Land, LegacyRoi, LoiterUnlimited, PlacedItem, ReturnHome, RoiLocation
 from missions.plan import Plan, SimpleItem
 from missions.values import Altitude
 
@@ -50,7 +50,7 @@ class Leg:
 
 def is_flown_to(item: SimpleItem) -> bool:
     """Whether the vehicle flies to the item's place; a region of interest is only looked at."""
-    return isinstance(item, PlacedItem) and not isinstance(item, Roi | RoiLocation)
+    return isinstance(item, PlacedItem) and not isinstance(item, LegacyRoi | RoiLocation)
 
 
 def follow(plan: Plan) -> Route:

@@ -20,12 +20,14 @@ from gcs_server.errors import (
     NoReply,
     NotInControl,
     NotPermitted,
+    PlanConflict,
     RecordingUnusable,
     Refused,
     Rejected,
     UnknownGroup,
     UnknownLink,
     UnknownOperation,
+    UnknownPlan,
     UnknownRecording,
     UnknownVehicle,
 )
@@ -48,8 +50,10 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownGroup, 404, "Unknown group"),
     (UnknownLink, 404, "Unknown link"),
     (UnknownOperation, 404, "Unknown operation"),
+    (UnknownPlan, 404, "Unknown plan"),
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
+    (PlanConflict, 409, "Changed meanwhile"),
     (InvalidRequest, 422, "Not possible as asked"),
     (NotPermitted, 403, "Not permitted"),
     (Rejected, 409, "The vehicle refused"),
@@ -97,13 +101,19 @@ class Problem(BaseModel):
     distance_m: float | None = Field(
         default=None, description="With `not_together`: how near two of the group would come [m]."
     )
+    plan: str | None = Field(default=None, description="With `conflict`: the plan's id.")
+    version: int | None = Field(default=None, description="With `conflict`: the plan's newest version.")
+    changed_by: str | None = Field(default=None, description="With `conflict`: who saved that version.")
+    changed_unix_s: float | None = Field(
+        default=None, description="With `conflict`: when it was saved [s since 1970 UTC]."
+    )
     deadline_s: float | None = Field(default=None, description="With 504: how long was waited [s].")
 
 
 RESPONSES: dict[int | str, dict[str, object]] = {
     status: {"model": Problem, "description": text}
     for status, text in (
-        (404, "No such vehicle, group, link, recording or operation."),
+        (404, "No such vehicle, group, link, plan, recording or operation."),
         (409, "Refused by this server or by the vehicle, with the reason."),
         (422, "Malformed; names the field."),
         (503, "The link to the vehicle was lost."),

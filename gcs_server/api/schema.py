@@ -18,6 +18,7 @@ from gcs_server.api import (
     offboard_routes,
     operation_routes,
     param_routes,
+    plan_routes,
     problems,
     readiness_routes,
     recording_routes,
@@ -47,6 +48,7 @@ def api_router() -> APIRouter:
         map_routes,
         recording_routes,
         operation_routes,
+        plan_routes,
     ):
         router.include_router(part.router)
     return router
@@ -88,6 +90,7 @@ def bare_app() -> FastAPI:
             "A server that other machines can reach wants its token with every call, as "
             "`Authorization: Bearer …`; without it the answer is 401."
         ),
+        separate_input_output_schemas=False,  # a plan that is sent and one that is answered are one type
         openapi_url=None,  # FastAPI would encode it anew for each request
         docs_url=None,
         redoc_url=None,

@@ -17,6 +17,8 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
+from gcs_server.plans.store import PlanStore
+from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.streamer.groups.groups import Groups
 from gcs_server.telemetry.hub import Hub
@@ -37,6 +39,8 @@ class Station:
     replays: Replays
     groups: Groups
     operations: Operations
+    plans: PlanStore
+    plan_work: PlanWork
     started_s: float
     own_ids: tuple[int, int]
     maps: Path

@@ -13,10 +13,11 @@ from gcs_server.errors import InvalidRequest
 
 API = "/api/v1"
 
-Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay"]
+Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay", "plan"]
 """What a role may be given. `view`: everything that is shown; `control`: taking and giving up control;
 `fly`: modes, arming, setpoints; `stop`: Hold, Land now, Kill; `payload`: the gimbal; `configure`: parameters,
-limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings."""
+limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings; `plan`: keeping and
+deleting plans."""
 PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
 
 Control = Literal["none", "lease", "open", "not_anothers", "changes"]
@@ -183,6 +184,10 @@ ALL: tuple[Command, ...] = (
     Command("replays/open", "replay", ("POST /replays",)),
     Command("replays/change", "replay", ("POST /replays/{name}",), journaled=False),
     Command("replays/close", "replay", ("DELETE /replays/{name}",)),
+    # plans
+    Command("plans/create", "plan", ("POST /plans",)),
+    Command("plans/save", "plan", ("PUT /plans/{plan}",)),
+    Command("plans/delete", "plan", ("DELETE /plans/{plan}",)),
     # long work
     Command(
         "operations/cancel",
@@ -207,6 +212,16 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/params/{name}",
         "GET /groups",
         "GET /groups/{g}",
+    ),
+    _views(
+        "plans",
+        "GET /plans",
+        "GET /plans/{plan}",
+        "GET /plans/{plan}/versions",
+        "POST /plans/check",
+        "POST /plans/import",
+        "POST /plans/export",
+        "POST /plans/pattern",
     ),
     _views("operations", "GET /operations", "GET /operations/{o}"),
     _views("telemetry", "WS /telemetry", "WS /telemetry subscribe"),

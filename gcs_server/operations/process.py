@@ -29,21 +29,30 @@ class WorkerFailed(GcsError):
     code = "worker_failed"
 
 
-async def run_process(command: Sequence[str], report: Report) -> dict[str, object]:
+async def run_process(
+    command: Sequence[str], report: Report, *, request: bytes = b"", longest_line: int = LONGEST_LINE
+) -> dict[str, object]:
     """Runs the command until it has written its result.
 
     Args:
         command: program and arguments.
         report: told what the process reports.
+        request: what it works on, without a line feed; the process reads it by `read_request`.
+        longest_line: of what it writes [bytes].
 
     Raises:
         WorkerFailed: it ended otherwise.
     """
     process = await asyncio.create_subprocess_exec(
-        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LONGEST_LINE
+        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=longest_line
     )
+    assert process.stdin is not None
     assert process.stdout is not None
     try:
+        if request:
+            with contextlib.suppress(ConnectionError):  # it has ended: what it wrote says why
+                process.stdin.write(request + b"\n")
+                await process.stdin.drain()
         while line := await process.stdout.readline():
             said = _object(line)
             if "result" in said and isinstance(said["result"], dict):
@@ -83,6 +92,11 @@ def _object(line: bytes) -> dict[str, Any]:
 
 
 # --- in the process -----------------------------------------------------------------------------------
+
+
+def read_request() -> bytes:
+    """What `run_process` was given to send; called once, before `serve`."""
+    return sys.stdin.buffer.readline().rstrip(b"\n")
 
 
 def serve(work: Callable[[Report], dict[str, object]]) -> None:

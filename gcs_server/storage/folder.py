@@ -67,6 +67,11 @@ class DataFolder:
         return self.path / "limits"
 
     @property
+    def plans(self) -> Path:
+        """Waypoint plans, a folder for each, a file for each version."""
+        return self.path / "plans"
+
+    @property
     def simulator_log(self) -> Path:
         """What the simulator says; that of the one before it ends in `.1`."""
         return self.path / "simulator.log"

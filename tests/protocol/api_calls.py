@@ -11,6 +11,8 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
 from gcs_server.operations.operations import Operations
+from gcs_server.plans.store import PlanStore
+from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
@@ -35,6 +37,8 @@ def station_of(world):
         replays=Replays(world.router, world.fleet, Path("no recordings")),
         groups=world.streamer.groups,
         operations=Operations(world.clock, world.supervisor, lambda _: None),
+        plans=PlanStore(Path("no plans"), world.clock),
+        plan_work=PlanWork(),
         own_ids=(255, 190),
         maps=Path("no maps"),
     )

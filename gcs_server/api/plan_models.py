@@ -1,0 +1,174 @@
+"""Plans over HTTP: bodies in, models of the answers out.
+
+The documents themselves are those of `missions`; they are checked as JSON there, so that a list is a list
+and a number a number, and what is wrong names the item and the fix.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from gcs_server.api.reflect import model_of
+from gcs_server.api.strict_body import StrictBody
+from gcs_server.plans.files import PlanVersion
+from missions import plan as plan_document
+from missions.checks import CODES
+from missions.errors import PlanError
+from missions.estimates import Estimate
+from missions.formats.any_format import FormatName
+from missions.patterns import document as pattern_document
+from missions.plan import Plan
+from missions.values import Point
+
+MAX_NAME_LENGTH = 100
+
+
+def _as_json(read: Callable[[str], Any]) -> BeforeValidator:
+    """Reads a part of a body by a reader of JSON text."""
+
+    def convert(value: object) -> object:
+        try:
+            return read(json.dumps(value))
+        except PlanError as error:
+            raise ValueError(str(error)) from None
+
+    return BeforeValidator(convert)
+
+
+PlanBody = Annotated[
+    Plan, _as_json(plan_document.read), Field(description="The plan's document (docs/missions.md).")
+]
+PatternBody = Annotated[pattern_document.PatternDocument, _as_json(pattern_document.read)]
+Name = Annotated[
+    str,
+    Field(
+        min_length=1,
+        max_length=MAX_NAME_LENGTH,
+        pattern=r"^[^\x00-\x1f\x7f]*\S[^\x00-\x1f\x7f]*$",
+        description="What people call it.",
+    ),
+]
+
+
+class NewPlan(StrictBody):
+    """A plan to keep."""
+
+    name: Name
+    plan: PlanBody
+
+
+class ChangedPlan(NewPlan):
+    """A plan's next version."""
+
+    base_version: int = Field(ge=1, description="The version that was changed: the newest one, else 409.")
+
+
+class PlanToCheck(StrictBody):
+    """What to check."""
+
+    plan: PlanBody
+    vehicle: str | None = Field(
+        default=None, max_length=32, description="For this vehicle's parameters and home, as far as known."
+    )
+
+
+class PlanToExport(StrictBody):
+    """What to write as a file."""
+
+    plan: PlanBody
+
+
+class _Out(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+PlanVersionModel = model_of(PlanVersion, "PlanVersion")
+EstimateModel = model_of(Estimate, "PlanEstimates")
+
+
+class PlanList(_Out):
+    """All plans."""
+
+    plans: list[PlanVersionModel] = Field(description="The newest version of each, by name.")  # type: ignore[valid-type]
+
+
+class PlanVersions(_Out):
+    """The versions of one plan that are kept."""
+
+    versions: list[PlanVersionModel] = Field(description="Newest first.")  # type: ignore[valid-type]
+
+
+class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
+    """A version of a plan, with its document."""
+
+    plan: Plan = Field(description="The plan's document.")
+
+
+class FindingPlace(_Out):
+    """What a finding is about; all null: the whole plan."""
+
+    row: int | None = Field(description="Index in `items`.")
+    zone: int | None = Field(description="Index in `fence`.")
+    rally_point: int | None = Field(description="Index in `rally_points`.")
+
+
+class FindingModel(_Out):
+    """One thing that is wrong with a plan."""
+
+    code: str = Field(description="Stable; `docs/missions.md` has all.", examples=[next(iter(CODES))])
+    severity: Literal["error", "warning"] = Field(
+        description="error: PX4 refuses it, or it is unsafe; warning: it may surprise."
+    )
+    text: str = Field(description="What is wrong, a sentence.")
+    place: FindingPlace
+    fix: str | None = Field(description="What to do about it.")
+
+
+class PlanCheck(_Out):
+    """What is wrong with a plan, and what its flight takes."""
+
+    findings: list[FindingModel]
+    estimates: EstimateModel  # type: ignore[valid-type]
+    vehicle: str | None = Field(description="For which vehicle it was checked.")
+    not_known: list[str] = Field(description="What was not known of the vehicle; sentences.")
+
+
+class ImportedArea(_Out):
+    """An area of a file: for a survey or a fence, as a person decides."""
+
+    name: str
+    outer: list[Point]
+    holes: list[list[Point]]
+
+
+class ImportedPlan(_Out):
+    """A plan from a file; nothing is saved."""
+
+    format: FormatName = Field(description="In which format the file is.")
+    plan: Plan
+    areas: list[ImportedArea]
+    notes: list[str] = Field(description="What was understood and what was not; sentences.")
+
+
+class PatternFigures(_Out):
+    """What a pattern does."""
+
+    lines_length_m: float = Field(description="Of the lines where pictures are taken [m].")
+    lower_bound_m: float = Field(description="No pattern of this spacing has shorter lines [m].")
+    photos: int
+    spacing_m: float = Field(description="Between neighbouring lines [m]; 0: no lines.")
+    trigger_m: float = Field(description="Between two pictures on a line [m]; 0: no pictures.")
+    resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
+    heading_deg: float | None = Field(description="Of the lines, clockwise from north [deg].")
+
+
+class PatternPlan(_Out):
+    """The items of a pattern, as a plan without anything else."""
+
+    plan: Plan
+    lines: list[tuple[Point, Point]] = Field(description="Where pictures are taken.")
+    figures: PatternFigures

@@ -1,0 +1,238 @@
+"""Waypoint plans: kept with versions, checked, read from files and written to them, made from patterns."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Query, Request, Response
+from msgspec import Raw
+
+from gcs_server.api import plan_models as m
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.station import StationDep
+from gcs_server.errors import InvalidRequest
+from gcs_server.plans.files import PlanVersion
+from gcs_server.vehicle.samples import Home
+from gcs_server.vehicle.vehicle import Vehicle
+from missions import plan as plan_document
+from missions.formats.any_format import FormatName
+from missions.patterns.document import OrbitPattern, PerimeterPattern
+from missions.plan import Plan
+from missions.values import Altitude, Reference
+from missions.vehicle import PARAMETERS
+
+router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
+
+SMALL_ITEMS = 300
+"""Items and corners of a plan that a thread checks or writes within some 30 ms; larger ones get a process."""
+SMALL_FILE_BYTES = 32_768
+MAX_NOTES_LENGTH = 4000
+"""Of the header that carries an export's notes."""
+NOTES_HEADER = "X-Plan-Notes"
+MEDIA_TYPES: dict[FormatName, str] = {
+    "json": "application/json",
+    "plan": "application/json",
+    "waypoints": "text/plain; charset=utf-8",
+    "csv": "text/csv; charset=utf-8",
+    "geojson": "application/geo+json",
+    "kml": "application/vnd.google-earth.kml+xml",
+    "kmz": "application/vnd.google-earth.kmz",
+}
+
+
+@router.get("", response_model=m.PlanList)
+async def list_plans(station: StationDep) -> Response:
+    """The newest version of each plan, without the plans themselves."""
+    return answer({"plans": await station.plans.all()})
+
+
+@router.post("", response_model=m.KeptPlan, status_code=201)
+async def create_plan(body: m.NewPlan, station: StationDep, principal: PrincipalDep) -> Response:
+    """Keeps a new plan as its version 1."""
+    with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
+        head = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
+        return _kept(head, plan_document.write(body.plan), 201)
+
+
+@router.post("/check", response_model=m.PlanCheck)
+async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
+    """What is wrong with a plan, as findings, and what its flight takes; changes nothing.
+
+    With `vehicle`, its parameters and its home count, as far as the server knows them; `not_known` says what
+    it does not know, and PX4's defaults and the plan's own home are taken instead.
+    """
+    vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
+    parameters, home, not_known = _known_of(vehicle)
+    arguments = {"plan": _text(body.plan), "parameters": parameters, "home": home}
+    found = await station.plan_work.run("check", arguments, small=_is_small(body.plan))
+    return answer({**found, "vehicle": body.vehicle, "not_known": not_known})
+
+
+@router.post(
+    "/import",
+    response_model=m.ImportedPlan,
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+        }
+    },
+)
+async def import_plan(
+    request: Request,
+    station: StationDep,
+    filename: Annotated[str, Query(max_length=255, description="Its ending tells a CSV file.")] = "",
+    altitude_m: Annotated[
+        float | None,
+        Query(
+            ge=-12_000,
+            le=100_000,
+            allow_inf_nan=False,
+            description="Of points that have none [m]; a file with such points is refused without it.",
+        ),
+    ] = None,
+    altitude_reference: Annotated[Reference, Query(description="What `altitude_m` counts from.")] = "home",
+) -> Response:
+    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ or our own JSON. Saves nothing.
+
+    The body is the file as it is.
+    """
+    data = await request.body()
+    if not data:
+        raise InvalidRequest("body", "The file is empty.", remedy="Send the file as the request's body.")
+    altitude = None
+    if altitude_m is not None:
+        altitude = Altitude(value_m=altitude_m, reference=altitude_reference).model_dump()
+    arguments = {"file": base64.b64encode(data).decode(), "filename": filename, "altitude": altitude}
+    small = len(data) <= SMALL_FILE_BYTES and not data.startswith(b"PK")
+    found = await station.plan_work.run("import", arguments, small=small, field="body")
+    return answer({**found, "plan": Raw(found["plan"].encode())})
+
+
+@router.post(
+    "/export",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "The file; `X-Plan-Notes` is a JSON list of sentences about what it cannot hold.",
+            "content": {kind.partition(";")[0]: {} for kind in MEDIA_TYPES.values()},
+        }
+    },
+)
+async def export_plan(
+    body: m.PlanToExport,
+    station: StationDep,
+    format: Annotated[FormatName, Query(description="`plan` is QGroundControl's, `json` our own.")],
+) -> Response:
+    """The plan as a file. The header `X-Plan-Notes` says, as a JSON list, what the format left out."""
+    arguments = {"plan": _text(body.plan), "format": format}
+    found = await station.plan_work.run("export", arguments, small=_is_small(body.plan))
+    notes = [note for note in found["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
+    return Response(
+        base64.b64decode(found["file"]),
+        headers={
+            "Content-Type": MEDIA_TYPES[format],
+            "Content-Disposition": f'attachment; filename="plan.{format}"',
+            NOTES_HEADER: json.dumps(notes),
+        },
+    )
+
+
+@router.post("/pattern", response_model=m.PatternPlan)
+async def make_pattern(
+    pattern: Annotated[m.PatternBody, Body(description="`kind` and what is drawn and chosen.")],
+    station: StationDep,
+) -> Response:
+    """Items from an area, a line or a point: survey, corridor, perimeter, orbit or structure scan."""
+    arguments = {"pattern": pattern.model_dump_json()}
+    small = isinstance(pattern, OrbitPattern | PerimeterPattern)
+    found = await station.plan_work.run("pattern", arguments, small=small, field="body")
+    return answer({**found, "plan": Raw(found["plan"].encode())})
+
+
+@router.get("/{plan}", response_model=m.KeptPlan)
+async def get_plan(
+    plan: str,
+    station: StationDep,
+    version: Annotated[int | None, Query(ge=1, description="The newest unless named.")] = None,
+) -> Response:
+    """A plan with its document."""
+    return _kept(*await station.plans.get(plan, version))
+
+
+@router.get("/{plan}/versions", response_model=m.PlanVersions)
+async def list_versions(plan: str, station: StationDep) -> Response:
+    """The versions of a plan that are kept, newest first."""
+    return answer({"versions": await station.plans.versions(plan)})
+
+
+@router.put("/{plan}", response_model=m.KeptPlan)
+async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, principal: PrincipalDep) -> Response:
+    """Adds a version; 409 `conflict` where `base_version` is not the newest, with who saved that and when."""
+    arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
+    with authorized_command(station, principal, "plans/save", None, arguments):
+        head = await station.plans.save(
+            plan,
+            body.name,
+            body.plan,
+            base_version=body.base_version,
+            by=(principal.name, principal.key),
+        )
+        return _kept(head, plan_document.write(body.plan))
+
+
+@router.delete("/{plan}", status_code=204)
+async def delete_plan(
+    plan: str,
+    station: StationDep,
+    principal: PrincipalDep,
+    base_version: Annotated[
+        int, Query(ge=1, description="The version that was looked at: the newest one, else 409.")
+    ],
+) -> Response:
+    """Deletes a plan with all its versions."""
+    arguments: dict[str, object] = {"plan": plan, "base_version": base_version}
+    with authorized_command(station, principal, "plans/delete", None, arguments):
+        await station.plans.delete(plan, base_version=base_version, by=(principal.name, principal.key))
+    return Response(status_code=204)
+
+
+def _kept(head: PlanVersion, document: bytes, status: int = 200) -> Response:
+    return answer({**fields_of(head), "plan": Raw(document)}, status)
+
+
+def _text(plan: Plan) -> str:
+    return plan_document.write(plan).decode()
+
+
+def _is_small(plan: Plan) -> bool:
+    corners = sum(len(zone.polygon) for zone in plan.fence if zone.shape == "polygon")
+    weight = sum(1 for _ in plan.simple_items()) + corners + len(plan.fence) + len(plan.rally_points)
+    return weight <= SMALL_ITEMS
+
+
+def _known_of(vehicle: Vehicle | None) -> tuple[dict[str, float], dict[str, Any] | None, list[str]]:
+    """Parameters and home that count for a vehicle, and sentences about what is not known."""
+    if vehicle is None:
+        return {}, None, []
+    not_known: list[str] = []
+    found = {name: vehicle.params.known(name) for name in PARAMETERS.values()}
+    parameters = {name: float(param.value) for name, param in found.items() if param is not None}
+    if not parameters:
+        not_known.append(
+            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults were taken."
+        )
+    elif missing := [name for name in found if name not in parameters]:
+        not_known.append(f"Not known, PX4's defaults were taken: {', '.join(missing)}.")
+    sample = vehicle.topic("home")
+    if sample is None:
+        not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's own was taken.")
+        return parameters, None, not_known
+    assert isinstance(sample.value, Home)
+    home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
+    return parameters, home, not_known

@@ -1,0 +1,1 @@
+"""Waypoint plans on the server: kept with versions, checked, imported, exported."""

@@ -1,0 +1,169 @@
+"""One folder for each plan, one file for each version: a line about the version, then the plan, both JSON.
+
+A version is written whole or not at all, and never changed afterwards. Nothing here is for the event loop.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import stat
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+MAX_FILE_BYTES = 16 * 1024 * 1024
+MAX_HEAD_BYTES = 4096
+_ID = re.compile(r"[a-z0-9]{12}")
+_FILE = re.compile(r"([0-9]{8})\.plan")
+
+
+@dataclass(frozen=True, slots=True)
+class PlanVersion:
+    """One version of a plan, without the plan itself."""
+
+    id: str
+    """The plan's id; it stays when the plan is renamed."""
+    name: str
+    """What people call it."""
+    version: int
+    """Counts from 1; every save adds 1."""
+    changed_unix_s: float
+    """When it was saved [s since 1970 UTC]."""
+    changed_by: str
+    """Who saved it."""
+    item_count: int
+    """Items of the mission as it is uploaded."""
+
+
+class PlanFiles:
+    """The folder of all plans.
+
+    Args:
+        folder: made when first written to.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def ids(self) -> list[str]:
+        """Of all plans.
+
+        Raises:
+            OSError: the folder cannot be read.
+        """
+        try:
+            return sorted(path.name for path in self.folder.iterdir() if _ID.fullmatch(path.name))
+        except FileNotFoundError:
+            return []
+
+    def versions(self, plan_id: str) -> list[int]:
+        """Numbers of the versions that are kept, oldest first.
+
+        Raises:
+            OSError: the plan's folder cannot be read.
+        """
+        found = (_FILE.fullmatch(path.name) for path in (self.folder / plan_id).iterdir())
+        return sorted(int(match[1]) for match in found if match)
+
+    def size_bytes(self, plan_id: str) -> int:
+        """Of all its versions."""
+        return sum(path.stat().st_size for path in (self.folder / plan_id).iterdir())
+
+    def head(self, plan_id: str, version: int) -> PlanVersion:
+        """About one version.
+
+        Raises:
+            OSError: it cannot be read.
+            ValueError: it is no version of a plan.
+        """
+        return self._read(plan_id, version, MAX_HEAD_BYTES)[0]
+
+    def read(self, plan_id: str, version: int) -> tuple[PlanVersion, bytes]:
+        """One version and the plan's JSON; raises as `head`."""
+        return self._read(plan_id, version, MAX_FILE_BYTES)
+
+    def write(self, head: PlanVersion, plan: bytes) -> int:
+        """Adds a version, on the disk before it returns; gives its size in bytes.
+
+        Raises:
+            OSError: the disk refuses; nothing has changed.
+        """
+        folder = self.folder / head.id
+        folder.mkdir(parents=True, exist_ok=True)
+        content = json.dumps(asdict(head)).encode() + b"\n" + plan
+        descriptor, draft = tempfile.mkstemp(dir=folder, prefix=".")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            Path(draft).replace(self._path(head.id, head.version))
+        except OSError:
+            Path(draft).unlink(missing_ok=True)
+            raise
+        _sync(folder)
+        _sync(self.folder)
+        return len(content)
+
+    def remove_versions(self, plan_id: str, versions: list[int]) -> int:
+        """Removes old versions; gives the bytes that became free."""
+        freed = 0
+        for version in versions:
+            path = self._path(plan_id, version)
+            freed += path.stat().st_size
+            path.unlink()
+        return freed
+
+    def remove(self, plan_id: str) -> None:
+        """Removes a plan with all its versions.
+
+        Raises:
+            OSError: the disk refuses; the plan is still there.
+        """
+        gone = self.folder / f".removed-{plan_id}"
+        shutil.rmtree(gone, ignore_errors=True)
+        (self.folder / plan_id).rename(gone)
+        _sync(self.folder)
+        shutil.rmtree(gone, ignore_errors=True)
+
+    def _path(self, plan_id: str, version: int) -> Path:
+        return self.folder / plan_id / f"{version:08d}.plan"
+
+    def _read(self, plan_id: str, version: int, limit_bytes: int) -> tuple[PlanVersion, bytes]:
+        descriptor = os.open(self._path(plan_id, version), os.O_RDONLY | os.O_NONBLOCK)
+        with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise ValueError("it is no file")
+            line = file.readline(MAX_HEAD_BYTES)
+            rest = b"" if limit_bytes == MAX_HEAD_BYTES else file.read(limit_bytes + 1)
+        if len(rest) > limit_bytes:
+            raise ValueError(f"it is longer than {limit_bytes} bytes")
+        head = _head(json.loads(line))
+        if (head.id, head.version) != (plan_id, version):
+            raise ValueError("its first line names another plan or version")
+        return head, rest
+
+
+def _head(said: Any) -> PlanVersion:
+    if not isinstance(said, dict):
+        raise ValueError("its first line is no JSON object")
+    fields = cast(dict[str, Any], said)
+    types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int}
+    time = fields.get("changed_unix_s")
+    if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):
+        raise ValueError("its first line is not what this server writes")
+    if any(type(fields[name]) is not kind for name, kind in types.items()):
+        raise ValueError("its first line has a value of another type")
+    return PlanVersion(**fields)
+
+
+def _sync(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

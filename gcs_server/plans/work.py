@@ -1,0 +1,80 @@
+"""Runs tasks about plans off the event loop: small ones in a thread, large or foreign ones in a process."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.operations.process import WorkerFailed, run_process
+from gcs_server.plans import tasks
+
+AT_ONCE = 2
+"""Processes; a small computer has two cores, and the vehicles need one."""
+MAX_WAITING = 16
+MAX_ANSWER_BYTES = 32 * 1024 * 1024
+COMMAND = (sys.executable, "-m", "gcs_server.plans.worker")
+
+
+class PlanWork:
+    """The tasks of one server."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="plan work")
+        self._free = asyncio.Semaphore(AT_ONCE)
+        self._pending = 0
+
+    async def run(
+        self, task: str, arguments: Mapping[str, Any], *, small: bool, field: str = "plan"
+    ) -> dict[str, Any]:
+        """Runs one task; a caller that goes away ends its process.
+
+        Args:
+            task: one of `tasks.TASKS`.
+            arguments: what the task takes.
+            small: it takes some milliseconds whatever it holds: a thread does.
+            field: of the request, named where the plan or file cannot be used.
+
+        Raises:
+            InvalidRequest: the plan or file cannot be used; where, why, and what to do.
+            Refused: it takes too much memory or time, or too many wait.
+        """
+        if self._pending >= MAX_WAITING:
+            raise Refused(
+                f"{MAX_WAITING} other pieces of work about plans are not done yet.",
+                remedy="Try again in a moment.",
+            )
+        self._pending += 1
+        try:
+            if small:
+                loop = asyncio.get_running_loop()
+                answer = await loop.run_in_executor(self._thread, tasks.run, task, arguments)
+            else:
+                answer = await self._in_process(task, arguments)
+        finally:
+            self._pending -= 1
+        fault = answer.get("fault")
+        if fault is not None:
+            raise InvalidRequest(field, f"{fault['place']}: {fault['reason']}.", remedy=fault["fix"])
+        return answer
+
+    def close(self) -> None:
+        """Waits for what runs in the thread."""
+        self._thread.shutdown()
+
+    async def _in_process(self, task: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        request = json.dumps({"task": task, "arguments": arguments}).encode()
+        try:
+            async with self._free:
+                return await run_process(
+                    COMMAND, lambda _text, _share: None, request=request, longest_line=MAX_ANSWER_BYTES
+                )
+        except WorkerFailed as error:
+            raise Refused(
+                f"The {task} took more memory or time than it may, or failed: {error}",
+                remedy="Make the plan, file or area smaller.",
+            ) from error

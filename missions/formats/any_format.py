@@ -1,0 +1,94 @@
+"""Every file format of plans by its name, and which format a file is in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+from missions import plan as own
+from missions.bounded_json import load
+from missions.errors import PlanError
+from missions.formats import csv_table, geojson, kml, qgc_plan, waypoints
+from missions.formats.results import Imported, ImportOptions, Written
+from missions.plan import Plan
+
+FormatName = Literal["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz"]
+FORMATS: tuple[FormatName, ...] = get_args(FormatName)
+"""`json` is our own document; the others are the usual endings of files."""
+
+_READERS: dict[FormatName, Callable[[bytes, ImportOptions], Imported]] = {
+    "json": lambda data, _: Imported(own.read(data)),
+    "plan": lambda data, _: qgc_plan.read(data),
+    "waypoints": lambda data, _: waypoints.read(data),
+    "csv": csv_table.read,
+    "geojson": geojson.read,
+    "kml": kml.read,
+    "kmz": kml.read,
+}
+_WRITERS: dict[FormatName, Callable[[Plan], Written]] = {
+    "json": lambda plan: Written(own.write(plan)),
+    "plan": qgc_plan.write,
+    "waypoints": waypoints.write,
+    "csv": csv_table.write,
+    "geojson": geojson.write,
+    "kml": kml.write,
+    "kmz": kml.write_kmz,
+}
+_GEOJSON_TYPES = ("Feature", "FeatureCollection", "GeometryCollection", "Point", "LineString", "Polygon")
+
+
+def recognise(data: bytes, filename: str = "") -> FormatName:
+    """The format of a file: by its content, and where that does not tell, by its name.
+
+    Raises:
+        PlanError: neither tells.
+    """
+    begin = data.lstrip(b"\xef\xbb\xbf \t\r\n")[:64]
+    if begin.startswith(b"PK"):
+        return "kmz"
+    if begin.startswith(b"<"):
+        return "kml"
+    if begin.startswith(b"QGC WPL"):
+        return "waypoints"
+    if begin.startswith(b"{"):
+        return _json_format(data)
+    if filename.lower().endswith((".csv", ".txt")):
+        return "csv"
+    raise PlanError(
+        "the file",
+        "it is none of the formats that can be read",
+        "Choose a .plan, .waypoints, .csv, .geojson, .kml or .kmz file.",
+    )
+
+
+def _json_format(data: bytes) -> FormatName:
+    document = load(data)
+    if document.get("format") == "offboard-gcs-plan":
+        return "json"
+    if document.get("fileType") == "Plan":
+        return "plan"
+    if str(document.get("type")) in _GEOJSON_TYPES or str(document.get("type")).startswith("Multi"):
+        return "geojson"
+    raise PlanError(
+        "the file",
+        "it is JSON, but neither a plan (of QGroundControl or our own) nor GeoJSON",
+        "Choose another file.",
+    )
+
+
+def read(name: FormatName, data: bytes, options: ImportOptions | None = None) -> Imported:
+    """The plan of a file in this format.
+
+    Raises:
+        PlanError: it cannot be read; says where and why.
+    """
+    return _READERS[name](data, options or ImportOptions())
+
+
+def write(name: FormatName, plan: Plan) -> Written:
+    """The plan as a file in this format.
+
+    Raises:
+        PlanError: the format cannot hold it.
+    """
+    return _WRITERS[name](plan)

@@ -1,0 +1,190 @@
+"""Patterns as one document: what is drawn and chosen, by `kind`; `make` gives the items."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from missions.bounded_json import load
+from missions.errors import PlanError, from_validation
+from missions.patterns import corridor, rounds, survey
+from missions.patterns.camera import Camera, Coverage
+from missions.patterns.ground import MAX_POINTS
+from missions.patterns.result import Pattern
+from missions.values import Altitude, Metres, Model, Number, Point
+
+Points = Annotated[tuple[Point, ...], Field(max_length=MAX_POINTS)]
+Overlap = Annotated[float, Field(ge=0.0, le=0.95, allow_inf_nan=False)]
+Size = Annotated[float, Field(gt=0.0, lt=1e6, allow_inf_nan=False)]
+Pixels = Annotated[int, Field(ge=1, le=1_000_000)]
+Rounds = Annotated[int, Field(ge=1, le=rounds.MAX_ROUNDS)]
+
+
+class CameraModel(Model):
+    """A camera by its data sheet."""
+
+    sensor_width_mm: Size
+    sensor_height_mm: Size
+    focal_length_mm: Size
+    image_width_px: Pixels
+    image_height_px: Pixels
+    landscape: bool = True
+    """The picture's width lies across the line of flight."""
+
+
+class PhotoCoverage(Model):
+    """Pictures with overlaps at a distance to what they show."""
+
+    camera: CameraModel
+    distance_m: Size
+    """From the camera to the ground, or to the structure's sides."""
+    front_overlap: Overlap = 0.75
+    """Of one picture and the next, as a share of the picture."""
+    side_overlap: Overlap = 0.65
+    """Of one line and the next, as a share of the picture."""
+
+    def values(self) -> Coverage:
+        """As the patterns take it."""
+        camera = Camera(**self.camera.model_dump())
+        return Coverage(camera, self.distance_m, self.front_overlap, self.side_overlap)
+
+
+class SurveyPattern(Model):
+    """Parallel lines over an area, with pictures."""
+
+    kind: Literal["survey"]
+    outer: Points
+    holes: Annotated[tuple[Points, ...], Field(max_length=100)] = ()
+    coverage: PhotoCoverage
+    altitude: Altitude
+    heading_deg: Number | None = None
+    """Of the lines, clockwise from north; null: the one with the shortest way."""
+    turnaround_m: Metres = 0.0
+    crosshatch: bool = False
+    speed_m_s: Size | None = None
+
+
+class CorridorPattern(Model):
+    """Lines beside each other along a road, a river or a power line, with pictures."""
+
+    kind: Literal["corridor"]
+    points: Points
+    width_m: Metres
+    coverage: PhotoCoverage
+    altitude: Altitude
+    turnaround_m: Metres = 0.0
+
+
+class PerimeterPattern(Model):
+    """Around an area, clockwise, at a distance from its edge: positive outside, negative inside."""
+
+    kind: Literal["perimeter"]
+    outer: Points
+    offset_m: Number = 0.0
+    altitude: Altitude
+    rounds: Rounds = 1
+
+
+class OrbitPattern(Model):
+    """Circles around a point, as waypoints."""
+
+    kind: Literal["orbit"]
+    center: Point
+    radius_m: Metres
+    altitude: Altitude
+    look_at: Altitude | None = None
+    """The camera looks at the centre at this altitude; null: nowhere in particular."""
+    rounds: Rounds = 1
+    clockwise: bool = True
+    start_deg: Number = 0.0
+    """Where it begins, as seen from the centre, clockwise from north."""
+
+
+class StructurePattern(Model):
+    """Rounds about a structure, one above the other, with pictures of its sides."""
+
+    kind: Literal["structure"]
+    outline: Points
+    coverage: PhotoCoverage
+    base: Altitude
+    """Of the structure's foot."""
+    height_m: Metres
+    """Of the structure above its foot."""
+    lowest_m: Metres = 3.0
+    """Of the lowest round above the foot."""
+    from_top: bool = False
+    gimbal_pitch_deg: Number = 0.0
+
+
+PatternDocument = Annotated[
+    SurveyPattern | CorridorPattern | PerimeterPattern | OrbitPattern | StructurePattern,
+    Field(discriminator="kind"),
+]
+"""Any pattern."""
+_adapter: TypeAdapter[PatternDocument] = TypeAdapter(PatternDocument)
+
+
+def read(data: str | bytes) -> PatternDocument:
+    """A pattern from JSON.
+
+    Raises:
+        PlanError: it is none; says which field and what to do.
+    """
+    load(data)
+    try:
+        return _adapter.validate_json(data)
+    except ValidationError as error:
+        fault = from_validation(error)
+        place = fault.place.replace("the plan", "the pattern")
+        raise PlanError(place, fault.reason, fault.fix) from None
+
+
+def make(pattern: PatternDocument) -> Pattern:
+    """The items of a pattern.
+
+    Raises:
+        PlanError: it cannot be flown: no area, too many lines, a size that cannot be.
+    """
+    match pattern:
+        case SurveyPattern():
+            return survey.make(
+                survey.Survey(
+                    outer=pattern.outer,
+                    holes=pattern.holes,
+                    coverage=pattern.coverage.values(),
+                    altitude=pattern.altitude,
+                    heading_deg=pattern.heading_deg,
+                    turnaround_m=pattern.turnaround_m,
+                    crosshatch=pattern.crosshatch,
+                    speed_m_s=pattern.speed_m_s,
+                )
+            )
+        case CorridorPattern():
+            return corridor.corridor(
+                pattern.points,
+                pattern.width_m,
+                pattern.coverage.values(),
+                pattern.altitude,
+                pattern.turnaround_m,
+            )
+        case PerimeterPattern():
+            return rounds.perimeter(pattern.outer, pattern.offset_m, pattern.altitude, pattern.rounds)
+        case OrbitPattern():
+            return rounds.orbit(
+                pattern.center,
+                pattern.radius_m,
+                pattern.altitude,
+                look_at=pattern.look_at,
+                rounds=pattern.rounds,
+                clockwise=pattern.clockwise,
+                start_deg=pattern.start_deg,
+            )
+        case StructurePattern():
+            return rounds.structure(_scan(pattern))
+
+
+def _scan(pattern: StructurePattern) -> rounds.StructureScan:
+    values = {each.name: getattr(pattern, each.name) for each in dataclasses.fields(rounds.StructureScan)}
+    return rounds.StructureScan(**{**values, "coverage": pattern.coverage.values()})

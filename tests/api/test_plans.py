@@ -1,0 +1,193 @@
+"""Plans over HTTP: kept, changed by two people, checked, read from files, written to them, made from patterns."""
+
+import json
+import math
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+
+AT_20_M = {"value_m": 20, "reference": "home"}
+PLAN = {
+    "planned_home": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488},
+    "items": [
+        {"kind": "takeoff", "lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M},
+        {"kind": "waypoint", "lat_deg": 47.401, "lon_deg": 8.5, "altitude": AT_20_M},
+        {"kind": "return_home"},
+    ],
+}
+SQUARE = [
+    {"lat_deg": lat, "lon_deg": lon}
+    for lat, lon in ((47.4, 8.5), (47.401, 8.5), (47.401, 8.502), (47.4, 8.502))
+]
+ANNA, BOB = {"X-Client": "anna"}, {"X-Client": "bob"}
+
+
+@pytest.fixture
+def client(tmp_path):
+    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
+    with TestClient(create_app(settings), base_url="http://localhost/api/v1/") as client:
+        yield client
+
+
+def keep(client, name="Tower", plan=PLAN):
+    answer = client.post("plans", json={"name": name, "plan": plan}, headers=ANNA)
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+def event(socket, kind):
+    while True:
+        frame = json.loads(socket.receive_text())
+        if frame.get("type") == "event" and frame["event"]["kind"] == kind:
+            return frame["event"]
+
+
+def test_a_plan_is_kept_and_listed_with_who_changed_it(client):
+    assert client.get("plans").json() == {"plans": []}
+    kept = keep(client)
+    assert (kept["version"], kept["changed_by"], kept["item_count"]) == (1, "anna", 3)
+    assert kept["plan"]["items"][1]["lat_deg"] == 47.401
+    listed = client.get("plans").json()["plans"]
+    assert listed == [{key: value for key, value in kept.items() if key != "plan"}]
+    assert client.get(f"plans/{kept['id']}").json() == kept
+    assert client.get("plans/none").json()["code"] == "unknown_plan"
+
+
+def test_of_two_who_change_one_plan_the_second_is_told_who_was_first(client):
+    kept = keep(client)
+    change = {"name": "Tower", "plan": kept["plan"], "base_version": 1}
+    saved = client.put(f"plans/{kept['id']}", json={**change, "name": "Old tower"}, headers=BOB)
+    assert (saved.status_code, saved.json()["version"], saved.json()["name"]) == (200, 2, "Old tower")
+    late = client.put(f"plans/{kept['id']}", json=change, headers=ANNA)
+    problem = late.json()
+    assert (late.status_code, problem["code"], problem["changed_by"]) == (409, "conflict", "bob")
+    assert (problem["version"], problem["changed_unix_s"]) == (2, saved.json()["changed_unix_s"])
+    assert client.delete(f"plans/{kept['id']}", params={"base_version": 1}).status_code == 409
+    versions = client.get(f"plans/{kept['id']}/versions").json()["versions"]
+    assert [(each["version"], each["name"]) for each in versions] == [(2, "Old tower"), (1, "Tower")]
+    assert client.get(f"plans/{kept['id']}", params={"version": 1}).json() == kept
+    assert client.delete(f"plans/{kept['id']}", params={"base_version": 2}).status_code == 204
+    assert client.get("plans").json() == {"plans": []}
+    lines = [
+        (line["client"], line["command"], line["result"]) for line in client.get("journal").json()["entries"]
+    ]
+    assert ("anna", "plans/save", "conflict") in lines
+    assert ("anna", "plans/create", "ok") in lines
+
+
+def test_every_change_is_told_on_the_telemetry_socket(client):
+    with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
+        kept = keep(client)
+        told = event(socket, "plan_changed")
+        assert (told["action"], told["client"], told["plan"]["id"]) == ("created", "anna", kept["id"])
+        client.delete(f"plans/{kept['id']}", params={"base_version": 1}, headers=BOB)
+        told = event(socket, "plan_changed")
+        assert (told["action"], told["client"], told["text"]) == (
+            "deleted",
+            "bob",
+            "bob deleted the plan 'Tower' (version 1).",
+        )
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "words"),
+    [
+        (
+            {"items": [{"kind": "waypoint", "lat_deg": 95, "lon_deg": 8, "altitude": AT_20_M}]},
+            "item 1 (waypoint)",
+        ),
+        ({"items": [{"kind": "loop"}]}, "item 1"),
+        ({"speed": 3}, "field speed"),
+        ({"hover_speed_m_s": "5"}, "hover_speed_m_s"),
+        ([], "plan"),
+    ],
+)
+def test_a_plan_that_is_none_names_item_and_fix_and_nothing_is_kept(client, spoilt, words):
+    refused = client.post("plans", json={"name": "x", "plan": spoilt})
+    assert refused.status_code == 422
+    assert refused.json()["field"].startswith("plan")
+    assert words in refused.json()["detail"]
+    assert client.get("plans").json() == {"plans": []}
+    assert client.post("plans/check", json={"plan": spoilt}).status_code == 422
+
+
+@pytest.mark.parametrize("name", ["", " ", "a\nb", "x" * 101])
+def test_a_name_is_one_line_with_something_in_it(client, name):
+    assert client.post("plans", json={"name": name, "plan": PLAN}).json()["field"] == "name"
+
+
+def test_a_check_gives_findings_with_place_and_fix_and_estimates(client):
+    high = json.loads(json.dumps(PLAN))
+    high["items"][1]["altitude"]["value_m"] = 300
+    found = client.post("plans/check", json={"plan": high}).json()
+    finding = next(each for each in found["findings"] if each["code"] == "altitude_too_high")
+    assert (finding["severity"], finding["place"]["row"]) == ("warning", 1)
+    assert "300" in finding["text"]
+    assert found["estimates"]["length_m"] > 300
+    assert (found["vehicle"], found["not_known"]) == (None, [])
+    unknown = client.post("plans/check", json={"plan": PLAN, "vehicle": "7"})
+    assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_vehicle")
+    assert client.get("journal").json()["entries"] == [], "a check changes nothing and leaves no line"
+
+
+@pytest.mark.parametrize("format", ["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz"])
+def test_a_file_that_was_written_is_read_back(client, format):
+    written = client.post("plans/export", params={"format": format}, json={"plan": PLAN})
+    assert written.status_code == 200, written.text
+    assert f"plan.{format}" in written.headers["content-disposition"]
+    notes = json.loads(written.headers["x-plan-notes"])
+    assert all(note.endswith(".") for note in notes)
+    read = client.post("plans/import", params={"filename": f"a.{format}"}, content=written.content)
+    assert read.status_code == 200, read.text
+    assert read.json()["format"] == format
+    assert [item["kind"] for item in read.json()["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
+    assert client.get("plans").json() == {"plans": []}, "an import saves nothing"
+
+
+def test_a_file_without_altitudes_needs_one_named_and_gives_its_areas(client):
+    ring = [[each["lon_deg"], each["lat_deg"]] for each in [*SQUARE, SQUARE[0]]]
+    shapes = [
+        {"type": "LineString", "coordinates": ring[:2]},
+        {"type": "Polygon", "coordinates": [ring]},
+    ]
+    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
+    file = json.dumps({"type": "FeatureCollection", "features": features}).encode()
+    refused = client.post("plans/import", params={"filename": "a.geojson"}, content=file)
+    assert (refused.status_code, refused.json()["field"]) == (422, "body")
+    altitude = {"altitude_m": 30, "altitude_reference": "amsl"}
+    read = client.post("plans/import", params={"filename": "a.geojson", **altitude}, content=file).json()
+    assert read["plan"]["items"][0]["altitude"]["value_m"] == 30
+    assert len(read["areas"][0]["outer"]) == 4
+    assert client.post("plans/import", content=b"").json()["field"] == "body"
+    assert client.post("plans/import", content=b"\x00").status_code == 422
+
+
+def test_patterns_become_items(client):
+    camera = {
+        "sensor_width_mm": 13.2,
+        "sensor_height_mm": 8.8,
+        "focal_length_mm": 8.8,
+        "image_width_px": 5472,
+        "image_height_px": 3648,
+    }
+    survey = {
+        "kind": "survey",
+        "outer": SQUARE,
+        "coverage": {"camera": camera, "distance_m": 40},
+        "altitude": {"value_m": 40, "reference": "home"},
+    }
+    made = client.post("plans/pattern", json=survey)
+    assert made.status_code == 200, made.text
+    figures = made.json()["figures"]
+    assert figures["photos"] > 10
+    assert figures["lines_length_m"] >= figures["lower_bound_m"] > 0
+    assert len(made.json()["lines"]) >= 2
+    orbit = {"kind": "orbit", "center": SQUARE[0], "radius_m": 20, "altitude": AT_20_M}
+    around = client.post("plans/pattern", json=orbit).json()
+    assert around["figures"]["lines_length_m"] == pytest.approx(2 * math.pi * 20, rel=0.02)
+    refused = client.post("plans/pattern", json={**survey, "outer": SQUARE[:2]})
+    assert refused.status_code == 422
+    assert "fewer than 3 corners" in refused.json()["detail"]

@@ -1,0 +1,85 @@
+"""Large and foreign plans in a process of its own: the same answers, bounded, ended with who asked."""
+
+import asyncio
+import base64
+import json
+import math
+
+import pytest
+
+from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.plans import tasks, work
+from gcs_server.plans.work import PlanWork
+
+
+def plan_text(count):
+    item = {"kind": "waypoint", "altitude": {"value_m": 20, "reference": "home"}}
+    items = [{**item, "lat_deg": 47.4 + 1e-5 * math.sin(n), "lon_deg": 8.5 + 1e-6 * n} for n in range(count)]
+    return json.dumps({"items": items})
+
+
+def run(story):
+    plan_work = PlanWork()
+    try:
+        return asyncio.run(story(plan_work))
+    finally:
+        plan_work.close()
+
+
+def test_a_process_answers_what_a_thread_answers():
+    arguments = {"plan": plan_text(400), "parameters": {"MPC_XY_CRUISE": 3.0}, "home": None}
+
+    async def story(plan_work):
+        return [await plan_work.run("check", arguments, small=small) for small in (True, False)]
+
+    in_thread, in_process = run(story)
+    assert in_thread == in_process
+    assert in_thread["estimates"]["length_m"] > 0
+
+
+def test_what_cannot_be_read_is_said_and_not_a_failure():
+    arguments = {"file": base64.b64encode(b"PK no archive").decode(), "filename": "x.kmz", "altitude": None}
+
+    async def story(plan_work):
+        with pytest.raises(InvalidRequest, match="KMZ") as raised:
+            await plan_work.run("import", arguments, small=False, field="body")
+        assert raised.value.field == "body"
+
+    run(story)
+
+
+def test_work_that_takes_too_much_ends_the_process_and_is_refused(monkeypatch):
+    program = "import os, signal; os.kill(os.getpid(), signal.SIGXCPU)"
+    monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
+
+    async def story(plan_work):
+        with pytest.raises(Refused, match="more memory or time"):
+            await plan_work.run("pattern", {"pattern": "{}"}, small=False)
+
+    run(story)
+
+
+def test_no_more_wait_than_there_is_room_for(monkeypatch):
+    program = "import sys; sys.stdin.read()"
+    monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
+
+    async def story(plan_work):
+        waiting = [
+            asyncio.ensure_future(plan_work.run("pattern", {"pattern": "{}"}, small=False))
+            for _ in range(work.MAX_WAITING)
+        ]
+        await asyncio.sleep(0)
+        with pytest.raises(Refused, match="not done yet"):
+            await plan_work.run("pattern", {"pattern": "{}"}, small=False)
+        for each in waiting:
+            each.cancel()
+        ended = await asyncio.gather(*waiting, return_exceptions=True)
+        assert all(isinstance(each, asyncio.CancelledError) for each in ended)
+        with pytest.raises(InvalidRequest):  # there is room again
+            await plan_work.run("check", {"plan": "[]", "parameters": {}, "home": None}, small=True)
+
+    run(story)
+
+
+def test_every_task_has_its_function():
+    assert set(tasks.TASKS) == {"check", "import", "export", "pattern"}

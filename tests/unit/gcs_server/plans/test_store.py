@@ -1,0 +1,181 @@
+"""Plans on the disk: versions, conflicts, bounds, and what a damaged file costs."""
+
+import asyncio
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.errors import PlanConflict, Refused, UnknownPlan
+from gcs_server.plans import store as plan_store
+from gcs_server.plans.store import PlanStore
+from gcs_server.storage.folder import StorageError
+from missions import plan as plan_document
+from missions.plan import Plan
+
+ANNA, BOB = ("anna", "anna's tab"), ("bob", "bob's tab")
+
+
+class Clock:
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def unix_s(self):
+        self.now_s += 1.0
+        return self.now_s
+
+
+def plan(speed_m_s=5.0, count=1):
+    item = {"kind": "return_home"}
+    text = json.dumps({"hover_speed_m_s": speed_m_s, "items": [item] * count})
+    return Plan.model_validate_json(text)
+
+
+def story(tmp_path, work):
+    async def run():
+        told = []
+        store = PlanStore(tmp_path / "plans", Clock(), told.append)
+        try:
+            await work(SimpleNamespace(store=store, told=told, folder=tmp_path / "plans"))
+        finally:
+            store.close()
+
+    asyncio.run(run())
+
+
+def test_a_plan_is_kept_with_its_versions_and_found_again_after_a_restart(tmp_path):
+    async def work(at):
+        first = await at.store.create("Tower", plan(count=3), by=ANNA)
+        assert (first.version, first.changed_by, first.item_count) == (1, "anna", 3)
+        second = await at.store.save(first.id, "Old tower", plan(7.0), base_version=1, by=BOB)
+        assert (second.id, second.name, second.version) == (first.id, "Old tower", 2)
+        await at.store.create("barn", plan(), by=ANNA)
+        again = PlanStore(at.folder, Clock())
+        assert [head.name for head in await again.all()] == ["barn", "Old tower"]
+        assert [head.version for head in await again.versions(first.id)] == [2, 1]
+        head, document = await again.get(first.id)
+        assert (head, plan_document.read(document)) == (second, plan(7.0))
+        head, document = await again.get(first.id, 1)
+        assert (head, plan_document.read(document)) == (first, plan(count=3))
+        again.close()
+
+    story(tmp_path, work)
+
+
+def test_a_save_on_an_older_version_overwrites_nothing_and_says_who_was_first(tmp_path):
+    async def work(at):
+        first = await at.store.create("Tower", plan(), by=ANNA)
+        second = await at.store.save(first.id, "Tower", plan(6.0), base_version=1, by=BOB)
+        for change in (
+            at.store.save(first.id, "Tower", plan(9.0), base_version=1, by=ANNA),
+            at.store.delete(first.id, base_version=1, by=ANNA),
+        ):
+            with pytest.raises(PlanConflict, match="version 2, saved by bob") as raised:
+                await change
+            details = raised.value.details()
+            assert (details["version"], details["changed_unix_s"]) == (2, second.changed_unix_s)
+        assert plan_document.read((await at.store.get(first.id))[1]) == plan(6.0)
+
+    story(tmp_path, work)
+
+
+def test_two_saves_at_once_keep_one_and_refuse_the_other(tmp_path):
+    async def work(at):
+        first = await at.store.create("Tower", plan(), by=ANNA)
+        saves = [
+            at.store.save(first.id, "Tower", plan(speed), base_version=1, by=BOB) for speed in (2.0, 3.0)
+        ]
+        results = await asyncio.gather(*saves, return_exceptions=True)
+        assert sorted(type(result).__name__ for result in results) == ["PlanConflict", "PlanVersion"]
+        assert len(await at.store.versions(first.id)) == 2
+
+    story(tmp_path, work)
+
+
+def test_a_save_whose_caller_went_away_is_whole_and_told(tmp_path):
+    async def work(at):
+        first = await at.store.create("Tower", plan(), by=ANNA)
+        saving = asyncio.ensure_future(at.store.save(first.id, "T", plan(2.0), base_version=1, by=BOB))
+        await asyncio.sleep(0)
+        saving.cancel()
+        head, document = await at.store.get(first.id)  # waits for the save: one thread
+        assert (head.version, plan_document.read(document)) == (2, plan(2.0))
+        await asyncio.sleep(0)
+        assert [change.action for change in at.told] == ["created", "saved"]
+
+    story(tmp_path, work)
+
+
+def test_every_change_is_told_with_who_made_it(tmp_path):
+    async def work(at):
+        first = await at.store.create("Tower", plan(), by=ANNA)
+        await at.store.save(first.id, "Tower", plan(), base_version=1, by=BOB)
+        await at.store.delete(first.id, base_version=2, by=ANNA)
+        await at.store.all()
+        assert [(each.action, each.plan.version, each.by) for each in at.told] == [
+            ("created", 1, "anna"),
+            ("saved", 2, "bob"),
+            ("deleted", 2, "anna"),
+        ]
+        assert await at.store.all() == []
+        assert list(at.folder.iterdir()) == []
+        with pytest.raises(UnknownPlan):
+            await at.store.get(first.id)
+
+    story(tmp_path, work)
+
+
+def test_the_last_versions_are_kept_and_older_ones_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan_store, "MAX_VERSIONS", 3)
+
+    async def work(at):
+        head = await at.store.create("Tower", plan(), by=ANNA)
+        for base in range(1, 6):
+            head = await at.store.save(head.id, "Tower", plan(), base_version=base, by=ANNA)
+        assert [each.version for each in await at.store.versions(head.id)] == [6, 5, 4]
+        with pytest.raises(UnknownPlan, match="has no version 3"):
+            await at.store.get(head.id, 3)
+
+    story(tmp_path, work)
+
+
+def test_number_and_size_are_bounded_and_deleting_makes_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan_store, "MAX_PLANS", 2)
+
+    async def work(at):
+        first = await at.store.create("a", plan(), by=ANNA)
+        await at.store.create("b", plan(), by=ANNA)
+        with pytest.raises(Refused, match="2 plans are kept"):
+            await at.store.create("c", plan(), by=ANNA)
+        await at.store.delete(first.id, base_version=1, by=ANNA)
+        await at.store.create("c", plan(), by=ANNA)
+        monkeypatch.setattr(plan_store, "MAX_TOTAL_BYTES", 1000)
+        with pytest.raises(Refused, match="no more are kept"):
+            await at.store.create("d", plan(count=50), by=ANNA)
+
+    story(tmp_path, work)
+
+
+def test_a_damaged_file_is_told_and_the_other_plans_stay_usable(tmp_path):
+    async def work(at):
+        good = await at.store.create("good", plan(), by=ANNA)
+        bad = await at.store.create("bad", plan(), by=ANNA)
+        (at.folder / bad.id / "00000001.plan").write_bytes(b"\x00 damaged")
+        again = PlanStore(at.folder, Clock())
+        assert [head.id for head in await again.all()] == [good.id]
+        assert bad.id in again.warnings()[0]
+        with pytest.raises(UnknownPlan):
+            await again.save(bad.id, "bad", plan(), base_version=1, by=BOB)
+        again.close()
+
+    story(tmp_path, work)
+
+
+def test_a_folder_that_cannot_be_made_is_an_error_in_words(tmp_path):
+    (tmp_path / "plans").write_text("a file")
+
+    async def work(at):
+        with pytest.raises(StorageError, match="cannot be used"):
+            await at.store.create("Tower", plan(), by=ANNA)
+
+    story(tmp_path, work)

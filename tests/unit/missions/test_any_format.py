@@ -1,0 +1,64 @@
+"""A file is read by what it holds, whatever it is called."""
+
+import json
+
+import pytest
+
+from missions.errors import PlanError
+from missions.formats import any_format
+from missions.formats.results import ImportOptions
+from missions.plan import Plan
+from missions.values import Altitude, HomePosition
+
+AT_20_M = {"value_m": 20.0, "reference": "home"}
+PLAN = Plan.model_validate_json(
+    json.dumps(
+        {
+            "planned_home": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488.0},
+            "items": [
+                {"kind": "takeoff", "lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M},
+                {"kind": "waypoint", "lat_deg": 47.401, "lon_deg": 8.5, "altitude": AT_20_M},
+                {"kind": "return_home"},
+            ],
+        }
+    )
+)
+
+
+@pytest.mark.parametrize("name", any_format.FORMATS)
+def test_every_format_is_recognised_by_its_content_and_gives_the_items_back(name):
+    data = any_format.write(name, PLAN).data
+    filename = "plan.csv" if name == "csv" else "renamed.bin"
+    assert any_format.recognise(data, filename) == name
+    read = any_format.read(name, data, ImportOptions()).plan
+    assert [item.kind for item in read.items] == ["takeoff", "waypoint", "return_home"]
+    assert read.items[1].lat_deg == pytest.approx(47.401, abs=1e-7)
+
+
+def test_our_own_document_comes_back_the_same():
+    assert any_format.read("json", any_format.write("json", PLAN).data).plan == PLAN
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"\x00\x01", "none of the formats"),
+        (b"", "none of the formats"),
+        (b'{"fileType": "Parameters"}', "neither a plan"),
+        (b'{"a": ', "no valid JSON"),
+        (b"kind,lat_deg\n", "none of the formats"),
+    ],
+)
+def test_a_file_of_no_known_format_is_refused_in_words(data, reason):
+    with pytest.raises(PlanError, match=reason):
+        any_format.recognise(data, "flight.bin")
+
+
+def test_points_without_altitude_are_refused_unless_the_import_names_one():
+    line = b'{"type": "LineString", "coordinates": [[8.5, 47.4], [8.5, 47.401]]}'
+    with pytest.raises(PlanError):
+        any_format.read("geojson", line)
+    options = ImportOptions(Altitude(value_m=30.0, reference="amsl"))
+    found = any_format.read("geojson", line, options).plan
+    assert {item.altitude.value_m for item in found.items} == {30.0}
+    assert found.planned_home is None or isinstance(found.planned_home, HomePosition)

@@ -1,0 +1,65 @@
+"""Patterns as JSON: each kind gives its items, and what cannot be names the field."""
+
+import json
+
+import pytest
+
+from missions.errors import PlanError
+from missions.patterns import document
+
+CORNERS = [
+    {"lat_deg": lat, "lon_deg": lon}
+    for lat, lon in ((47.4, 8.5), (47.401, 8.5), (47.401, 8.502), (47.4, 8.502))
+]
+CAMERA = {
+    "sensor_width_mm": 13.2,
+    "sensor_height_mm": 8.8,
+    "focal_length_mm": 8.8,
+    "image_width_px": 5472,
+    "image_height_px": 3648,
+}
+COVERAGE = {"camera": CAMERA, "distance_m": 40}
+ALTITUDE = {"value_m": 40, "reference": "home"}
+PATTERNS = {
+    "survey": {"outer": CORNERS, "coverage": COVERAGE, "altitude": ALTITUDE, "crosshatch": True},
+    "corridor": {"points": CORNERS[:2], "width_m": 60, "coverage": COVERAGE, "altitude": ALTITUDE},
+    "perimeter": {"outer": CORNERS, "offset_m": 5, "altitude": ALTITUDE, "rounds": 2},
+    "orbit": {"center": CORNERS[0], "radius_m": 25, "altitude": ALTITUDE, "look_at": ALTITUDE},
+    "structure": {"outline": CORNERS, "coverage": COVERAGE, "base": ALTITUDE, "height_m": 30},
+}
+
+
+def text(kind, **changes):
+    return json.dumps({"kind": kind, **PATTERNS[kind], **changes})
+
+
+@pytest.mark.parametrize("kind", PATTERNS)
+def test_each_kind_gives_items_that_are_flown_to(kind):
+    made = document.make(document.read(text(kind)))
+    assert sum(item.kind == "waypoint" for item in made.items) >= 4
+    assert made.lines_length_m > 50
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "place"),
+    [
+        ("survey", {"outer": CORNERS[:2]}, "the area"),
+        ("survey", {"coverage": {**COVERAGE, "side_overlap": 0.99}}, "side_overlap"),
+        ("orbit", {"radius_m": 0}, "radius_m"),
+        ("orbit", {"speed": 3}, "speed"),
+        ("corridor", {"width_m": "60"}, "width_m"),
+        ("perimeter", {"rounds": 0}, "rounds"),
+        ("structure", {"height_m": 0}, "height_m"),
+    ],
+)
+def test_what_cannot_be_names_the_place_and_a_fix(kind, changes, place):
+    with pytest.raises(PlanError) as raised:
+        document.make(document.read(text(kind, **changes)))
+    assert place in raised.value.place
+    assert raised.value.fix.endswith(".")
+
+
+def test_an_unknown_kind_names_those_there_are():
+    with pytest.raises(PlanError, match="'structure'") as raised:
+        document.read('{"kind": "spiral"}')
+    assert raised.value.place == "the pattern"
