@@ -1,4 +1,4 @@
-"""Plans over HTTP: kept, changed by two people, checked, read from files, written to them, made from patterns."""
+"""Plans over HTTP: kept, changed by two people, checked, read from files and written, made from patterns."""
 
 import json
 import math
