@@ -148,10 +148,10 @@ def test_number_and_size_are_bounded_and_deleting_makes_room(tmp_path, monkeypat
         with pytest.raises(Refused, match="2 plans are kept"):
             await at.store.create("c", plan(), by=ANNA)
         await at.store.delete(first.id, base_version=1, by=ANNA)
-        await at.store.create("c", plan(), by=ANNA)
+        third = await at.store.create("c", plan(), by=ANNA)
         monkeypatch.setattr(plan_store, "MAX_TOTAL_BYTES", 1000)
-        with pytest.raises(Refused, match="no more are kept"):
-            await at.store.create("d", plan(count=50), by=ANNA)
+        with pytest.raises(Refused, match="MB, no more are kept"):
+            await at.store.save(third.id, "c", plan(count=50), base_version=1, by=ANNA)
 
     story(tmp_path, work)
 
