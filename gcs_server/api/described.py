@@ -44,6 +44,36 @@ def describe_refusals(described: dict[str, Any]) -> None:
         schemas.pop(unused, None)
 
 
+def flatten_unions(described: dict[str, Any]) -> None:
+    """A union by `kind` whose branches are unions themselves becomes one: OpenAPI knows no nested ones."""
+    schemas = described["components"]["schemas"]
+
+    def branches(schema: dict[str, Any]) -> list[dict[str, Any]]:
+        parts = cast("list[dict[str, Any]]", schema.get("oneOf") or schema.get("anyOf") or [])
+        return [each for part in parts for each in branches(part)] if parts else [schema]
+
+    def walk(node: Any) -> None:
+        if isinstance(node, list):
+            for part in cast("list[Any]", node):
+                walk(part)
+        elif isinstance(node, dict):
+            schema = cast("dict[str, Any]", node)
+            by = schema.get("discriminator")
+            if isinstance(by, dict) and not all(isinstance(v, str) for v in by.get("mapping", {}).values()):
+                flat = branches(schema)
+                schema.pop("anyOf", None)
+                schema["oneOf"] = flat
+                kinds = [schemas[each["$ref"].rpartition("/")[2]]["properties"] for each in flat]
+                by["mapping"] = {
+                    kind[by["propertyName"]]["const"]: each["$ref"]
+                    for kind, each in zip(kinds, flat, strict=True)
+                }
+            for part in schema.values():
+                walk(part)
+
+    walk(described)
+
+
 def _is_problem(answer: dict[str, Any]) -> bool:
     schema = answer.get("content", {}).get("application/json", {}).get("schema", {})
     return str(schema.get("$ref", "")).rpartition("/")[2] in _OURS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -186,5 +186,6 @@ def make(pattern: PatternDocument) -> Pattern:
 
 
 def _scan(pattern: StructurePattern) -> rounds.StructureScan:
-    values = {each.name: getattr(pattern, each.name) for each in dataclasses.fields(rounds.StructureScan)}
+    names = [each.name for each in dataclasses.fields(rounds.StructureScan)]
+    values: dict[str, Any] = {name: getattr(pattern, name) for name in names}
     return rounds.StructureScan(**{**values, "coverage": pattern.coverage.values()})

@@ -1314,6 +1314,163 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/plans": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Plans
+         * @description The newest version of each plan, without the plans themselves.
+         */
+        get: operations["list_plans_api_v1_plans_get"];
+        put?: never;
+        /**
+         * Create Plan
+         * @description Keeps a new plan as its version 1.
+         */
+        post: operations["create_plan_api_v1_plans_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/check": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Check Plan
+         * @description What is wrong with a plan, as findings, and what its flight takes; changes nothing.
+         *
+         *     With `vehicle`, its parameters and its home count, as far as the server knows them; `not_known` says what
+         *     it does not know, and PX4's defaults and the plan's own home are taken instead.
+         */
+        post: operations["check_plan_api_v1_plans_check_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/import": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Import Plan
+         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ or our own JSON. Saves nothing.
+         *
+         *     The body is the file as it is.
+         */
+        post: operations["import_plan_api_v1_plans_import_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/export": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Export Plan
+         * @description The plan as a file. The header `X-Plan-Notes` says, as a JSON list, what the format left out.
+         */
+        post: operations["export_plan_api_v1_plans_export_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/pattern": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Make Pattern
+         * @description Items from an area, a line or a point: survey, corridor, perimeter, orbit or structure scan.
+         */
+        post: operations["make_pattern_api_v1_plans_pattern_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/{plan}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Plan
+         * @description A plan with its document.
+         */
+        get: operations["get_plan_api_v1_plans__plan__get"];
+        /**
+         * Save Plan
+         * @description Adds a version; 409 `conflict` where `base_version` is not the newest, with who saved that and when.
+         */
+        put: operations["save_plan_api_v1_plans__plan__put"];
+        post?: never;
+        /**
+         * Delete Plan
+         * @description Deletes a plan with all its versions.
+         */
+        delete: operations["delete_plan_api_v1_plans__plan__delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/{plan}/versions": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Versions
+         * @description The versions of a plan that are kept, newest first.
+         */
+        get: operations["list_versions_api_v1_plans__plan__versions_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -1487,6 +1644,24 @@ export interface components {
              * @default []
              */
             servos: (number | null)[];
+        };
+        /**
+         * Altitude
+         * @description An altitude with what it counts from; neither means anything alone.
+         *
+         *     `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level that
+         *     elevation data gave for it. PX4 flies only that, since it refuses terrain frames.
+         */
+        Altitude: {
+            /** Value M */
+            value_m: number;
+            /**
+             * Reference
+             * @enum {string}
+             */
+            reference: "home" | "amsl" | "terrain";
+            /** Resolved Amsl M */
+            resolved_amsl_m?: number | null;
         };
         /**
          * AnswerControl
@@ -1824,6 +1999,186 @@ export interface components {
             value: components["schemas"]["Battery"];
         };
         /**
+         * CameraFocus
+         * @description `focus_type` is SET_FOCUS_TYPE: 0 step, 1 continuous, 2 percent, 3 metres, 4 to 6 automatic.
+         */
+        CameraFocus: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "camera_focus";
+            /** Focus Type */
+            focus_type: number | null;
+            /** Value */
+            value: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
+         * CameraMode
+         * @description `mode`: 0 pictures, 1 video, 2 survey pictures.
+         */
+        CameraMode: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "camera_mode";
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+            /** Mode */
+            mode: number | null;
+        };
+        /**
+         * CameraModel
+         * @description A camera by its data sheet.
+         */
+        CameraModel: {
+            /** Sensor Width Mm */
+            sensor_width_mm: number;
+            /** Sensor Height Mm */
+            sensor_height_mm: number;
+            /** Focal Length Mm */
+            focal_length_mm: number;
+            /** Image Width Px */
+            image_width_px: number;
+            /** Image Height Px */
+            image_height_px: number;
+            /**
+             * Landscape
+             * @default true
+             */
+            landscape: boolean;
+        };
+        /**
+         * CameraZoom
+         * @description `zoom_type` is CAMERA_ZOOM_TYPE: 0 step, 1 continuous, 2 percent, 3 focal length in mm, 4 degrees.
+         */
+        CameraZoom: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "camera_zoom";
+            /** Zoom Type */
+            zoom_type: number | null;
+            /** Value */
+            value: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
+         * ChangeSpeed
+         * @description Fly at another speed from here on. `speed_type`: 0 air, 1 ground, 2 climb, 3 descent.
+         */
+        ChangeSpeed: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "change_speed";
+            /**
+             * Speed Type
+             * @default 1
+             */
+            speed_type: number | null;
+            /** Speed M S */
+            speed_m_s: number | null;
+            /**
+             * Throttle Percent
+             * @default -1
+             */
+            throttle_percent: number | null;
+        };
+        /**
+         * ChangedPlan
+         * @description A plan's next version.
+         */
+        ChangedPlan: {
+            /**
+             * Name
+             * @description What people call it.
+             */
+            name: string;
+            /** @description The plan's document (docs/missions.md). */
+            plan: components["schemas"]["Plan"];
+            /**
+             * Base Version
+             * @description The version that was changed: the newest one, else 409.
+             */
+            base_version: number;
+        };
+        /**
          * CircleFenceBody
          * @description Stay inside.
          */
@@ -1871,6 +2226,63 @@ export interface components {
             duration_s: number;
             /** @description The vehicle afterwards. */
             status: components["schemas"]["Status"];
+        };
+        /**
+         * CommandItem
+         * @description Any other item of a foreign file or vehicle, kept as it is; PX4 refuses most of them.
+         *
+         *     `params` are MAVLink's seven parameters, degrees in 5 and 6 where `frame` is global; None is NaN.
+         */
+        CommandItem: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "command";
+            /** Command */
+            command: number;
+            /** Frame */
+            frame: number;
+            /** Params */
+            params: [
+                number | null,
+                number | null,
+                number | null,
+                number | null,
+                number | null,
+                number | null,
+                number | null
+            ];
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /** Original */
+            original?: string | null;
+        };
+        /**
+         * ComplexItem
+         * @description A pattern of another program (QGroundControl's survey, corridor, structure scan), kept whole.
+         *
+         *     `items` are the mission items that the file has for it. Some files have none (QGroundControl works them
+         *     out anew when it opens a structure scan): such a plan can be kept and shown, but not flown.
+         */
+        ComplexItem: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "complex";
+            /** Complex Type */
+            complex_type: string;
+            /**
+             * Items
+             * @default []
+             */
+            items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
+            /** Original */
+            original: string;
         };
         /**
          * Control
@@ -1958,6 +2370,49 @@ export interface components {
             answer_left_s: number;
         };
         /**
+         * ControlVideo
+         * @description The older way to send and record video.
+         */
+        ControlVideo: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "control_video";
+            /** Camera */
+            camera: number | null;
+            /**
+             * Transmission
+             * @default 0
+             */
+            transmission: number | null;
+            /**
+             * Interval S
+             * @default 0
+             */
+            interval_s: number | null;
+            /**
+             * Recording
+             * @default 0
+             */
+            recording: number | null;
+        };
+        /**
          * ControlView
          * @description Who may command a vehicle, as its caller sees it.
          */
@@ -2022,6 +2477,71 @@ export interface components {
             your_key: string;
         };
         /**
+         * CorridorPattern
+         * @description Lines beside each other along a road, a river or a power line, with pictures.
+         */
+        CorridorPattern: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "corridor";
+            /** Points */
+            points: components["schemas"]["Point"][];
+            /** Width M */
+            width_m: number;
+            coverage: components["schemas"]["PhotoCoverage"];
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * Turnaround M
+             * @default 0
+             */
+            turnaround_m: number;
+        };
+        /**
+         * Delay
+         * @description Wait here for `delay_s`, or with -1 until a time of day in UTC.
+         */
+        Delay: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "delay";
+            /** Delay S */
+            delay_s: number | null;
+            /**
+             * Hour Utc
+             * @default 0
+             */
+            hour_utc: number | null;
+            /**
+             * Minute Utc
+             * @default 0
+             */
+            minute_utc: number | null;
+            /**
+             * Second Utc
+             * @default 0
+             */
+            second_utc: number | null;
+        };
+        /**
          * DenyControl
          * @description To whom, and why.
          * @example {
@@ -2039,6 +2559,67 @@ export interface components {
              * @description Shown to the one who asks.
              */
             reason?: string | null;
+        };
+        /**
+         * Digicam
+         * @description The older way to take a picture (`shoot` 1).
+         */
+        Digicam: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "digicam";
+            /**
+             * Session
+             * @default 0
+             */
+            session: number | null;
+            /**
+             * Zoom
+             * @default 0
+             */
+            zoom: number | null;
+            /**
+             * Zoom Step
+             * @default 0
+             */
+            zoom_step: number | null;
+            /**
+             * Focus Lock
+             * @default 0
+             */
+            focus_lock: number | null;
+            /**
+             * Shoot
+             * @default 1
+             */
+            shoot: number | null;
+            /**
+             * Command Id
+             * @default 0
+             */
+            command_id: number | null;
+            /**
+             * Shot Id
+             * @default 0
+             */
+            shot_id: number | null;
         };
         /**
          * Echo
@@ -2167,6 +2748,41 @@ export interface components {
             after_s?: number | null;
         };
         /**
+         * FenceCircle
+         * @description A circle that the vehicle must stay in (inclusion) or out of.
+         */
+        FenceCircle: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            shape: "circle";
+            /** Inclusion */
+            inclusion: boolean;
+            center: components["schemas"]["Point"];
+            /** Radius M */
+            radius_m: number;
+            /** Original */
+            original?: string | null;
+        };
+        /**
+         * FencePolygon
+         * @description A polygon that the vehicle must stay in (inclusion) or out of; the last corner joins the first.
+         */
+        FencePolygon: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            shape: "polygon";
+            /** Inclusion */
+            inclusion: boolean;
+            /** Polygon */
+            polygon: components["schemas"]["Point"][];
+            /** Original */
+            original?: string | null;
+        };
+        /**
          * FenceView
          * @description The operator's fence: a polygon's corners, or a circle's middle and radius.
          */
@@ -2216,6 +2832,56 @@ export interface components {
              * @description What is wrong with it.
              */
             message: string;
+        };
+        /**
+         * FindingModel
+         * @description One thing that is wrong with a plan.
+         */
+        FindingModel: {
+            /**
+             * Code
+             * @description Stable; `docs/missions.md` has all.
+             * @example plan_empty
+             */
+            code: string;
+            /**
+             * Severity
+             * @description error: PX4 refuses it, or it is unsafe; warning: it may surprise.
+             * @enum {string}
+             */
+            severity: "error" | "warning";
+            /**
+             * Text
+             * @description What is wrong, a sentence.
+             */
+            text: string;
+            place: components["schemas"]["FindingPlace"];
+            /**
+             * Fix
+             * @description What to do about it.
+             */
+            fix: string | null;
+        };
+        /**
+         * FindingPlace
+         * @description What a finding is about; all null: the whole plan.
+         */
+        FindingPlace: {
+            /**
+             * Row
+             * @description Index in `items`.
+             */
+            row: number | null;
+            /**
+             * Zone
+             * @description Index in `fence`.
+             */
+            zone: number | null;
+            /**
+             * Rally Point
+             * @description Index in `rally_points`.
+             */
+            rally_point: number | null;
         };
         /**
          * FollowOrder
@@ -2333,6 +2999,47 @@ export interface components {
              * @enum {string}
              */
             yaw: "keep" | "same" | "face";
+        };
+        /**
+         * Gate
+         * @description Wait until the vehicle has flown through this place, at right angles to the path.
+         */
+        Gate: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "gate";
+            /**
+             * Geometry
+             * @default 0
+             */
+            geometry: number | null;
+            /**
+             * Use Altitude
+             * @default 0
+             */
+            use_altitude: number | null;
         };
         /**
          * Gimbal
@@ -2464,6 +3171,51 @@ export interface components {
             wait: boolean;
         };
         /**
+         * GimbalConfigure
+         * @description Say who controls the gimbal: system and component ids; 0 nobody, -1 unchanged, -2 the sender.
+         */
+        GimbalConfigure: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "gimbal_configure";
+            /** Primary System */
+            primary_system: number | null;
+            /** Primary Component */
+            primary_component: number | null;
+            /**
+             * Secondary System
+             * @default 0
+             */
+            secondary_system: number | null;
+            /**
+             * Secondary Component
+             * @default 0
+             */
+            secondary_component: number | null;
+            /**
+             * Gimbal Id
+             * @default 0
+             */
+            gimbal_id: number | null;
+        };
+        /**
          * GimbalLimited
          * @description The gimbal stopped short of the angles that were asked for: its own limit.
          */
@@ -2494,6 +3246,52 @@ export interface components {
              * @description In a sentence.
              */
             text: string;
+        };
+        /**
+         * GimbalPitchYaw
+         * @description Point the gimbal: degrees and degrees per second, pitch positive up; None is left as it is.
+         *
+         *     `flags` are GIMBAL_MANAGER_FLAGS: 16 yaw lock, 32 yaw from the vehicle's nose, 64 yaw from north.
+         */
+        GimbalPitchYaw: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "gimbal_pitch_yaw";
+            /** Pitch Deg */
+            pitch_deg?: number | null;
+            /** Yaw Deg */
+            yaw_deg?: number | null;
+            /** Pitch Rate Deg S */
+            pitch_rate_deg_s?: number | null;
+            /** Yaw Rate Deg S */
+            yaw_rate_deg_s?: number | null;
+            /**
+             * Flags
+             * @default 0
+             */
+            flags: number | null;
+            /**
+             * Gimbal Id
+             * @default 0
+             */
+            gimbal_id: number | null;
         };
         /**
          * GimbalPointed
@@ -2757,6 +3555,36 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["Gps"];
+        };
+        /**
+         * Gripper
+         * @description Open (action 0) or close (action 1) a gripper.
+         */
+        Gripper: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "gripper";
+            /** Gripper */
+            gripper: number | null;
+            /** Action */
+            action: number | null;
         };
         /**
          * Group
@@ -3063,6 +3891,18 @@ export interface components {
             ] | null;
         };
         /**
+         * HomePosition
+         * @description Where the flight is planned to start: WGS84 degrees, metres above mean sea level.
+         */
+        HomePosition: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            /** Alt Amsl M */
+            alt_amsl_m: number;
+        };
+        /**
          * HomeSample
          * @description The newest `home` and the two clocks it is judged by.
          */
@@ -3181,6 +4021,38 @@ export interface components {
             warnings: string[];
         };
         /**
+         * ImportedArea
+         * @description An area of a file: for a survey or a fence, as a person decides.
+         */
+        ImportedArea: {
+            /** Name */
+            name: string;
+            /** Outer */
+            outer: components["schemas"]["Point"][];
+            /** Holes */
+            holes: components["schemas"]["Point"][][];
+        };
+        /**
+         * ImportedPlan
+         * @description A plan from a file; nothing is saved.
+         */
+        ImportedPlan: {
+            /**
+             * Format
+             * @description In which format the file is.
+             * @enum {string}
+             */
+            format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz";
+            plan: components["schemas"]["Plan"];
+            /** Areas */
+            areas: components["schemas"]["ImportedArea"][];
+            /**
+             * Notes
+             * @description What was understood and what was not; sentences.
+             */
+            notes: string[];
+        };
+        /**
          * Journal
          * @description Commands, newest first.
          */
@@ -3245,6 +4117,74 @@ export interface components {
             repeated: number;
         };
         /**
+         * Jump
+         * @description Go on at another item, `repeat` times (-1: without end). Items count from 0, as uploaded.
+         */
+        Jump: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "jump";
+            /** Target Index */
+            target_index: number;
+            /** Repeat */
+            repeat: number;
+        };
+        /**
+         * KeptPlan
+         * @description A version of a plan, with its document.
+         */
+        KeptPlan: {
+            /**
+             * Id
+             * @description The plan's id; it stays when the plan is renamed.
+             */
+            id: string;
+            /**
+             * Name
+             * @description What people call it.
+             */
+            name: string;
+            /**
+             * Version
+             * @description Counts from 1; every save adds 1.
+             */
+            version: number;
+            /**
+             * Changed Unix S
+             * @description When it was saved [s since 1970 UTC].
+             */
+            changed_unix_s: number;
+            /**
+             * Changed By
+             * @description Who saved it.
+             */
+            changed_by: string;
+            /**
+             * Item Count
+             * @description Items of the mission as it is uploaded.
+             */
+            item_count: number;
+            /** @description The plan's document. */
+            plan: components["schemas"]["Plan"];
+        };
+        /**
          * KillRequest
          * @description Says in words what is about to happen.
          * @example {
@@ -3257,6 +4197,49 @@ export interface components {
              * @description Exactly `motors stop, vehicle {id} falls`, with the vehicle's id.
              */
             confirm: string;
+        };
+        /**
+         * Land
+         * @description Fly to the place and land. `precision`: 0 off, 1 where a target is seen, 2 required.
+         */
+        Land: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "land";
+            /**
+             * Abort Altitude M
+             * @default 0
+             */
+            abort_altitude_m: number | null;
+            /**
+             * Precision
+             * @default 0
+             */
+            precision: number | null;
+            /** Yaw Ned Deg */
+            yaw_ned_deg?: number | null;
         };
         /**
          * LandNowRequest
@@ -3282,6 +4265,78 @@ export interface components {
              * @enum {string}
              */
             action: "land";
+        };
+        /**
+         * LandStart
+         * @description The landing begins here: return modes may go on from here.
+         */
+        LandStart: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "land_start";
+        };
+        /**
+         * LegacyRoi
+         * @description The older form of `roi_location`. `mode` is MAV_ROI: 0 none, 1 next waypoint, 3 location.
+         */
+        LegacyRoi: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "roi";
+            /**
+             * Mode
+             * @default 3
+             */
+            mode: number | null;
+            /**
+             * Target
+             * @default 0
+             */
+            target: number | null;
+            /**
+             * Index
+             * @default 0
+             */
+            index: number | null;
         };
         /**
          * LimitsOrigin
@@ -3588,6 +4643,133 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["LocalPosition"];
+        };
+        /**
+         * LoiterTime
+         * @description Fly to the place and hold there for a time.
+         */
+        LoiterTime: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "loiter_time";
+            /** Hold S */
+            hold_s: number | null;
+            /**
+             * Radius M
+             * @default 0
+             */
+            radius_m: number | null;
+            /**
+             * Exit Xtrack
+             * @default 0
+             */
+            exit_xtrack: number | null;
+        };
+        /**
+         * LoiterToAltitude
+         * @description Fly to the place, then climb or descend to the altitude.
+         */
+        LoiterToAltitude: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "loiter_to_altitude";
+            /**
+             * Leave Towards Next
+             * @default 0
+             */
+            leave_towards_next: number | null;
+            /**
+             * Radius M
+             * @default 0
+             */
+            radius_m: number | null;
+            /**
+             * Exit Xtrack
+             * @default 0
+             */
+            exit_xtrack: number | null;
+        };
+        /**
+         * LoiterUnlimited
+         * @description Fly to the place and hold there until told otherwise; the mission does not go on.
+         */
+        LoiterUnlimited: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "loiter_unlimited";
+            /**
+             * Radius M
+             * @default 0
+             */
+            radius_m: number | null;
+            /** Yaw Ned Deg */
+            yaw_ned_deg?: number | null;
         };
         /**
          * MapFile
@@ -3900,6 +5082,98 @@ export interface components {
             value: components["schemas"]["Motors"];
         };
         /**
+         * MountConfigure
+         * @description The older way to set up a camera mount; `mode` is MAV_MOUNT_MODE.
+         */
+        MountConfigure: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "mount_configure";
+            /**
+             * Mode
+             * @default 2
+             */
+            mode: number | null;
+            /**
+             * Stabilize Roll
+             * @default 0
+             */
+            stabilize_roll: number | null;
+            /**
+             * Stabilize Pitch
+             * @default 0
+             */
+            stabilize_pitch: number | null;
+            /**
+             * Stabilize Yaw
+             * @default 0
+             */
+            stabilize_yaw: number | null;
+        };
+        /**
+         * MountControl
+         * @description The older way to point a camera mount: degrees; `mode` 2 is by angles.
+         */
+        MountControl: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "mount_control";
+            /**
+             * Pitch Deg
+             * @default 0
+             */
+            pitch_deg: number | null;
+            /**
+             * Roll Deg
+             * @default 0
+             */
+            roll_deg: number | null;
+            /**
+             * Yaw Deg
+             * @default 0
+             */
+            yaw_deg: number | null;
+            /**
+             * Mode
+             * @default 2
+             */
+            mode: number | null;
+        };
+        /**
          * NearestTwo
          * @description The two members that are nearest now.
          */
@@ -3917,6 +5191,19 @@ export interface components {
              * @description By both vehicles' own positions on the earth [m].
              */
             distance_m: number;
+        };
+        /**
+         * NewPlan
+         * @description A plan to keep.
+         */
+        NewPlan: {
+            /**
+             * Name
+             * @description What people call it.
+             */
+            name: string;
+            /** @description The plan's document (docs/missions.md). */
+            plan: components["schemas"]["Plan"];
         };
         /**
          * Notice
@@ -3944,6 +5231,59 @@ export interface components {
              * @description Vehicle.
              */
             vehicle: string | null;
+        };
+        /**
+         * ObliqueSurvey
+         * @description Take a picture every so many metres, the camera rolling from side to side, in whole degrees.
+         */
+        ObliqueSurvey: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "oblique_survey";
+            /** Distance M */
+            distance_m: number | null;
+            /**
+             * Shutter Ms
+             * @default 0
+             */
+            shutter_ms: number | null;
+            /**
+             * Interval Ms
+             * @default 0
+             */
+            interval_ms: number | null;
+            /**
+             * Positions
+             * @default 0
+             */
+            positions: number | null;
+            /**
+             * Roll Deg
+             * @default 0
+             */
+            roll_deg: number | null;
+            /**
+             * Pitch Deg
+             * @default 0
+             */
+            pitch_deg: number | null;
         };
         /**
          * OffboardFailsafe
@@ -4404,6 +5744,37 @@ export interface components {
             slew_attitude_rad_s: number | null;
         };
         /**
+         * OrbitPattern
+         * @description Circles around a point, as waypoints.
+         */
+        OrbitPattern: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "orbit";
+            center: components["schemas"]["Point"];
+            /** Radius M */
+            radius_m: number;
+            altitude: components["schemas"]["Altitude"];
+            look_at?: components["schemas"]["Altitude"] | null;
+            /**
+             * Rounds
+             * @default 1
+             */
+            rounds: number;
+            /**
+             * Clockwise
+             * @default true
+             */
+            clockwise: boolean;
+            /**
+             * Start Deg
+             * @default 0
+             */
+            start_deg: number;
+        };
+        /**
          * OutputGroup
          * @description One of several groups of outputs.
          */
@@ -4794,6 +6165,369 @@ export interface components {
             points: components["schemas"]["PathPointBody"][];
         };
         /**
+         * PatternFigures
+         * @description What a pattern does.
+         */
+        PatternFigures: {
+            /**
+             * Lines Length M
+             * @description Of the lines where pictures are taken [m].
+             */
+            lines_length_m: number;
+            /**
+             * Lower Bound M
+             * @description No pattern of this spacing has shorter lines [m].
+             */
+            lower_bound_m: number;
+            /** Photos */
+            photos: number;
+            /**
+             * Spacing M
+             * @description Between neighbouring lines [m]; 0: no lines.
+             */
+            spacing_m: number;
+            /**
+             * Trigger M
+             * @description Between two pictures on a line [m]; 0: no pictures.
+             */
+            trigger_m: number;
+            /**
+             * Resolution M Px
+             * @description Ground sampling distance [m per pixel].
+             */
+            resolution_m_px: number | null;
+            /**
+             * Heading Deg
+             * @description Of the lines, clockwise from north [deg].
+             */
+            heading_deg: number | null;
+        };
+        /**
+         * PatternPlan
+         * @description The items of a pattern, as a plan without anything else.
+         */
+        PatternPlan: {
+            plan: components["schemas"]["Plan"];
+            /**
+             * Lines
+             * @description Where pictures are taken.
+             */
+            lines: [
+                components["schemas"]["Point"],
+                components["schemas"]["Point"]
+            ][];
+            figures: components["schemas"]["PatternFigures"];
+        };
+        /**
+         * PerimeterPattern
+         * @description Around an area, clockwise, at a distance from its edge: positive outside, negative inside.
+         */
+        PerimeterPattern: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "perimeter";
+            /** Outer */
+            outer: components["schemas"]["Point"][];
+            /**
+             * Offset M
+             * @default 0
+             */
+            offset_m: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * Rounds
+             * @default 1
+             */
+            rounds: number;
+        };
+        /**
+         * PhotoCoverage
+         * @description Pictures with overlaps at a distance to what they show.
+         */
+        PhotoCoverage: {
+            camera: components["schemas"]["CameraModel"];
+            /** Distance M */
+            distance_m: number;
+            /**
+             * Front Overlap
+             * @default 0.75
+             */
+            front_overlap: number;
+            /**
+             * Side Overlap
+             * @default 0.65
+             */
+            side_overlap: number;
+        };
+        /**
+         * PhotoStart
+         * @description Take `count` pictures (0: until stopped), `interval_s` apart.
+         */
+        PhotoStart: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "photo_start";
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+            /**
+             * Interval S
+             * @default 0
+             */
+            interval_s: number | null;
+            /**
+             * Count
+             * @default 1
+             */
+            count: number | null;
+            /**
+             * Sequence
+             * @default 0
+             */
+            sequence: number | null;
+        };
+        /**
+         * PhotoStop
+         * @description Stop taking pictures.
+         */
+        PhotoStop: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "photo_stop";
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
+         * Plan
+         * @description A waypoint plan, flown by PX4.
+         */
+        Plan: {
+            /**
+             * Format
+             * @default offboard-gcs-plan
+             * @constant
+             */
+            format: "offboard-gcs-plan";
+            /**
+             * Version
+             * @default 1
+             * @constant
+             */
+            version: 1;
+            planned_home?: components["schemas"]["HomePosition"] | null;
+            /** Cruise Speed M S */
+            cruise_speed_m_s?: number | null;
+            /** Hover Speed M S */
+            hover_speed_m_s?: number | null;
+            /**
+             * Items
+             * @default []
+             */
+            items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"] | components["schemas"]["ComplexItem"])[];
+            /**
+             * Fence
+             * @default []
+             */
+            fence: (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
+            /**
+             * Rally Points
+             * @default []
+             */
+            rally_points: components["schemas"]["RallyPoint"][];
+            /** Original */
+            original?: string | null;
+        };
+        /**
+         * PlanCheck
+         * @description What is wrong with a plan, and what its flight takes.
+         */
+        PlanCheck: {
+            /** Findings */
+            findings: components["schemas"]["FindingModel"][];
+            estimates: components["schemas"]["PlanEstimates"];
+            /**
+             * Vehicle
+             * @description For which vehicle it was checked.
+             */
+            vehicle: string | null;
+            /**
+             * Not Known
+             * @description What was not known of the vehicle; sentences.
+             */
+            not_known: string[];
+        };
+        /**
+         * PlanEstimates
+         * @description What a flight takes; lengths in metres, times in seconds.
+         */
+        PlanEstimates: {
+            /**
+             * Length M
+             * @description Along the path, over the ground and up and down.
+             */
+            length_m: number;
+            /**
+             * Time S
+             * @description Time [s].
+             */
+            time_s: number;
+            /**
+             * Climb M
+             * @description All metres upwards.
+             */
+            climb_m: number;
+            /**
+             * Photos
+             * @description Pictures that items take; those without end count once.
+             */
+            photos: number;
+            /**
+             * Energy Wh
+             * @description None without a power model.
+             */
+            energy_wh: number | null;
+            /**
+             * Endless
+             * @description A jump repeats without end, or the plan has more steps than are followed: it takes longer than this.
+             */
+            endless: boolean;
+            /**
+             * Known Altitudes
+             * @description False: some altitude could not be compared, and its leg counts as level.
+             */
+            known_altitudes: boolean;
+        };
+        /**
+         * PlanList
+         * @description All plans.
+         */
+        PlanList: {
+            /**
+             * Plans
+             * @description The newest version of each, by name.
+             */
+            plans: components["schemas"]["PlanVersion"][];
+        };
+        /**
+         * PlanToCheck
+         * @description What to check.
+         */
+        PlanToCheck: {
+            /** @description The plan's document (docs/missions.md). */
+            plan: components["schemas"]["Plan"];
+            /**
+             * Vehicle
+             * @description For this vehicle's parameters and home, as far as known.
+             */
+            vehicle?: string | null;
+        };
+        /**
+         * PlanToExport
+         * @description What to write as a file.
+         */
+        PlanToExport: {
+            /** @description The plan's document (docs/missions.md). */
+            plan: components["schemas"]["Plan"];
+        };
+        /**
+         * PlanVersion
+         * @description One version of a plan, without the plan itself.
+         */
+        PlanVersion: {
+            /**
+             * Id
+             * @description The plan's id; it stays when the plan is renamed.
+             */
+            id: string;
+            /**
+             * Name
+             * @description What people call it.
+             */
+            name: string;
+            /**
+             * Version
+             * @description Counts from 1; every save adds 1.
+             */
+            version: number;
+            /**
+             * Changed Unix S
+             * @description When it was saved [s since 1970 UTC].
+             */
+            changed_unix_s: number;
+            /**
+             * Changed By
+             * @description Who saved it.
+             */
+            changed_by: string;
+            /**
+             * Item Count
+             * @description Items of the mission as it is uploaded.
+             */
+            item_count: number;
+        };
+        /**
+         * PlanVersions
+         * @description The versions of one plan that are kept.
+         */
+        PlanVersions: {
+            /**
+             * Versions
+             * @description Newest first.
+             */
+            versions: components["schemas"]["PlanVersion"][];
+        };
+        /**
+         * Point
+         * @description A place on the ground, WGS84 degrees.
+         */
+        Point: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+        };
+        /**
          * PolygonFenceBody
          * @description Stay inside.
          */
@@ -5179,10 +6913,41 @@ export interface components {
              */
             distance_m?: number | null;
             /**
+             * Plan
+             * @description With `conflict`: the plan's id.
+             */
+            plan?: string | null;
+            /**
+             * Version
+             * @description With `conflict`: the plan's newest version.
+             */
+            version?: number | null;
+            /**
+             * Changed By
+             * @description With `conflict`: who saved that version.
+             */
+            changed_by?: string | null;
+            /**
+             * Changed Unix S
+             * @description With `conflict`: when it was saved [s since 1970 UTC].
+             */
+            changed_unix_s?: number | null;
+            /**
              * Deadline S
              * @description With 504: how long was waited [s].
              */
             deadline_s?: number | null;
+        };
+        /**
+         * RallyPoint
+         * @description A place to return to instead of home.
+         */
+        RallyPoint: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
         };
         /**
          * RatesOrder
@@ -5611,6 +7376,32 @@ export interface components {
             reason?: string | null;
         };
         /**
+         * ReturnHome
+         * @description Return to launch: home or a rally point, as the vehicle is set up.
+         */
+        ReturnHome: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "return_home";
+        };
+        /**
          * Roi
          * @description A place that the gimbal keeps looking at.
          */
@@ -5632,6 +7423,119 @@ export interface components {
             alt_amsl_m: number;
         };
         /**
+         * RoiLocation
+         * @description Point the camera at a place from here on.
+         */
+        RoiLocation: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "roi_location";
+            /**
+             * Gimbal Id
+             * @default 0
+             */
+            gimbal_id: number | null;
+        };
+        /**
+         * RoiNextWaypoint
+         * @description Point the camera along the path. Pitch and roll offset are whole degrees, as the protocol has them.
+         */
+        RoiNextWaypoint: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "roi_next_waypoint";
+            /**
+             * Gimbal Id
+             * @default 0
+             */
+            gimbal_id: number | null;
+            /**
+             * Pitch Offset Deg
+             * @default 0
+             */
+            pitch_offset_deg: number | null;
+            /**
+             * Roll Offset Deg
+             * @default 0
+             */
+            roll_offset_deg: number | null;
+            /**
+             * Yaw Offset Deg
+             * @default 0
+             */
+            yaw_offset_deg: number | null;
+        };
+        /**
+         * RoiNone
+         * @description Stop pointing the camera at a place.
+         */
+        RoiNone: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "roi_none";
+            /**
+             * Gimbal Id
+             * @default 0
+             */
+            gimbal_id: number | null;
+        };
+        /**
          * Said
          * @description A status text or event.
          */
@@ -5651,6 +7555,106 @@ export interface components {
              * @description Text.
              */
             text: string;
+        };
+        /**
+         * SetActuator
+         * @description Set actuators 1 to 4 of a set, -1 to 1; None leaves one as it is.
+         */
+        SetActuator: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "set_actuator";
+            /** Actuator 1 */
+            actuator_1?: number | null;
+            /** Actuator 2 */
+            actuator_2?: number | null;
+            /** Actuator 3 */
+            actuator_3?: number | null;
+            /** Actuator 4 */
+            actuator_4?: number | null;
+            /**
+             * Set Index
+             * @default 0
+             */
+            set_index: number | null;
+        };
+        /**
+         * SetHome
+         * @description Make the vehicle's place its home (`use_current` 1; PX4 takes no other place in a mission).
+         */
+        SetHome: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "set_home";
+            /**
+             * Use Current
+             * @default 1
+             */
+            use_current: number | null;
+        };
+        /**
+         * SetServo
+         * @description Set a servo output, pulse width in microseconds.
+         */
+        SetServo: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "set_servo";
+            /** Servo */
+            servo: number | null;
+            /** Pulse Us */
+            pulse_us: number | null;
         };
         /**
          * SigningReport
@@ -6035,6 +8039,72 @@ export interface components {
             yaw_rate_ned_rad_s?: number | null;
         };
         /**
+         * StructurePattern
+         * @description Rounds about a structure, one above the other, with pictures of its sides.
+         */
+        StructurePattern: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "structure";
+            /** Outline */
+            outline: components["schemas"]["Point"][];
+            coverage: components["schemas"]["PhotoCoverage"];
+            base: components["schemas"]["Altitude"];
+            /** Height M */
+            height_m: number;
+            /**
+             * Lowest M
+             * @default 3
+             */
+            lowest_m: number;
+            /**
+             * From Top
+             * @default false
+             */
+            from_top: boolean;
+            /**
+             * Gimbal Pitch Deg
+             * @default 0
+             */
+            gimbal_pitch_deg: number;
+        };
+        /**
+         * SurveyPattern
+         * @description Parallel lines over an area, with pictures.
+         */
+        SurveyPattern: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "survey";
+            /** Outer */
+            outer: components["schemas"]["Point"][];
+            /**
+             * Holes
+             * @default []
+             */
+            holes: components["schemas"]["Point"][][];
+            coverage: components["schemas"]["PhotoCoverage"];
+            altitude: components["schemas"]["Altitude"];
+            /** Heading Deg */
+            heading_deg?: number | null;
+            /**
+             * Turnaround M
+             * @default 0
+             */
+            turnaround_m: number;
+            /**
+             * Crosshatch
+             * @default false
+             */
+            crosshatch: boolean;
+            /** Speed M S */
+            speed_m_s?: number | null;
+        };
+        /**
          * TakeControl
          * @description How to take control.
          * @example {
@@ -6053,6 +8123,44 @@ export interface components {
              * @description What the flying vehicle is told once, should this client not be heard for `lease_s`: `nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never against somebody who steers.
              */
             on_expiry?: ("nothing" | "hold" | "land" | "rtl") | null;
+        };
+        /**
+         * Takeoff
+         * @description Climb to the altitude, then fly to the place.
+         */
+        Takeoff: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "takeoff";
+            /**
+             * Pitch Deg
+             * @default 0
+             */
+            pitch_deg: number | null;
+            /** Yaw Ned Deg */
+            yaw_ned_deg?: number | null;
         };
         /**
          * TakeoffRequest
@@ -6482,6 +8590,130 @@ export interface components {
             ];
         };
         /**
+         * TriggerControl
+         * @description Start (1) or stop (0) the camera trigger; -1 leaves each as it is.
+         */
+        TriggerControl: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "trigger_control";
+            /** Enable */
+            enable: number | null;
+            /**
+             * Reset
+             * @default 0
+             */
+            reset: number | null;
+            /**
+             * Pause
+             * @default 0
+             */
+            pause: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
+         * TriggerDistance
+         * @description Take a picture every so many metres from here on; 0 stops. `at_once` 1: the first one now.
+         */
+        TriggerDistance: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "trigger_distance";
+            /** Distance M */
+            distance_m: number | null;
+            /**
+             * Shutter Ms
+             * @default 0
+             */
+            shutter_ms: number | null;
+            /**
+             * At Once
+             * @default 0
+             */
+            at_once: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
+         * TriggerInterval
+         * @description Set the least time between two pictures, in milliseconds.
+         */
+        TriggerInterval: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "trigger_interval";
+            /** Interval Ms */
+            interval_ms: number | null;
+            /**
+             * Shutter Ms
+             * @default 0
+             */
+            shutter_ms: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
          * Vehicle
          * @description A vehicle as the server knows it now.
          */
@@ -6886,6 +9118,83 @@ export interface components {
             recording: boolean;
         };
         /**
+         * VideoStart
+         * @description Start recording; `status_hz` is how often the camera reports on it.
+         */
+        VideoStart: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "video_start";
+            /**
+             * Stream
+             * @default 0
+             */
+            stream: number | null;
+            /**
+             * Status Hz
+             * @default 0
+             */
+            status_hz: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
+         * VideoStop
+         * @description Stop recording.
+         */
+        VideoStop: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "video_stop";
+            /**
+             * Stream
+             * @default 0
+             */
+            stream: number | null;
+            /**
+             * Camera
+             * @default 0
+             */
+            camera: number | null;
+        };
+        /**
          * Warnings
          * @description What stands now and should be known.
          */
@@ -6895,6 +9204,94 @@ export interface components {
              * @description Empty where all is well.
              */
             warnings: components["schemas"]["Notice"][];
+        };
+        /**
+         * Waypoint
+         * @description Fly to the place; wait there if `hold_s` is set. A radius of 0 is PX4's NAV_ACC_RAD.
+         */
+        Waypoint: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "waypoint";
+            /**
+             * Hold S
+             * @default 0
+             */
+            hold_s: number | null;
+            /**
+             * Acceptance Radius M
+             * @default 0
+             */
+            acceptance_radius_m: number | null;
+            /**
+             * Pass Radius M
+             * @default 0
+             */
+            pass_radius_m: number | null;
+            /** Yaw Ned Deg */
+            yaw_ned_deg?: number | null;
+        };
+        /**
+         * Winch
+         * @description Move a winch: `action` is MAVLink's WINCH_ACTIONS; line in metres, rate in m/s.
+         */
+        Winch: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "winch";
+            /** Winch */
+            winch: number | null;
+            /** Action */
+            action: number | null;
+            /**
+             * Length M
+             * @default 0
+             */
+            length_m: number | null;
+            /**
+             * Rate M S
+             * @default 0
+             */
+            rate_m_s: number | null;
         };
         /**
          * Health
@@ -7164,7 +9561,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7224,7 +9621,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7344,7 +9741,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7403,7 +9800,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7460,7 +9857,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7524,7 +9921,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7586,7 +9983,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7645,7 +10042,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7704,7 +10101,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7763,7 +10160,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7822,7 +10219,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7881,7 +10278,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7944,7 +10341,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8007,7 +10404,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8070,7 +10467,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8133,7 +10530,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8196,7 +10593,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8253,7 +10650,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8310,7 +10707,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8369,7 +10766,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8432,7 +10829,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8495,7 +10892,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8558,7 +10955,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8621,7 +11018,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8680,7 +11077,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8739,7 +11136,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8798,7 +11195,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8861,7 +11258,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8924,7 +11321,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -8983,7 +11380,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9042,7 +11439,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9105,7 +11502,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9168,7 +11565,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9225,7 +11622,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9286,7 +11683,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9345,7 +11742,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9408,7 +11805,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9467,7 +11864,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9526,7 +11923,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9585,7 +11982,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9644,7 +12041,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9707,7 +12104,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9770,7 +12167,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9833,7 +12230,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9892,7 +12289,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -9951,7 +12348,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10023,7 +12420,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10083,7 +12480,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10147,7 +12544,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10206,7 +12603,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10265,7 +12662,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10365,7 +12762,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10443,7 +12840,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10500,7 +12897,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10550,7 +12947,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10600,7 +12997,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10648,7 +13045,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10700,7 +13097,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10750,7 +13147,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10804,7 +13201,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10852,7 +13249,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10902,7 +13299,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -10953,7 +13350,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -11012,7 +13409,7 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -11071,7 +13468,628 @@ export interface operations {
             400: components["responses"]["Refused400"];
             401: components["responses"]["Refused401"];
             403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, recording or operation. */
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_plans_api_v1_plans_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanList"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    create_plan_api_v1_plans_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["NewPlan"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["KeptPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    check_plan_api_v1_plans_check_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlanToCheck"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanCheck"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    import_plan_api_v1_plans_import_post: {
+        parameters: {
+            query?: {
+                /** @description Its ending tells a CSV file. */
+                filename?: string;
+                /** @description Of points that have none [m]; a file with such points is refused without it. */
+                altitude_m?: number | null;
+                /** @description What `altitude_m` counts from. */
+                altitude_reference?: "home" | "amsl" | "terrain";
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/octet-stream": string;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ImportedPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    export_plan_api_v1_plans_export_post: {
+        parameters: {
+            query: {
+                /** @description `plan` is QGroundControl's, `json` our own. */
+                format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz";
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlanToExport"];
+            };
+        };
+        responses: {
+            /** @description The file; `X-Plan-Notes` is a JSON list of sentences about what it cannot hold. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": unknown;
+                    "text/plain": unknown;
+                    "text/csv": unknown;
+                    "application/geo+json": unknown;
+                    "application/vnd.google-earth.kml+xml": unknown;
+                    "application/vnd.google-earth.kmz": unknown;
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    make_pattern_api_v1_plans_pattern_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["SurveyPattern"] | components["schemas"]["CorridorPattern"] | components["schemas"]["PerimeterPattern"] | components["schemas"]["OrbitPattern"] | components["schemas"]["StructurePattern"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PatternPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_plan_api_v1_plans__plan__get: {
+        parameters: {
+            query?: {
+                /** @description The newest unless named. */
+                version?: number | null;
+            };
+            header?: never;
+            path: {
+                plan: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["KeptPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    save_plan_api_v1_plans__plan__put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                plan: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ChangedPlan"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["KeptPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    delete_plan_api_v1_plans__plan__delete: {
+        parameters: {
+            query: {
+                /** @description The version that was looked at: the newest one, else 409. */
+                base_version: number;
+            };
+            header?: never;
+            path: {
+                plan: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_versions_api_v1_plans__plan__versions_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                plan: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanVersions"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
             404: {
                 headers: {
                     [name: string]: unknown;
