@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any, cast
 
 from gcs_server.api import refusals
+from gcs_server.api.reflect import attribute_docs
+from gcs_server.api.reflect import described as in_words
+from missions.values import Model
 
 PROBLEM_JSON = "application/problem+json"
 _PROBLEM = {"schema": {"$ref": "#/components/schemas/Problem"}}
@@ -72,6 +75,26 @@ def flatten_unions(described: dict[str, Any]) -> None:
                 walk(part)
 
     walk(described)
+
+
+def describe_documents(described: dict[str, Any]) -> None:
+    """The fields of plans: the words under them, else their name, frame and unit."""
+    schemas = described["components"]["schemas"]
+    for kind in _below(Model):
+        fields = schemas.get(kind.__name__, {}).get("properties", {})
+        docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
+        for name, field in fields.items():
+            if not {"description", "const", "$ref"} & set(field):
+                field["description"] = docs.get(name) or in_words(name)
+
+
+def _docs(kind: type) -> dict[str, str]:
+    return attribute_docs(kind) if kind.__module__.startswith("missions.") else {}
+
+
+def _below(kind: type) -> list[type]:
+    direct = kind.__subclasses__()
+    return [*direct, *(each for one in direct for each in _below(one))]
 
 
 def _is_problem(answer: dict[str, Any]) -> bool:

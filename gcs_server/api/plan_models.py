@@ -124,15 +124,15 @@ class FindingModel(_Out):
         description="error: PX4 refuses it, or it is unsafe; warning: it may surprise."
     )
     text: str = Field(description="What is wrong, a sentence.")
-    place: FindingPlace
+    place: FindingPlace = Field(description="What it is about.")
     fix: str | None = Field(description="What to do about it.")
 
 
 class PlanCheck(_Out):
     """What is wrong with a plan, and what its flight takes."""
 
-    findings: list[FindingModel]
-    estimates: EstimateModel  # type: ignore[valid-type]
+    findings: list[FindingModel] = Field(description="In the order of the checks; empty: nothing is wrong.")
+    estimates: EstimateModel = Field(description="Of the whole flight.")  # type: ignore[valid-type]
     vehicle: str | None = Field(description="For which vehicle it was checked.")
     not_known: list[str] = Field(description="What was not known of the vehicle; sentences.")
 
@@ -140,17 +140,17 @@ class PlanCheck(_Out):
 class ImportedArea(_Out):
     """An area of a file: for a survey or a fence, as a person decides."""
 
-    name: str
-    outer: list[Point]
-    holes: list[list[Point]]
+    name: str = Field(description="As the file calls it.")
+    outer: list[Point] = Field(description="Its corners.")
+    holes: list[list[Point]] = Field(description="Areas in it that do not belong to it.")
 
 
 class ImportedPlan(_Out):
     """A plan from a file; nothing is saved."""
 
     format: FormatName = Field(description="In which format the file is.")
-    plan: Plan
-    areas: list[ImportedArea]
+    plan: Plan = Field(description="The plan's document.")
+    areas: list[ImportedArea] = Field(description="Areas that are no part of the plan.")
     notes: list[str] = Field(description="What was understood and what was not; sentences.")
 
 
@@ -159,7 +159,7 @@ class PatternFigures(_Out):
 
     lines_length_m: float = Field(description="Of the lines where pictures are taken [m].")
     lower_bound_m: float = Field(description="No pattern of this spacing has shorter lines [m].")
-    photos: int
+    photos: int = Field(description="How many pictures.")
     spacing_m: float = Field(description="Between neighbouring lines [m]; 0: no lines.")
     trigger_m: float = Field(description="Between two pictures on a line [m]; 0: no pictures.")
     resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
@@ -169,6 +169,6 @@ class PatternFigures(_Out):
 class PatternPlan(_Out):
     """The items of a pattern, as a plan without anything else."""
 
-    plan: Plan
+    plan: Plan = Field(description="The items, and nothing else.")
     lines: list[tuple[Point, Point]] = Field(description="Where pictures are taken.")
-    figures: PatternFigures
+    figures: PatternFigures = Field(description="What it does.")

@@ -26,7 +26,7 @@ from gcs_server.api import (
     station_routes,
     vehicle_routes,
 )
-from gcs_server.api.described import describe_refusals, flatten_unions
+from gcs_server.api.described import describe_documents, describe_refusals, flatten_unions
 from gcs_server.api.permission import permitted
 from gcs_server.api.station import heard
 from gcs_server.control.commands import API, BY_CALL
@@ -73,6 +73,7 @@ class _Described(FastAPI):
                     operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].described()
             describe_refusals(described)
             flatten_unions(described)
+            describe_documents(described)
         assert self.openapi_schema is not None
         return self.openapi_schema
 

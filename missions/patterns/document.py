@@ -188,4 +188,5 @@ def make(pattern: PatternDocument) -> Pattern:
 def _scan(pattern: StructurePattern) -> rounds.StructureScan:
     names = [each.name for each in dataclasses.fields(rounds.StructureScan)]
     values: dict[str, Any] = {name: getattr(pattern, name) for name in names}
-    return rounds.StructureScan(**{**values, "coverage": pattern.coverage.values()})
+    values["coverage"] = pattern.coverage.values()
+    return rounds.StructureScan(**values)

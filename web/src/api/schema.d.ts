@@ -1653,14 +1653,21 @@ export interface components {
          *     elevation data gave for it. PX4 flies only that, since it refuses terrain frames.
          */
         Altitude: {
-            /** Value M */
+            /**
+             * Value M
+             * @description Value [m].
+             */
             value_m: number;
             /**
              * Reference
+             * @description Reference.
              * @enum {string}
              */
             reference: "home" | "amsl" | "terrain";
-            /** Resolved Amsl M */
+            /**
+             * Resolved Amsl M
+             * @description Resolved amsl (above mean sea level) [m].
+             */
             resolved_amsl_m?: number | null;
         };
         /**
@@ -2005,30 +2012,42 @@ export interface components {
         CameraFocus: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "camera_focus";
-            /** Focus Type */
+            /**
+             * Focus Type
+             * @description Focus type.
+             */
             focus_type: number | null;
-            /** Value */
+            /**
+             * Value
+             * @description Value.
+             */
             value: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -2040,18 +2059,23 @@ export interface components {
         CameraMode: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -2060,10 +2084,14 @@ export interface components {
             kind: "camera_mode";
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
-            /** Mode */
+            /**
+             * Mode
+             * @description Mode.
+             */
             mode: number | null;
         };
         /**
@@ -2071,18 +2099,34 @@ export interface components {
          * @description A camera by its data sheet.
          */
         CameraModel: {
-            /** Sensor Width Mm */
+            /**
+             * Sensor Width Mm
+             * @description Sensor width mm.
+             */
             sensor_width_mm: number;
-            /** Sensor Height Mm */
+            /**
+             * Sensor Height Mm
+             * @description Sensor height mm.
+             */
             sensor_height_mm: number;
-            /** Focal Length Mm */
+            /**
+             * Focal Length Mm
+             * @description Focal length mm.
+             */
             focal_length_mm: number;
-            /** Image Width Px */
+            /**
+             * Image Width Px
+             * @description Image width px.
+             */
             image_width_px: number;
-            /** Image Height Px */
+            /**
+             * Image Height Px
+             * @description Image height px.
+             */
             image_height_px: number;
             /**
              * Landscape
+             * @description The picture's width lies across the line of flight.
              * @default true
              */
             landscape: boolean;
@@ -2094,30 +2138,42 @@ export interface components {
         CameraZoom: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "camera_zoom";
-            /** Zoom Type */
+            /**
+             * Zoom Type
+             * @description Zoom type.
+             */
             zoom_type: number | null;
-            /** Value */
+            /**
+             * Value
+             * @description Value.
+             */
             value: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -2129,18 +2185,23 @@ export interface components {
         ChangeSpeed: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -2149,13 +2210,18 @@ export interface components {
             kind: "change_speed";
             /**
              * Speed Type
+             * @description Speed type.
              * @default 1
              */
             speed_type: number | null;
-            /** Speed M S */
+            /**
+             * Speed M S
+             * @description Speed [m/s].
+             */
             speed_m_s: number | null;
             /**
              * Throttle Percent
+             * @description Throttle [%].
              * @default -1
              */
             throttle_percent: number | null;
@@ -2239,11 +2305,20 @@ export interface components {
              * @enum {string}
              */
             kind: "command";
-            /** Command */
+            /**
+             * Command
+             * @description Command.
+             */
             command: number;
-            /** Frame */
+            /**
+             * Frame
+             * @description Frame.
+             */
             frame: number;
-            /** Params */
+            /**
+             * Params
+             * @description Params.
+             */
             params: [
                 number | null,
                 number | null,
@@ -2255,10 +2330,14 @@ export interface components {
             ];
             /**
              * Autocontinue
+             * @description Autocontinue.
              * @default true
              */
             autocontinue: boolean;
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from.
+             */
             original?: string | null;
         };
         /**
@@ -2274,14 +2353,21 @@ export interface components {
              * @enum {string}
              */
             kind: "complex";
-            /** Complex Type */
+            /**
+             * Complex Type
+             * @description Complex type.
+             */
             complex_type: string;
             /**
              * Items
+             * @description Items.
              * @default []
              */
             items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of the complex item in the file.
+             */
             original: string;
         };
         /**
@@ -2376,38 +2462,49 @@ export interface components {
         ControlVideo: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "control_video";
-            /** Camera */
+            /**
+             * Camera
+             * @description Camera.
+             */
             camera: number | null;
             /**
              * Transmission
+             * @description Transmission.
              * @default 0
              */
             transmission: number | null;
             /**
              * Interval S
+             * @description Interval [s].
              * @default 0
              */
             interval_s: number | null;
             /**
              * Recording
+             * @description Recording.
              * @default 0
              */
             recording: number | null;
@@ -2486,14 +2583,21 @@ export interface components {
              * @enum {string}
              */
             kind: "corridor";
-            /** Points */
+            /**
+             * Points
+             * @description Points.
+             */
             points: components["schemas"]["Point"][];
-            /** Width M */
+            /**
+             * Width M
+             * @description Width [m].
+             */
             width_m: number;
             coverage: components["schemas"]["PhotoCoverage"];
             altitude: components["schemas"]["Altitude"];
             /**
              * Turnaround M
+             * @description Turnaround [m].
              * @default 0
              */
             turnaround_m: number;
@@ -2505,38 +2609,49 @@ export interface components {
         Delay: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "delay";
-            /** Delay S */
+            /**
+             * Delay S
+             * @description Delay [s].
+             */
             delay_s: number | null;
             /**
              * Hour Utc
+             * @description Hour utc.
              * @default 0
              */
             hour_utc: number | null;
             /**
              * Minute Utc
+             * @description Minute utc.
              * @default 0
              */
             minute_utc: number | null;
             /**
              * Second Utc
+             * @description Second utc.
              * @default 0
              */
             second_utc: number | null;
@@ -2567,18 +2682,23 @@ export interface components {
         Digicam: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -2587,36 +2707,43 @@ export interface components {
             kind: "digicam";
             /**
              * Session
+             * @description Session.
              * @default 0
              */
             session: number | null;
             /**
              * Zoom
+             * @description Zoom.
              * @default 0
              */
             zoom: number | null;
             /**
              * Zoom Step
+             * @description Zoom step.
              * @default 0
              */
             zoom_step: number | null;
             /**
              * Focus Lock
+             * @description Focus lock.
              * @default 0
              */
             focus_lock: number | null;
             /**
              * Shoot
+             * @description Shoot.
              * @default 1
              */
             shoot: number | null;
             /**
              * Command Id
+             * @description Command id.
              * @default 0
              */
             command_id: number | null;
             /**
              * Shot Id
+             * @description Shot id.
              * @default 0
              */
             shot_id: number | null;
@@ -2757,12 +2884,21 @@ export interface components {
              * @enum {string}
              */
             shape: "circle";
-            /** Inclusion */
+            /**
+             * Inclusion
+             * @description Inclusion.
+             */
             inclusion: boolean;
             center: components["schemas"]["Point"];
-            /** Radius M */
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
             radius_m: number;
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this zone in the .plan file it was read from.
+             */
             original?: string | null;
         };
         /**
@@ -2775,11 +2911,20 @@ export interface components {
              * @enum {string}
              */
             shape: "polygon";
-            /** Inclusion */
+            /**
+             * Inclusion
+             * @description Inclusion.
+             */
             inclusion: boolean;
-            /** Polygon */
+            /**
+             * Polygon
+             * @description Polygon.
+             */
             polygon: components["schemas"]["Point"][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this zone in the .plan file it was read from.
+             */
             original?: string | null;
         };
         /**
@@ -2855,6 +3000,7 @@ export interface components {
              * @description What is wrong, a sentence.
              */
             text: string;
+            /** @description What it is about. */
             place: components["schemas"]["FindingPlace"];
             /**
              * Fix
@@ -3007,22 +3153,33 @@ export interface components {
         Gate: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -3032,11 +3189,13 @@ export interface components {
             kind: "gate";
             /**
              * Geometry
+             * @description Geometry.
              * @default 0
              */
             geometry: number | null;
             /**
              * Use Altitude
+             * @description Use altitude.
              * @default 0
              */
             use_altitude: number | null;
@@ -3177,40 +3336,54 @@ export interface components {
         GimbalConfigure: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "gimbal_configure";
-            /** Primary System */
+            /**
+             * Primary System
+             * @description Primary system.
+             */
             primary_system: number | null;
-            /** Primary Component */
+            /**
+             * Primary Component
+             * @description Primary component.
+             */
             primary_component: number | null;
             /**
              * Secondary System
+             * @description Secondary system.
              * @default 0
              */
             secondary_system: number | null;
             /**
              * Secondary Component
+             * @description Secondary component.
              * @default 0
              */
             secondary_component: number | null;
             /**
              * Gimbal Id
+             * @description Gimbal id.
              * @default 0
              */
             gimbal_id: number | null;
@@ -3256,39 +3429,58 @@ export interface components {
         GimbalPitchYaw: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "gimbal_pitch_yaw";
-            /** Pitch Deg */
+            /**
+             * Pitch Deg
+             * @description Pitch [deg].
+             */
             pitch_deg?: number | null;
-            /** Yaw Deg */
+            /**
+             * Yaw Deg
+             * @description Yaw [deg].
+             */
             yaw_deg?: number | null;
-            /** Pitch Rate Deg S */
+            /**
+             * Pitch Rate Deg S
+             * @description Pitch rate [deg/s].
+             */
             pitch_rate_deg_s?: number | null;
-            /** Yaw Rate Deg S */
+            /**
+             * Yaw Rate Deg S
+             * @description Yaw rate [deg/s].
+             */
             yaw_rate_deg_s?: number | null;
             /**
              * Flags
+             * @description Flags.
              * @default 0
              */
             flags: number | null;
             /**
              * Gimbal Id
+             * @description Gimbal id.
              * @default 0
              */
             gimbal_id: number | null;
@@ -3563,27 +3755,38 @@ export interface components {
         Gripper: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "gripper";
-            /** Gripper */
+            /**
+             * Gripper
+             * @description Gripper.
+             */
             gripper: number | null;
-            /** Action */
+            /**
+             * Action
+             * @description Action.
+             */
             action: number | null;
         };
         /**
@@ -3895,11 +4098,20 @@ export interface components {
          * @description Where the flight is planned to start: WGS84 degrees, metres above mean sea level.
          */
         HomePosition: {
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
-            /** Alt Amsl M */
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
             alt_amsl_m: number;
         };
         /**
@@ -4025,11 +4237,20 @@ export interface components {
          * @description An area of a file: for a survey or a fence, as a person decides.
          */
         ImportedArea: {
-            /** Name */
+            /**
+             * Name
+             * @description As the file calls it.
+             */
             name: string;
-            /** Outer */
+            /**
+             * Outer
+             * @description Its corners.
+             */
             outer: components["schemas"]["Point"][];
-            /** Holes */
+            /**
+             * Holes
+             * @description Areas in it that do not belong to it.
+             */
             holes: components["schemas"]["Point"][][];
         };
         /**
@@ -4043,8 +4264,12 @@ export interface components {
              * @enum {string}
              */
             format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz";
+            /** @description The plan's document. */
             plan: components["schemas"]["Plan"];
-            /** Areas */
+            /**
+             * Areas
+             * @description Areas that are no part of the plan.
+             */
             areas: components["schemas"]["ImportedArea"][];
             /**
              * Notes
@@ -4123,27 +4348,38 @@ export interface components {
         Jump: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "jump";
-            /** Target Index */
+            /**
+             * Target Index
+             * @description Target index.
+             */
             target_index: number;
-            /** Repeat */
+            /**
+             * Repeat
+             * @description Repeat.
+             */
             repeat: number;
         };
         /**
@@ -4205,22 +4441,33 @@ export interface components {
         Land: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -4230,15 +4477,20 @@ export interface components {
             kind: "land";
             /**
              * Abort Altitude M
+             * @description Abort altitude [m].
              * @default 0
              */
             abort_altitude_m: number | null;
             /**
              * Precision
+             * @description Precision.
              * @default 0
              */
             precision: number | null;
-            /** Yaw Ned Deg */
+            /**
+             * Yaw Ned Deg
+             * @description Yaw ned (north, east, down of the local origin) [deg].
+             */
             yaw_ned_deg?: number | null;
         };
         /**
@@ -4273,18 +4525,23 @@ export interface components {
         LandStart: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -4299,22 +4556,33 @@ export interface components {
         LegacyRoi: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -4324,16 +4592,19 @@ export interface components {
             kind: "roi";
             /**
              * Mode
+             * @description Mode.
              * @default 3
              */
             mode: number | null;
             /**
              * Target
+             * @description Target.
              * @default 0
              */
             target: number | null;
             /**
              * Index
+             * @description Index.
              * @default 0
              */
             index: number | null;
@@ -4651,22 +4922,33 @@ export interface components {
         LoiterTime: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -4674,15 +4956,20 @@ export interface components {
              * @enum {string}
              */
             kind: "loiter_time";
-            /** Hold S */
+            /**
+             * Hold S
+             * @description Hold [s].
+             */
             hold_s: number | null;
             /**
              * Radius M
+             * @description Radius [m].
              * @default 0
              */
             radius_m: number | null;
             /**
              * Exit Xtrack
+             * @description Exit xtrack.
              * @default 0
              */
             exit_xtrack: number | null;
@@ -4694,22 +4981,33 @@ export interface components {
         LoiterToAltitude: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -4719,16 +5017,19 @@ export interface components {
             kind: "loiter_to_altitude";
             /**
              * Leave Towards Next
+             * @description Leave towards next.
              * @default 0
              */
             leave_towards_next: number | null;
             /**
              * Radius M
+             * @description Radius [m].
              * @default 0
              */
             radius_m: number | null;
             /**
              * Exit Xtrack
+             * @description Exit xtrack.
              * @default 0
              */
             exit_xtrack: number | null;
@@ -4740,22 +5041,33 @@ export interface components {
         LoiterUnlimited: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -4765,10 +5077,14 @@ export interface components {
             kind: "loiter_unlimited";
             /**
              * Radius M
+             * @description Radius [m].
              * @default 0
              */
             radius_m: number | null;
-            /** Yaw Ned Deg */
+            /**
+             * Yaw Ned Deg
+             * @description Yaw ned (north, east, down of the local origin) [deg].
+             */
             yaw_ned_deg?: number | null;
         };
         /**
@@ -5088,18 +5404,23 @@ export interface components {
         MountConfigure: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -5108,21 +5429,25 @@ export interface components {
             kind: "mount_configure";
             /**
              * Mode
+             * @description Mode.
              * @default 2
              */
             mode: number | null;
             /**
              * Stabilize Roll
+             * @description Stabilize roll.
              * @default 0
              */
             stabilize_roll: number | null;
             /**
              * Stabilize Pitch
+             * @description Stabilize pitch.
              * @default 0
              */
             stabilize_pitch: number | null;
             /**
              * Stabilize Yaw
+             * @description Stabilize yaw.
              * @default 0
              */
             stabilize_yaw: number | null;
@@ -5134,18 +5459,23 @@ export interface components {
         MountControl: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -5154,21 +5484,25 @@ export interface components {
             kind: "mount_control";
             /**
              * Pitch Deg
+             * @description Pitch [deg].
              * @default 0
              */
             pitch_deg: number | null;
             /**
              * Roll Deg
+             * @description Roll [deg].
              * @default 0
              */
             roll_deg: number | null;
             /**
              * Yaw Deg
+             * @description Yaw [deg].
              * @default 0
              */
             yaw_deg: number | null;
             /**
              * Mode
+             * @description Mode.
              * @default 2
              */
             mode: number | null;
@@ -5239,48 +5573,61 @@ export interface components {
         ObliqueSurvey: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "oblique_survey";
-            /** Distance M */
+            /**
+             * Distance M
+             * @description Distance [m].
+             */
             distance_m: number | null;
             /**
              * Shutter Ms
+             * @description Shutter ms.
              * @default 0
              */
             shutter_ms: number | null;
             /**
              * Interval Ms
+             * @description Interval ms.
              * @default 0
              */
             interval_ms: number | null;
             /**
              * Positions
+             * @description Positions.
              * @default 0
              */
             positions: number | null;
             /**
              * Roll Deg
+             * @description Roll [deg].
              * @default 0
              */
             roll_deg: number | null;
             /**
              * Pitch Deg
+             * @description Pitch [deg].
              * @default 0
              */
             pitch_deg: number | null;
@@ -5754,22 +6101,29 @@ export interface components {
              */
             kind: "orbit";
             center: components["schemas"]["Point"];
-            /** Radius M */
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
             radius_m: number;
             altitude: components["schemas"]["Altitude"];
+            /** @description The camera looks at the centre at this altitude; null: nowhere in particular. */
             look_at?: components["schemas"]["Altitude"] | null;
             /**
              * Rounds
+             * @description Rounds.
              * @default 1
              */
             rounds: number;
             /**
              * Clockwise
+             * @description Clockwise.
              * @default true
              */
             clockwise: boolean;
             /**
              * Start Deg
+             * @description Where it begins, as seen from the centre, clockwise from north.
              * @default 0
              */
             start_deg: number;
@@ -6179,7 +6533,10 @@ export interface components {
              * @description No pattern of this spacing has shorter lines [m].
              */
             lower_bound_m: number;
-            /** Photos */
+            /**
+             * Photos
+             * @description How many pictures.
+             */
             photos: number;
             /**
              * Spacing M
@@ -6207,6 +6564,7 @@ export interface components {
          * @description The items of a pattern, as a plan without anything else.
          */
         PatternPlan: {
+            /** @description The items, and nothing else. */
             plan: components["schemas"]["Plan"];
             /**
              * Lines
@@ -6216,6 +6574,7 @@ export interface components {
                 components["schemas"]["Point"],
                 components["schemas"]["Point"]
             ][];
+            /** @description What it does. */
             figures: components["schemas"]["PatternFigures"];
         };
         /**
@@ -6228,16 +6587,21 @@ export interface components {
              * @enum {string}
              */
             kind: "perimeter";
-            /** Outer */
+            /**
+             * Outer
+             * @description Outer.
+             */
             outer: components["schemas"]["Point"][];
             /**
              * Offset M
+             * @description Offset [m].
              * @default 0
              */
             offset_m: number;
             altitude: components["schemas"]["Altitude"];
             /**
              * Rounds
+             * @description Rounds.
              * @default 1
              */
             rounds: number;
@@ -6248,15 +6612,20 @@ export interface components {
          */
         PhotoCoverage: {
             camera: components["schemas"]["CameraModel"];
-            /** Distance M */
+            /**
+             * Distance M
+             * @description From the camera to the ground, or to the structure's sides.
+             */
             distance_m: number;
             /**
              * Front Overlap
+             * @description Of one picture and the next, as a share of the picture.
              * @default 0.75
              */
             front_overlap: number;
             /**
              * Side Overlap
+             * @description Of one line and the next, as a share of the picture.
              * @default 0.65
              */
             side_overlap: number;
@@ -6268,18 +6637,23 @@ export interface components {
         PhotoStart: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -6288,21 +6662,25 @@ export interface components {
             kind: "photo_start";
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
             /**
              * Interval S
+             * @description Interval [s].
              * @default 0
              */
             interval_s: number | null;
             /**
              * Count
+             * @description Count.
              * @default 1
              */
             count: number | null;
             /**
              * Sequence
+             * @description Sequence.
              * @default 0
              */
             sequence: number | null;
@@ -6314,18 +6692,23 @@ export interface components {
         PhotoStop: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -6334,6 +6717,7 @@ export interface components {
             kind: "photo_stop";
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -6355,27 +6739,40 @@ export interface components {
              * @constant
              */
             version: 1;
+            /** @description Planned home (above home). */
             planned_home?: components["schemas"]["HomePosition"] | null;
-            /** Cruise Speed M S */
+            /**
+             * Cruise Speed M S
+             * @description Planned speed of fixed wings (kept for files that have it).
+             */
             cruise_speed_m_s?: number | null;
-            /** Hover Speed M S */
+            /**
+             * Hover Speed M S
+             * @description Planned speed of multicopters, used by estimates, not uploaded; None: the vehicle's MPC_XY_CRUISE.
+             */
             hover_speed_m_s?: number | null;
             /**
              * Items
+             * @description Items.
              * @default []
              */
             items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"] | components["schemas"]["ComplexItem"])[];
             /**
              * Fence
+             * @description Fence.
              * @default []
              */
             fence: (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
             /**
              * Rally Points
+             * @description Rally points.
              * @default []
              */
             rally_points: components["schemas"]["RallyPoint"][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of the .plan file it was read from, without what the fields above hold.
+             */
             original?: string | null;
         };
         /**
@@ -6383,8 +6780,12 @@ export interface components {
          * @description What is wrong with a plan, and what its flight takes.
          */
         PlanCheck: {
-            /** Findings */
+            /**
+             * Findings
+             * @description In the order of the checks; empty: nothing is wrong.
+             */
             findings: components["schemas"]["FindingModel"][];
+            /** @description Of the whole flight. */
             estimates: components["schemas"]["PlanEstimates"];
             /**
              * Vehicle
@@ -6522,9 +6923,15 @@ export interface components {
          * @description A place on the ground, WGS84 degrees.
          */
         Point: {
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
         };
         /**
@@ -6943,9 +7350,15 @@ export interface components {
          * @description A place to return to instead of home.
          */
         RallyPoint: {
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
         };
@@ -7382,18 +7795,23 @@ export interface components {
         ReturnHome: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -7429,22 +7847,33 @@ export interface components {
         RoiLocation: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -7454,6 +7883,7 @@ export interface components {
             kind: "roi_location";
             /**
              * Gimbal Id
+             * @description Gimbal id.
              * @default 0
              */
             gimbal_id: number | null;
@@ -7465,18 +7895,23 @@ export interface components {
         RoiNextWaypoint: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -7485,21 +7920,25 @@ export interface components {
             kind: "roi_next_waypoint";
             /**
              * Gimbal Id
+             * @description Gimbal id.
              * @default 0
              */
             gimbal_id: number | null;
             /**
              * Pitch Offset Deg
+             * @description Pitch offset [deg].
              * @default 0
              */
             pitch_offset_deg: number | null;
             /**
              * Roll Offset Deg
+             * @description Roll offset [deg].
              * @default 0
              */
             roll_offset_deg: number | null;
             /**
              * Yaw Offset Deg
+             * @description Yaw offset [deg].
              * @default 0
              */
             yaw_offset_deg: number | null;
@@ -7511,18 +7950,23 @@ export interface components {
         RoiNone: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -7531,6 +7975,7 @@ export interface components {
             kind: "roi_none";
             /**
              * Gimbal Id
+             * @description Gimbal id.
              * @default 0
              */
             gimbal_id: number | null;
@@ -7563,34 +8008,52 @@ export interface components {
         SetActuator: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "set_actuator";
-            /** Actuator 1 */
+            /**
+             * Actuator 1
+             * @description Actuator 1.
+             */
             actuator_1?: number | null;
-            /** Actuator 2 */
+            /**
+             * Actuator 2
+             * @description Actuator 2.
+             */
             actuator_2?: number | null;
-            /** Actuator 3 */
+            /**
+             * Actuator 3
+             * @description Actuator 3.
+             */
             actuator_3?: number | null;
-            /** Actuator 4 */
+            /**
+             * Actuator 4
+             * @description Actuator 4.
+             */
             actuator_4?: number | null;
             /**
              * Set Index
+             * @description Set index.
              * @default 0
              */
             set_index: number | null;
@@ -7602,18 +8065,23 @@ export interface components {
         SetHome: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -7622,6 +8090,7 @@ export interface components {
             kind: "set_home";
             /**
              * Use Current
+             * @description Use current.
              * @default 1
              */
             use_current: number | null;
@@ -7633,27 +8102,38 @@ export interface components {
         SetServo: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "set_servo";
-            /** Servo */
+            /**
+             * Servo
+             * @description Servo.
+             */
             servo: number | null;
-            /** Pulse Us */
+            /**
+             * Pulse Us
+             * @description Pulse [µs].
+             */
             pulse_us: number | null;
         };
         /**
@@ -8048,24 +8528,33 @@ export interface components {
              * @enum {string}
              */
             kind: "structure";
-            /** Outline */
+            /**
+             * Outline
+             * @description Outline.
+             */
             outline: components["schemas"]["Point"][];
             coverage: components["schemas"]["PhotoCoverage"];
             base: components["schemas"]["Altitude"];
-            /** Height M */
+            /**
+             * Height M
+             * @description Of the structure above its foot.
+             */
             height_m: number;
             /**
              * Lowest M
+             * @description Of the lowest round above the foot.
              * @default 3
              */
             lowest_m: number;
             /**
              * From Top
+             * @description From top.
              * @default false
              */
             from_top: boolean;
             /**
              * Gimbal Pitch Deg
+             * @description Gimbal pitch [deg].
              * @default 0
              */
             gimbal_pitch_deg: number;
@@ -8080,28 +8569,40 @@ export interface components {
              * @enum {string}
              */
             kind: "survey";
-            /** Outer */
+            /**
+             * Outer
+             * @description Outer.
+             */
             outer: components["schemas"]["Point"][];
             /**
              * Holes
+             * @description Holes.
              * @default []
              */
             holes: components["schemas"]["Point"][][];
             coverage: components["schemas"]["PhotoCoverage"];
             altitude: components["schemas"]["Altitude"];
-            /** Heading Deg */
+            /**
+             * Heading Deg
+             * @description Of the lines, clockwise from north; null: the one with the shortest way.
+             */
             heading_deg?: number | null;
             /**
              * Turnaround M
+             * @description Turnaround [m].
              * @default 0
              */
             turnaround_m: number;
             /**
              * Crosshatch
+             * @description Crosshatch.
              * @default false
              */
             crosshatch: boolean;
-            /** Speed M S */
+            /**
+             * Speed M S
+             * @description Speed [m/s].
+             */
             speed_m_s?: number | null;
         };
         /**
@@ -8131,22 +8632,33 @@ export interface components {
         Takeoff: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -8156,10 +8668,14 @@ export interface components {
             kind: "takeoff";
             /**
              * Pitch Deg
+             * @description Pitch [deg].
              * @default 0
              */
             pitch_deg: number | null;
-            /** Yaw Ned Deg */
+            /**
+             * Yaw Ned Deg
+             * @description Yaw ned (north, east, down of the local origin) [deg].
+             */
             yaw_ned_deg?: number | null;
         };
         /**
@@ -8596,38 +9112,49 @@ export interface components {
         TriggerControl: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "trigger_control";
-            /** Enable */
+            /**
+             * Enable
+             * @description Enable.
+             */
             enable: number | null;
             /**
              * Reset
+             * @description Reset.
              * @default 0
              */
             reset: number | null;
             /**
              * Pause
+             * @description Pause.
              * @default 0
              */
             pause: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -8639,38 +9166,49 @@ export interface components {
         TriggerDistance: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "trigger_distance";
-            /** Distance M */
+            /**
+             * Distance M
+             * @description Distance [m].
+             */
             distance_m: number | null;
             /**
              * Shutter Ms
+             * @description Shutter ms.
              * @default 0
              */
             shutter_ms: number | null;
             /**
              * At Once
+             * @description At once.
              * @default 0
              */
             at_once: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -8682,33 +9220,43 @@ export interface components {
         TriggerInterval: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "trigger_interval";
-            /** Interval Ms */
+            /**
+             * Interval Ms
+             * @description Interval ms.
+             */
             interval_ms: number | null;
             /**
              * Shutter Ms
+             * @description Shutter ms.
              * @default 0
              */
             shutter_ms: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -9124,18 +9672,23 @@ export interface components {
         VideoStart: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -9144,16 +9697,19 @@ export interface components {
             kind: "video_start";
             /**
              * Stream
+             * @description Stream.
              * @default 0
              */
             stream: number | null;
             /**
              * Status Hz
+             * @description Status [Hz].
              * @default 0
              */
             status_hz: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -9165,18 +9721,23 @@ export interface components {
         VideoStop: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -9185,11 +9746,13 @@ export interface components {
             kind: "video_stop";
             /**
              * Stream
+             * @description Stream.
              * @default 0
              */
             stream: number | null;
             /**
              * Camera
+             * @description Camera.
              * @default 0
              */
             camera: number | null;
@@ -9212,22 +9775,33 @@ export interface components {
         Waypoint: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -9237,20 +9811,26 @@ export interface components {
             kind: "waypoint";
             /**
              * Hold S
+             * @description Hold [s].
              * @default 0
              */
             hold_s: number | null;
             /**
              * Acceptance Radius M
+             * @description Acceptance radius [m].
              * @default 0
              */
             acceptance_radius_m: number | null;
             /**
              * Pass Radius M
+             * @description Pass radius [m].
              * @default 0
              */
             pass_radius_m: number | null;
-            /** Yaw Ned Deg */
+            /**
+             * Yaw Ned Deg
+             * @description Yaw ned (north, east, down of the local origin) [deg].
+             */
             yaw_ned_deg?: number | null;
         };
         /**
@@ -9260,35 +9840,48 @@ export interface components {
         Winch: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             kind: "winch";
-            /** Winch */
+            /**
+             * Winch
+             * @description Winch.
+             */
             winch: number | null;
-            /** Action */
+            /**
+             * Action
+             * @description Action.
+             */
             action: number | null;
             /**
              * Length M
+             * @description Length [m].
              * @default 0
              */
             length_m: number | null;
             /**
              * Rate M S
+             * @description Rate [m/s].
              * @default 0
              */
             rate_m_s: number | null;

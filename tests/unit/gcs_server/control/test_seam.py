@@ -41,4 +41,11 @@ def test_what_changes_a_flight_is_journaled():
     quiet = {row.name for row in BY_CALL.values() if not row.journaled}
     assert {row.name for row in BY_CALL.values() if row.control != "none"} & quiet == {"control/renew"}
     changing = {row.name for call, row in BY_CALL.items() if not call.startswith(("GET ", "WS "))} & quiet
-    assert changing == {"control/renew", "params/refresh", "readiness/check", "replays/change", "scene"}
+    assert changing == {
+        "control/renew",
+        "params/refresh",
+        "plans",
+        "readiness/check",
+        "replays/change",
+        "scene",
+    }
