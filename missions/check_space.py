@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import shapely
 from shapely.geometry import LineString, Polygon
@@ -10,10 +10,10 @@ from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry.base import BaseGeometry
 
 from missions.check_context import Context, Finding, name
-from missions.geodesy import distance_m
+from missions.geodesy import LocalOrigin, distance_m
 from missions.items import PlacedItem
 from missions.route import is_flown_to
-from missions.values import FenceCircle, FencePolygon, Point
+from missions.values import FenceCircle, FencePolygon, FenceZone, Point
 
 TOLERANCE_M = 0.05
 """Points on an edge count as inside."""
@@ -110,21 +110,27 @@ def _allowed(context: Context) -> BaseGeometry | None:
     """Where the vehicle may be: inside all inclusions, outside all exclusions; None without a fence."""
     if not context.plan.fence or context.origin is None:
         return None
+    return allowed_area(context.plan.fence, context.origin)
+
+
+def allowed_area(fence: Sequence[FenceZone], origin: LocalOrigin) -> BaseGeometry:
+    """Inside all inclusions and outside all exclusions: north and east of a local origin [m]."""
     whole: BaseGeometry = shapely.box(-3e7, -3e7, 3e7, 3e7)
-    for zone in context.plan.fence:
+    for zone in fence:
         if isinstance(zone, FenceCircle):
-            center = ShapelyPoint(_local(context, zone.center.lat_deg, zone.center.lon_deg))
+            center = ShapelyPoint(_corner(origin, zone.center))
             shape: BaseGeometry = center.buffer(zone.radius_m, quad_segs=CIRCLE_SEGMENTS)
         else:
-            shape = shapely.make_valid(Polygon([_corner(context, point) for point in zone.polygon]))
+            shape = shapely.make_valid(Polygon([_corner(origin, point) for point in zone.polygon]))
         grown = shape.buffer(TOLERANCE_M if zone.inclusion else -TOLERANCE_M)
         whole = whole.intersection(grown) if zone.inclusion else whole.difference(grown)
     shapely.prepare(whole)
     return whole
 
 
-def _corner(context: Context, point: Point) -> Place:
-    return _local(context, point.lat_deg, point.lon_deg)
+def _corner(origin: LocalOrigin, point: Point) -> Place:
+    north, east, _ = origin.to_ned(point.lat_deg, point.lon_deg, 0.0)
+    return (north, east)
 
 
 RULES = (_distances, _zones, _fence)

@@ -1,0 +1,291 @@
+"""Steps along a path as segments: the way to its beginning, the turn, the path itself, its pictures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from missions.errors import PlanError
+from missions.frames import Vector3, q_from_euler, wrap_pi
+from missions.offboard import tables
+from missions.offboard.segments import (
+    AttitudeSegment,
+    CurveSegment,
+    Event,
+    HoldSegment,
+    TableSegment,
+    VelocitySegment,
+)
+from missions.offboard.state import State
+from missions.offboard.steps import (
+    AttitudeStep,
+    FigureEight,
+    Fly,
+    FlyPoint,
+    Helix,
+    Hold,
+    Orbit,
+    PathStep,
+    Photo,
+    Spiral,
+    Table,
+    VelocityStep,
+)
+from missions.setpoints import Attitude
+from missions.trajectory import ramps, shapes
+from missions.trajectory.curve import TimedCurve
+from missions.trajectory.headings import AlongPath, LookAt
+from missions.trajectory.limits import MotionLimits
+from missions.trajectory.points import SAME_M, PassPoint
+from missions.trajectory.solve import Heading, along, through
+
+TURN_RAD = math.radians(1.0)
+"""Smaller differences of heading need no turn of their own."""
+MAX_PHOTOS = 10_000
+"""Of one segment."""
+
+
+def hold(state: State, step: Hold) -> None:
+    """Turn where a yaw is given, then stay."""
+    if step.yaw_ned_rad is not None:
+        turn_to(state, step.yaw_ned_rad)
+    stay(state, step.duration_s)
+
+
+def stay(state: State, duration_s: float, events: tuple[Event, ...] = (), title: str | None = None) -> None:
+    """A hold at the present place."""
+    state.add(
+        HoldSegment(
+            state.place, title or state.title, duration_s, state.position_ned_m, state.yaw_ned_rad,
+            gimbal=state.gimbal, events=events,
+        )
+    )  # fmt: skip
+
+
+def photo(state: State, step: Photo) -> None:
+    """Pictures while holding."""
+    events = tuple(Event(k * step.interval_s, "photo") for k in range(step.count))
+    stay(state, (step.count - 1) * step.interval_s, events)
+
+
+def turn_to(state: State, yaw_ned_rad: float) -> None:
+    """Turn on the spot, where the heading differs."""
+    if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < TURN_RAD:
+        return
+    here = state.position_ned_m
+    curve = through([PassPoint(here, state.yaw_ned_rad), PassPoint(here, yaw_ned_rad)], state.work.motion)
+    add_curve(state, curve, "Turn")
+
+
+def add_curve(state: State, curve: TimedCurve, title: str, photo_every_m: float | None = None) -> None:
+    """A curve from where the vehicle is."""
+    end = curve.at(curve.duration_s)
+    n, e, d = (float(axis or 0.0) for axis in end.position_ned_m)
+    yaw_rad = state.yaw_ned_rad if end.yaw_ned_rad is None else end.yaw_ned_rad
+    events = () if photo_every_m is None else _photos(curve, photo_every_m)
+    state.add(
+        CurveSegment(
+            state.place, title, curve.duration_s, (n, e, d), yaw_rad, curve.length_m, state.gimbal, events,
+            curve=curve,
+        )
+    )  # fmt: skip
+
+
+def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
+    """A picture at the beginning and after each distance flown."""
+    if curve.length_m / every_m > MAX_PHOTOS:
+        reason = f"{curve.length_m / every_m:.0f} pictures, {MAX_PHOTOS} are the most"
+        raise PlanError("field photo_every_m", reason, "Give a longer distance.")
+    times = np.linspace(0.0, curve.duration_s, 20 * (10 + int(curve.duration_s)))
+    places = curve.many(times).position_ned_m
+    flown_m = np.concatenate(([0.0], np.cumsum(np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1)))))
+    wanted_m = np.arange(0.0, flown_m[-1], every_m)
+    return tuple(Event(t, "photo") for t in np.interp(wanted_m, flown_m, times).tolist())
+
+
+def fly(state: State, step: Fly) -> None:
+    """Through points; at a point with a wait the path ends and goes on."""
+    limits = state.limits_for(step)
+    places = [state.locate(point) for point in step.points]
+    named = any(point.yaw_ned_rad is not None for point in step.points)
+    first = 0
+    for index, point in enumerate(step.points):
+        if point.hold_s > 0.0 or index == len(step.points) - 1:
+            part = list(zip(step.points[first : index + 1], places[first : index + 1], strict=True))
+            _fly_part(state, step, part, limits, named=named)
+            first = index + 1
+            if point.hold_s > 0.0:
+                stay(state, point.hold_s, title="Hold")
+
+
+def _fly_part(
+    state: State, step: Fly, part: list[tuple[FlyPoint, Vector3]], limits: MotionLimits, *, named: bool
+) -> None:
+    here = PassPoint(state.position_ned_m, state.yaw_ned_rad if named else None)
+    points = [here]
+    for point, place in part:
+        points.append(PassPoint(place, point.yaw_ned_rad, point.stop, point.corner_m))
+    state.work.count(points=len(points))
+    heading = None if named else heading_of(state, step)
+    curve = through(points, limits, exact=step.curve == "smooth", heading=heading)
+    _turned(state, curve, step)
+
+
+def heading_of(state: State, step: PathStep) -> Heading:
+    """Where the nose points on the step."""
+    if step.heading == "along_path":
+        return AlongPath(state.yaw_ned_rad)
+    if step.look_at is not None:
+        return LookAt(state.locate(step.look_at))
+    return step.yaw_ned_rad
+
+
+def _turned(state: State, curve: TimedCurve, step: PathStep) -> None:
+    """The curve, after a turn to the heading it begins with."""
+    start = curve.at(0.0)
+    if start.yaw_ned_rad is not None:
+        turn_to(state, start.yaw_ned_rad)
+    if curve.duration_s > 0.0:
+        add_curve(state, curve, state.title, step.photo_every_m)
+
+
+def shape(state: State, step: Orbit | FigureEight) -> None:
+    """To where the shape begins, then along it."""
+    limits = state.limits_for(step)
+    center = state.locate(step.center)
+    if isinstance(step, FigureEight):
+        path = shapes.figure_eight(
+            center, step.length_m, step.width_m, step.rounds, heading_ned_rad=step.axis_ned_rad
+        )
+    else:
+        path = shapes.arc(
+            center, step.radius_m, step.turns,
+            start_angle_ned_rad=_nearest_angle(state, center, step),
+            clockwise=step.clockwise,
+            climb_m=step.climb_m if isinstance(step, Helix | Spiral) else 0.0,
+            end_radius_m=step.end_radius_m if isinstance(step, Spiral) else None,
+        )  # fmt: skip
+    state.work.count(points=len(path.spans) // 8)
+    curve = along(path, limits, heading_of(state, step))
+    begin = curve.at(0.0)
+    _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, limits)
+    add_curve(state, curve, state.title, step.photo_every_m)
+
+
+def _nearest_angle(state: State, center: Vector3, step: Orbit) -> float:
+    if step.start_angle_ned_rad is not None:
+        return step.start_angle_ned_rad
+    north, east = state.position_ned_m[0] - center[0], state.position_ned_m[1] - center[1]
+    return math.atan2(east, north) if math.hypot(north, east) > SAME_M else 0.0
+
+
+def _vector(position: tuple[float | None, float | None, float | None]) -> Vector3:
+    n, e, d = position
+    return (n or 0.0, e or 0.0, d or 0.0)
+
+
+def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
+    """Straight to where a path begins, turning on the way."""
+    turns = yaw_ned_rad is not None
+    if math.dist(begin, state.position_ned_m) >= SAME_M:
+        here = PassPoint(state.position_ned_m, state.yaw_ned_rad if turns else None)
+        add_curve(state, through([here, PassPoint(begin, yaw_ned_rad)], limits), "Approach")
+    elif yaw_ned_rad is not None:
+        turn_to(state, yaw_ned_rad)
+
+
+def table(state: State, step: Table) -> None:
+    """To where the table begins, then at its own times."""
+    data = state.work.files.get(step.file)
+    if data is None:
+        raise PlanError("field file", f"there is no file {step.file!r}", "Add the file, or correct its name.")
+    offset = state.work.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
+    path = tables.read(data, offset, state.yaw_ned_rad)
+    begin = path.at(0.0)
+    state.work.count(points=max(2, int(path.duration_s)))
+    motion = state.work.motion
+    cruise_m_s = min(motion.speed_m_s, state.work.vehicle.limits.vehicle.cruise_m_s)
+    _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, replace(motion, speed_m_s=cruise_m_s))
+    end = path.at(path.duration_s)
+    times = np.linspace(0.0, path.duration_s, 2000)
+    places, _ = path.many(times)
+    length_m = float(np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1)).sum())
+    yaw_rad = state.yaw_ned_rad if end.yaw_ned_rad is None else end.yaw_ned_rad
+    state.add(
+        TableSegment(
+            state.place, state.title, path.duration_s, _vector(end.position_ned_m), yaw_rad, length_m,
+            state.gimbal, path=path,
+        )
+    )  # fmt: skip
+
+
+def velocity(state: State, step: VelocityStep) -> None:
+    """A straight line at a velocity, as long as its time allows, from rest to rest."""
+    if step.yaw_ned_rad is not None:
+        turn_to(state, step.yaw_ned_rad)
+    state.report(
+        "position_not_held", "The velocity step does not hold a position: wind moves the vehicle.",
+        "Use a fly step where the place matters.",
+    )  # fmt: skip
+    north, east, down = step.velocity_ned_m_s
+    across, speed = math.hypot(north, east), math.hypot(north, east, down)
+    motion = state.work.motion
+    vertical_m_s = motion.descent_m_s if down > 0.0 else motion.climb_m_s
+    if across > motion.speed_m_s or abs(down) > vertical_m_s:
+        message = f"The velocity {step.velocity_ned_m_s} m/s is above the vehicle's limits."
+        state.report("speed_exceeded", message, "Lower the velocity.")
+        return
+    end, line = state.position_ned_m, through([PassPoint(state.position_ned_m)], motion)
+    if speed > 1e-3:
+        acceleration = min(
+            motion.horizontal_acceleration_m_s2 * speed / max(across, 1e-9),
+            motion.vertical_acceleration_m_s2 * speed / max(abs(down), 1e-9),
+        )
+        ramp_s = float(ramps.durations(np.array(speed), np.array(acceleration), np.array(motion.jerk_m_s3)))
+        if step.duration_s < 2.0 * ramp_s:
+            message = f"In {step.duration_s:g} s the velocity is not reached: it takes {2.0 * ramp_s:.1f} s."
+            state.report("duration_too_short", message, "Give more time, or a lower velocity.")
+            return
+        scale = step.duration_s - ramp_s
+        end = _vector(
+            tuple(p + v * scale for p, v in zip(end, step.velocity_ned_m_s, strict=True))  # type: ignore[arg-type]
+        )
+        slow = replace(
+            motion,
+            speed_m_s=across if across > 1e-3 else motion.speed_m_s,
+            climb_m_s=-down if down < -1e-3 else motion.climb_m_s,
+            descent_m_s=down if down > 1e-3 else motion.descent_m_s,
+        )
+        line = through([PassPoint(state.position_ned_m), PassPoint(end)], slow)
+    state.add(
+        VelocitySegment(
+            state.place, state.title, step.duration_s, end, state.yaw_ned_rad,
+            math.dist(state.position_ned_m, end), state.gimbal, line=line,
+        )
+    )  # fmt: skip
+
+
+def attitude(state: State, step: AttitudeStep) -> None:
+    """An attitude for a time; where it leads is not known, so the plan goes on from the same place."""
+    yaw_rad = state.yaw_ned_rad if step.yaw_ned_rad is None else step.yaw_ned_rad
+    turn_to(state, yaw_rad)
+    tilt_rad = math.acos(math.cos(step.roll_rad) * math.cos(step.pitch_rad))
+    if tilt_rad > state.work.motion.tilt_rad:
+        limit_deg = math.degrees(state.work.motion.tilt_rad)
+        message = f"The attitude tilts by {math.degrees(tilt_rad):.0f}°, the limit is {limit_deg:.0f}°."
+        state.report("tilt_exceeded", message, "Lower roll or pitch.")
+        return
+    state.needs.add("heading")
+    state.report(
+        "position_not_held", "The attitude step holds neither position nor height.",
+        "Keep it short, and high above the ground.",
+    )  # fmt: skip
+    flown = Attitude(q_from_euler(step.roll_rad, step.pitch_rad, yaw_rad), step.thrust)
+    state.add(
+        AttitudeSegment(
+            state.place, state.title, step.duration_s, state.position_ned_m, yaw_rad, gimbal=state.gimbal,
+            attitude=flown,
+        )
+    )  # fmt: skip

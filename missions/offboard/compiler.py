@@ -1,0 +1,274 @@
+"""From the document of a mission to its timeline. Pure; a step that cannot be flown becomes a finding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from missions.errors import PlanError
+from missions.estimates import land_time_s
+from missions.geodesy import LocalOrigin
+from missions.offboard import compile_paths, mission_checks
+from missions.offboard.document import OffboardMission
+from missions.offboard.gimbals import GimbalTrack
+from missions.offboard.places import Start, Unplaceable
+from missions.offboard.segments import Decision, Event, WaitSegment
+from missions.offboard.state import MissionVehicle, State, Work
+from missions.offboard.steps import (
+    AttitudeStep,
+    Branch,
+    Call,
+    FigureEight,
+    Fly,
+    Gimbal,
+    Helix,
+    Hold,
+    Land,
+    MissionStep,
+    Orbit,
+    Photo,
+    Repeat,
+    Spiral,
+    Table,
+    TakeOff,
+    VelocityStep,
+    Wait,
+)
+from missions.offboard.timeline import FlightActions, Timeline
+
+MAX_DECISIONS = 12
+"""Branches on one way: each doubles the ways."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """A list of steps that is being carried out, and what comes after it."""
+
+    steps: tuple[MissionStep, ...]
+    prefix: str
+    index: int = 0
+    times_left: int = 1
+    after: _Frame | None = None
+
+
+def compile_mission(
+    mission: OffboardMission,
+    vehicle: MissionVehicle | None = None,
+    start: Start | None = None,
+    files: Mapping[str, bytes] | None = None,
+    first_step: int = 0,
+) -> Timeline:
+    """The timeline of a mission, with its findings.
+
+    Args:
+        mission: the document.
+        vehicle: what the vehicle can do; None: PX4's defaults.
+        start: where the vehicle is; None: on the ground at the local origin, which is the document's home.
+        files: the files that table steps name.
+        first_step: index of the first step to fly, for the rest of a mission; gimbal tracks before it count.
+
+    Raises:
+        PlanError: The mission is larger than what can be compiled.
+    """
+    vehicle = vehicle or MissionVehicle()
+    start = _with_home(mission, start or Start())
+    work = Work(mission, vehicle, start, files or {}, vehicle.within(mission.limits))
+    state = State(work, start.position_ned_m, start.yaw_ned_rad, start.in_air)
+    _skip(state, mission.steps[:first_step])
+    timeline = _way(state, _Frame(mission.steps, "step ", first_step), 0)
+    found = (*work.findings, *mission_checks.check(timeline, work))
+    energy_wh = mission_checks.energy_wh(timeline, work)
+    return replace(timeline, findings=tuple(dict.fromkeys(found)), energy_wh=energy_wh)
+
+
+def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
+    """Steps that have been flown: of them only the gimbal's track lasts."""
+    for index, step in enumerate(steps, 1):
+        if isinstance(step, Gimbal):
+            state.place, state.title = f"step {index}", "Gimbal"
+            _carry_out(state, step)
+
+
+def _with_home(mission: OffboardMission, start: Start) -> Start:
+    """The start, with the planned home where the vehicle's is not known."""
+    home = mission.home
+    if home is None or start.origin is not None:
+        return start
+    origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    return replace(start, origin=origin, home_alt_amsl_m=home.alt_amsl_m)
+
+
+def _way(state: State, frame: _Frame | None, decisions: int) -> Timeline:
+    """From one step to the end, or to a branch and both ways from there."""
+    while (found := _next(frame)) is not None:
+        step, state.place, frame = found
+        state.title = step.name or step.step.replace("_", " ").capitalize()
+        state.work.count(steps=1)
+        if isinstance(step, Repeat):
+            frame = _Frame(step.steps, f"{state.place}.", times_left=step.times, after=frame)
+        elif isinstance(step, Call):
+            called = state.work.mission.missions[step.mission]
+            frame = _Frame(called, f"{state.place}, {step.mission} ", after=frame)
+        elif isinstance(step, Branch):
+            if decisions >= MAX_DECISIONS:
+                reason = f"more than {MAX_DECISIONS} branches one after the other"
+                raise PlanError(state.place, reason, "Split the mission.")
+            return _branch(state, step, frame, decisions)
+        else:
+            _carry_out(state, step)
+    if state.in_air:
+        state.place = "the end"
+        state.report(
+            "landing_missing", "The mission ends in the air; the vehicle holds there.", "Add a landing."
+        )
+    return _timeline(state)
+
+
+def _next(frame: _Frame | None) -> tuple[MissionStep, str, _Frame | None] | None:
+    while frame is not None:
+        if frame.index < len(frame.steps):
+            step = frame.steps[frame.index]
+            return step, f"{frame.prefix}{frame.index + 1}", replace(frame, index=frame.index + 1)
+        again = frame.times_left > 1
+        frame = replace(frame, index=0, times_left=frame.times_left - 1) if again else frame.after
+    return None
+
+
+def _branch(state: State, step: Branch, frame: _Frame | None, decisions: int) -> Timeline:
+    c = step.condition
+    decision = Decision(state.place, c.value, c.above, c.below, c.for_s)
+    ways: list[Timeline] = []
+    for word, steps in (("then", step.then), ("otherwise", step.otherwise)):
+        fork = state.fork()
+        ways.append(_way(fork, _Frame(steps, f"{decision.place} {word} ", after=frame), decisions + 1))
+        state.needs |= fork.needs
+    return replace(_timeline(state), decision=decision, then=ways[0], otherwise=ways[1])
+
+
+def _timeline(state: State) -> Timeline:
+    starts: list[float] = []
+    now_s = 0.0
+    for segment in state.segments:
+        starts.append(now_s)
+        now_s += segment.duration_s
+    actions = state.work.mission.actions
+    needs = dict.fromkeys(("position", "velocity", *sorted(state.needs)))
+    return Timeline(
+        tuple(state.segments), tuple(starts), (), tuple(needs),
+        FlightActions(actions.failure, actions.low_battery, actions.link_loss),
+    )  # fmt: skip
+
+
+def _carry_out(state: State, step: Any) -> None:
+    """One step; what is wrong with it is a finding, and the mission goes on without it."""
+    flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait)
+    if flies and not state.in_air:
+        state.report(
+            "takeoff_missing", f"{state.title}: the vehicle is on the ground.", "Add a take-off before it."
+        )
+        state.in_air = True
+    made = len(state.segments)
+    before = (state.position_ned_m, state.yaw_ned_rad)
+    try:
+        _MAKERS[type(step)](state, step)
+    except Unplaceable as error:
+        names = {"global_position": "global position", "home": "altitude of home"}
+        message = f"The place of this step needs the {names[error.missing]}, which is not known."
+        state.report(
+            "estimate_missing", message, "Give the mission a home, or wait for the vehicle's position."
+        )
+    except PlanError as error:
+        if error.place == "the mission":
+            raise
+        state.report("step_invalid", f"{error.place}: {error.reason}.", error.fix)
+    else:
+        return
+    del state.segments[made:]
+    state.position_ned_m, state.yaw_ned_rad = before
+
+
+def _take_off(state: State, step: TakeOff) -> None:
+    if state.in_air:
+        state.report("takeoff_in_air", "A take-off, but the vehicle is flying already.", "Remove it.")
+        return
+    north, east, down = state.position_ned_m
+    state.in_air = True
+    speed_m_s = state.work.vehicle.limits.vehicle.takeoff_m_s
+    _wait(
+        state, "take_off", step.height_m / speed_m_s, (north, east, down - step.height_m), step.timeout_s,
+        length_m=step.height_m, height_m=step.height_m,
+    )  # fmt: skip
+
+
+def _land(state: State, step: Land) -> None:
+    north, east, down = state.position_ned_m
+    height_m = max(0.0, state.work.start.reference_ned_m[2] - down)
+    duration_s = land_time_s(height_m, state.work.vehicle.limits.vehicle)
+    state.in_air = False
+    _wait(state, "land", duration_s, (north, east, down + height_m), step.timeout_s, length_m=height_m)
+
+
+def _wait_step(state: State, step: Wait) -> None:
+    rest: dict[str, Any] = {"message": step.message, "on_timeout": step.on_timeout}
+    if step.until == "person":
+        _wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **rest)
+        return
+    c = step.until
+    rest |= {"value": c.value, "above": c.above, "below": c.below, "for_s": c.for_s}
+    _wait(state, "condition", c.for_s, state.position_ned_m, step.timeout_s, **rest)
+
+
+def _wait(
+    state: State,
+    kind: Literal["person", "condition", "take_off", "land"],
+    duration_s: float,
+    end: tuple[float, float, float],
+    timeout_s: float,
+    **rest: Any,
+) -> None:
+    state.add(
+        WaitSegment(
+            state.place, state.title, duration_s, end, state.yaw_ned_rad, gimbal=state.gimbal, kind=kind,
+            timeout_s=timeout_s, **rest,
+        )
+    )  # fmt: skip
+
+
+def _gimbal(state: State, step: Gimbal) -> None:
+    if step.track == "release":
+        state.gimbal = None
+    else:
+        steepest_rad = abs(step.pitch_rad) + (step.sweep_pitch_rad if step.track == "sweep" else 0.0)
+        if steepest_rad > 1.5708:
+            message = f"The gimbal is asked for a pitch of {steepest_rad:.2f} rad."
+            state.report("gimbal_steep", message, "Stay within straight up and straight down (1.57 rad).")
+        place = (0.0, 0.0, 0.0) if step.place is None else state.locate(step.place)
+        state.gimbal = GimbalTrack(
+            step.track,
+            step.pitch_rad,
+            step.yaw_rad,
+            place,
+            step.sweep_pitch_rad,
+            step.sweep_yaw_rad,
+            step.period_s,
+        )
+    compile_paths.stay(state, 0.0, (Event(0.0, "gimbal"),))
+
+
+_MAKERS: dict[type, Callable[[State, Any], None]] = {
+    TakeOff: _take_off,
+    Land: _land,
+    Wait: _wait_step,
+    Gimbal: _gimbal,
+    Hold: compile_paths.hold,
+    Photo: compile_paths.photo,
+    Fly: compile_paths.fly,
+    Orbit: compile_paths.shape,
+    Helix: compile_paths.shape,
+    Spiral: compile_paths.shape,
+    FigureEight: compile_paths.shape,
+    Table: compile_paths.table,
+    VelocityStep: compile_paths.velocity,
+    AttitudeStep: compile_paths.attitude,
+}

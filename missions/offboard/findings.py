@@ -1,0 +1,50 @@
+"""What is wrong with an offboard mission: step, plain sentence, stable code, and a fix where there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
+    "takeoff_missing": ("error", "a step flies, but the vehicle has not taken off"),
+    "takeoff_in_air": ("error", "a take-off while the vehicle is flying"),
+    "landing_missing": ("warning", "the mission ends in the air; the vehicle holds there"),
+    "estimate_missing": (
+        "error",
+        "a place needs the global position or the altitude of home, which is not known",
+    ),
+    "step_invalid": ("error", "a step that cannot be flown"),
+    "speed_too_high": ("warning", "a speed above the vehicle's limit; the limit is flown"),
+    "speed_exceeded": ("error", "a table or velocity faster than the vehicle's limits"),
+    "acceleration_exceeded": ("error", "a table with more acceleration than the vehicle's limits"),
+    "tilt_exceeded": ("error", "an attitude with more tilt than the vehicle's limit"),
+    "duration_too_short": ("error", "a velocity that is not reached in its time"),
+    "position_not_held": ("warning", "nothing holds the position during this step"),
+    "altitude_too_high": ("warning", "above the operator's limit of altitude"),
+    "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
+    "altitude_below_home": ("warning", "at or below the height of home or of the start"),
+    "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
+    "fence_crossed": ("error", "the path leaves the geofence"),
+    "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
+    "gimbal_steep": ("warning", "the gimbal is asked for more than straight up or down"),
+    "length_exceeded": ("warning", "longer than the operator's limit"),
+    "endurance_exceeded": ("warning", "more energy than the battery gives"),
+}
+"""Every code: its severity, and what it means."""
+
+
+@dataclass(frozen=True, slots=True)
+class MissionFinding:
+    """One thing that is wrong."""
+
+    code: str
+    message: str
+    """A sentence for a person."""
+    step: str | None = None
+    """Which step: "step 3", "step 4.2"; None: the whole mission."""
+    fix: str | None = None
+
+    @property
+    def severity(self) -> Literal["error", "warning"]:
+        """Whether it is unsafe or impossible (error), or may surprise (warning)."""
+        return CODES[self.code][0]

@@ -1,0 +1,63 @@
+"""Where the gimbal points while a segment is flown."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from missions.frames import Vector3, wrap_pi
+from missions.setpoints import Position, Setpoint, Trajectory, Velocity, complete
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalTrack:
+    """Fixed to the nose, towards a place, along the path, or sweeping; angles in radians, up is positive."""
+
+    kind: Literal["fixed", "look_at", "along_path", "sweep"]
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    """From the nose."""
+    place_ned_m: Vector3 = (0.0, 0.0, 0.0)
+    sweep_pitch_rad: float = 0.0
+    sweep_yaw_rad: float = 0.0
+    period_s: float = 10.0
+
+    def at(self, t_s: float, setpoint: Setpoint, kept_yaw_ned_rad: float) -> tuple[float, float]:
+        """Pitch, and yaw from north, at a time of the segment [rad].
+
+        Args:
+            t_s: since the segment began.
+            setpoint: what the vehicle flies at that moment.
+            kept_yaw_ned_rad: its heading where the setpoint names none.
+        """
+        named = getattr(setpoint, "yaw_ned_rad", None)
+        nose_rad = kept_yaw_ned_rad if named is None else float(named)
+        if self.kind == "look_at":
+            return self._towards(setpoint, nose_rad)
+        if self.kind == "along_path":
+            return self.pitch_rad, _course(setpoint, nose_rad)
+        pitch_rad, yaw_rad = self.pitch_rad, nose_rad + self.yaw_rad
+        if self.kind == "sweep":
+            swing = math.sin(math.tau * t_s / self.period_s)
+            pitch_rad += self.sweep_pitch_rad * swing
+            yaw_rad += self.sweep_yaw_rad * swing
+        return pitch_rad, wrap_pi(yaw_rad)
+
+    def _towards(self, setpoint: Setpoint, nose_rad: float) -> tuple[float, float]:
+        here = complete(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
+        if here is None:
+            return self.pitch_rad, wrap_pi(nose_rad)
+        n, e, d = (there - at for there, at in zip(self.place_ned_m, here, strict=True))
+        across_m = math.hypot(n, e)
+        yaw_rad = math.atan2(e, n) if across_m > 1e-6 else wrap_pi(nose_rad)
+        return math.atan2(-d, across_m), yaw_rad
+
+
+def _course(setpoint: Setpoint, nose_rad: float) -> float:
+    """The horizontal direction of flight; the nose where it hardly moves."""
+    if isinstance(setpoint, Trajectory | Velocity):
+        north, east = setpoint.velocity_ned_m_s[0] or 0.0, setpoint.velocity_ned_m_s[1] or 0.0
+        if math.hypot(north, east) > 0.05:
+            return math.atan2(east, north)
+    return wrap_pi(nose_rad)

@@ -1,0 +1,174 @@
+"""Checks of a compiled mission: where it leads, how fast its tables are, and how long all of it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from missions.check_space import allowed_area
+from missions.offboard.findings import MissionFinding
+from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment
+from missions.offboard.state import Work
+from missions.offboard.timeline import Timeline
+from missions.trajectory.limits import MotionLimits
+
+Array = NDArray[np.float64]
+SPACING_S = 0.25
+MAX_SAMPLES = 4000
+"""Of one segment."""
+GROUND_M = 0.3
+"""Lower than this above the start counts as on the ground."""
+TOLERANCE = 1.01
+"""Tables are judged with one per cent of leeway."""
+
+
+def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
+    """All findings about all ways of a timeline."""
+    area = None
+    found: list[MissionFinding] = []
+    if work.mission.fence:
+        if work.start.origin is None:
+            message = "The geofence is given on the earth, and the local origin is not known."
+            found.append(MissionFinding("fence_unknown", message, None, "Give the mission a home."))
+        else:
+            area = allowed_area(work.mission.fence, work.start.origin)
+            shapely.prepare(area)
+    for part in _parts(timeline):
+        before = work.start.position_ned_m
+        for segment in part.segments:
+            path = _path(segment, before)
+            found += _where(segment, path, work)
+            if area is not None:
+                found += _fence(segment, path, area)
+            if isinstance(segment, TableSegment):
+                found += _table(segment, work.motion)
+            before = segment.end_ned_m
+    found += _totals(timeline, work)
+    return tuple(found)
+
+
+def _parts(timeline: Timeline) -> Iterator[Timeline]:
+    yield timeline
+    for way in (timeline.then, timeline.otherwise):
+        if way is not None:
+            yield from _parts(way)
+
+
+def _path(segment: Segment, before: tuple[float, float, float]) -> Array:
+    """Places along a segment, (N, 3) [m]."""
+    count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
+    times = np.linspace(0.0, segment.duration_s, count)
+    if isinstance(segment, CurveSegment):
+        return segment.curve.many(times).position_ned_m
+    if isinstance(segment, TableSegment):
+        return segment.path.many(times)[0]
+    if isinstance(segment, VelocitySegment):
+        return segment.line.many(times).position_ned_m
+    return np.array([before, segment.end_ned_m])
+
+
+def _where(segment: Segment, path: Array, work: Work) -> Iterator[MissionFinding]:
+    limits, start = work.vehicle.limits, work.start
+    home_down_m = start.reference_ned_m[2]
+    if start.origin is not None and start.home_alt_amsl_m is not None:
+        home_down_m = start.origin.alt_amsl_m - start.home_alt_amsl_m
+    height_m = home_down_m - path[:, 2]
+    highest_m = float(height_m.max())
+    most_m, fence_m = limits.altitude_home_max_m, limits.vehicle.fence_height_m
+    if most_m is not None and highest_m > most_m + 0.01:
+        message = f"{segment.title} climbs to {highest_m:.0f} m above home, the limit is {most_m:.0f} m."
+        yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.")
+    if 0.0 < fence_m < highest_m:
+        message = (
+            f"{segment.title} climbs to {highest_m:.0f} m above home; the fence ends at {fence_m:.0f} m."
+        )
+        yield MissionFinding("altitude_fence", message, segment.place, "Lower it.")
+    if isinstance(segment, CurveSegment | TableSegment | VelocitySegment) and height_m.min() < GROUND_M:
+        message = f"{segment.title} descends to {height_m.min():.1f} m above home."
+        yield MissionFinding(
+            "altitude_below_home", message, segment.place, "Raise it; down is negative above."
+        )
+    radius_m = limits.vehicle.fence_radius_m
+    north, east = path[:, 0] - start.reference_ned_m[0], path[:, 1] - start.reference_ned_m[1]
+    away_m = float(np.hypot(north, east).max())
+    if 0.0 < radius_m < away_m:
+        message = (
+            f"{segment.title} is up to {away_m:.0f} m from the start; the fence ends at {radius_m:.0f} m."
+        )
+        yield MissionFinding("radius_exceeded", message, segment.place, "Move it nearer to the start.")
+
+
+def _fence(
+    segment: Segment, path: Array, area: shapely.geometry.base.BaseGeometry
+) -> Iterator[MissionFinding]:
+    line = shapely.LineString(path[:, :2])
+    if area.covers(line):
+        return
+    outside = ~shapely.contains_xy(area, path[:, 0], path[:, 1])
+    first = path[int(outside.argmax())]
+    message = f"{segment.title} leaves the geofence near north {first[0]:.0f} m, east {first[1]:.0f} m."
+    yield MissionFinding(
+        "fence_crossed", message, segment.place, "Move the path inside, or change the fence."
+    )
+
+
+def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFinding]:
+    times = np.linspace(0.0, segment.duration_s, MAX_SAMPLES)
+    _, v = segment.path.many(times)
+    across = float(np.hypot(v[:, 0], v[:, 1]).max())
+    up, down = float(-v[:, 2].min()), float(v[:, 2].max())
+    asked = (
+        (across, motion.speed_m_s, "over the ground"),
+        (up, motion.climb_m_s, "up"),
+        (down, motion.descent_m_s, "down"),
+    )
+    for speed, most, way in asked:
+        if speed > most * TOLERANCE:
+            message = f"The table flies up to {speed:.1f} m/s {way}, the limit is {most:g} m/s."
+            yield MissionFinding("speed_exceeded", message, segment.place, "Give the table more time.")
+    a = np.diff(v, axis=0) / np.diff(times)[:, None]
+    bounds = (
+        (float(np.hypot(a[:, 0], a[:, 1]).max()), motion.horizontal_acceleration_m_s2, "horizontally"),
+        (float(np.abs(a[:, 2]).max()), motion.vertical_acceleration_m_s2, "vertically"),
+    )
+    for acceleration, most, way in bounds:
+        if acceleration > most * TOLERANCE:
+            message = (
+                f"The table accelerates by up to {acceleration:.1f} m/s² {way}, the limit is {most:.1f} m/s²."
+            )
+            yield MissionFinding("acceleration_exceeded", message, segment.place, "Give the table more time.")
+
+
+def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
+    limits = work.vehicle.limits
+    if limits.length_max_m is not None and timeline.length_m > limits.length_max_m:
+        message = f"The flight is {timeline.length_m:.0f} m long, the limit is {limits.length_max_m:.0f} m."
+        yield MissionFinding("length_exceeded", message, None, "Split the mission.")
+    power, needed_wh = limits.power, energy_wh(timeline, work)
+    if power is not None and needed_wh is not None and needed_wh > power.usable_wh:
+        message = (
+            f"The flight takes {needed_wh:.0f} Wh ({timeline.duration_s / 60:.0f} min), the battery gives "
+            f"{power.usable_wh:.0f} Wh with {power.reserve:.0%} in reserve."
+        )
+        yield MissionFinding("endurance_exceeded", message, None, "Shorten the mission.")
+
+
+def energy_wh(timeline: Timeline, work: Work) -> float | None:
+    """Of the longest way; None without a power model."""
+    power = work.vehicle.limits.power
+    if power is None:
+        return None
+    return power.energy_wh(timeline.duration_s, _climb_m(timeline, work.start.position_ned_m[2]))
+
+
+def _climb_m(timeline: Timeline, down_m: float) -> float:
+    """All metres upwards on the way with the most, from segment end to segment end."""
+    climbed_m = 0.0
+    for segment in timeline.segments:
+        climbed_m += max(0.0, down_m - segment.end_ned_m[2])
+        down_m = segment.end_ned_m[2]
+    ways = [way for way in (timeline.then, timeline.otherwise) if way is not None]
+    return climbed_m + max((_climb_m(way, down_m) for way in ways), default=0.0)

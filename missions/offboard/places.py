@@ -1,0 +1,105 @@
+"""Places of an offboard mission, and where they are in the vehicle's local frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.trajectory.points import FARTHEST_M
+from missions.values import AltitudeM, LatDeg, LonDeg, Model
+
+LocalM = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
+Ned = tuple[LocalM, LocalM, LocalM]
+
+
+class Place(Model):
+    """A place, said in one of three ways: local, relative to the start of the mission, or on the earth."""
+
+    position_ned_m: Ned | None = None
+    """From the vehicle's local origin."""
+    offset_ned_m: Ned | None = None
+    """From where the mission starts."""
+    lat_deg: LatDeg | None = None
+    lon_deg: LonDeg | None = None
+    alt_amsl_m: AltitudeM | None = None
+    alt_home_m: AltitudeM | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Place:
+        globe = (self.lat_deg, self.lon_deg, self.alt_amsl_m, self.alt_home_m)
+        ways = [
+            self.position_ned_m is not None,
+            self.offset_ned_m is not None,
+            any(v is not None for v in globe),
+        ]
+        if sum(ways) != 1:
+            raise ValueError(
+                "give one of position_ned_m, offset_ned_m, or lat_deg with lon_deg and an altitude"
+            )
+        if ways[2]:
+            if self.lat_deg is None or self.lon_deg is None:
+                raise ValueError("give both lat_deg and lon_deg")
+            if (self.alt_amsl_m is None) == (self.alt_home_m is None):
+                raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where the vehicle is when the mission, or the rest of it, begins."""
+
+    position_ned_m: Vector3 = (0.0, 0.0, 0.0)
+    yaw_ned_rad: float = 0.0
+    origin: LocalOrigin | None = None
+    """Of the local frame; None: not known, places on the earth cannot be flown to."""
+    home_alt_amsl_m: float | None = None
+    in_air: bool = False
+    mission_start_ned_m: Vector3 | None = None
+    """Where the whole mission started, if only the rest of it is compiled; None: here."""
+
+    @property
+    def reference_ned_m(self) -> Vector3:
+        """What offsets count from; the ground below it is that of the landing."""
+        return self.position_ned_m if self.mission_start_ned_m is None else self.mission_start_ned_m
+
+
+class Unplaceable(Exception):
+    """A place needs something that is not known.
+
+    Attributes:
+        missing: "global_position" or "home".
+    """
+
+    def __init__(self, missing: str) -> None:
+        super().__init__(missing)
+        self.missing = missing
+
+
+def to_local(place: Place, start: Start) -> Vector3:
+    """The place in the local frame.
+
+    Args:
+        place: as the document has it.
+        start: what the vehicle knows, and where the mission started.
+
+    Raises:
+        Unplaceable: The origin or the altitude of home is not known.
+    """
+    if place.position_ned_m is not None:
+        return place.position_ned_m
+    if place.offset_ned_m is not None:
+        n, e, d = place.offset_ned_m
+        from_n, from_e, from_d = start.reference_ned_m
+        return (from_n + n, from_e + e, from_d + d)
+    if start.origin is None:
+        raise Unplaceable("global_position")
+    amsl_m = place.alt_amsl_m
+    if amsl_m is None:
+        if start.home_alt_amsl_m is None:
+            raise Unplaceable("home")
+        amsl_m = start.home_alt_amsl_m + (place.alt_home_m or 0.0)
+    return start.origin.to_ned(place.lat_deg or 0.0, place.lon_deg or 0.0, amsl_m)

@@ -1,0 +1,188 @@
+"""Reads an offboard mission from YAML or JSON that people write by hand; every complaint has its line.
+
+Of YAML it reads mappings, lists, texts and numbers. Anchors, tags and repeated keys are refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from missions.bounded_json import decode, dump
+from missions.errors import PlanError, field_path
+from missions.offboard.document import OffboardMission, check_calls
+
+MAX_BYTES = 2 * 1024 * 1024
+MAX_VALUES = 60_000
+MAX_DEPTH = 24
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
+
+Path = tuple[str | int, ...]
+
+
+def read(data: str | bytes) -> OffboardMission:
+    """The mission that a file holds.
+
+    Raises:
+        PlanError: It is too large, no YAML, or not a mission; says line, step, field and what to do.
+    """
+    text = decode(data)
+    if len(text) > MAX_BYTES:
+        reason = f"{len(text) / 1e6:.1f} MB are too large, {MAX_BYTES // 1_048_576} MiB are the most"
+        raise PlanError("the file", reason, "Keep long trajectories in files of their own (step table).")
+    lines: dict[Path, int] = {}
+    value = _parse(text, lines)
+    try:
+        mission = OffboardMission.model_validate_json(dump(value))
+    except ValidationError as error:
+        raise _complaint(error, value, lines) from None
+    check_calls(mission)
+    return mission
+
+
+def _parse(text: str, lines: dict[Path, int]) -> Any:
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
+    try:
+        loader.get_event()
+        if loader.check_event(yaml.StreamEndEvent):
+            raise PlanError("the file", "it is empty", "Write `name:` and `steps:`.")
+        loader.get_event()
+        value = _Reader(loader, lines).value(())
+        loader.get_event()
+        if not loader.check_event(yaml.StreamEndEvent):
+            raise PlanError("the file", "it holds more than one document", "Keep one.")
+        return value
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = "the file" if mark is None else f"line {min(mark.line, text.count(chr(10))) + 1}"
+        problem = str(getattr(error, "problem", None) or "it cannot be read")[:200]
+        raise PlanError(
+            place, f"no valid YAML ({problem})", "Check indentation, brackets and quotes."
+        ) from None
+    finally:
+        loader.dispose()
+
+
+class _Reader:
+    """Turns events into values and remembers the line of each."""
+
+    def __init__(self, loader: Any, lines: dict[Path, int]) -> None:
+        self._loader = loader
+        self._lines = lines
+        self._count = 0
+
+    def value(self, path: Path) -> Any:
+        """The next value."""
+        event = self._loader.get_event()
+        line = event.start_mark.line + 1
+        self._lines[path] = line
+        self._count += 1
+        if self._count > MAX_VALUES:
+            raise PlanError(f"line {line}", f"more than {MAX_VALUES} values", "Split the mission.")
+        if len(path) > MAX_DEPTH:
+            raise PlanError(f"line {line}", f"nested deeper than {MAX_DEPTH} levels", "Use `call`.")
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise PlanError(f"line {line}", "anchors and aliases (& and *) are not read", "Use `call`.")
+        if getattr(event, "tag", None) is not None:
+            raise PlanError(f"line {line}", f"the tag {event.tag[:60]} is not read", "Remove it.")
+        if isinstance(event, yaml.ScalarEvent):
+            return _scalar(event, line)
+        if isinstance(event, yaml.SequenceStartEvent):
+            return self._list(path)
+        return self._mapping(path)
+
+    def _list(self, path: Path) -> list[Any]:
+        found: list[Any] = []
+        while not self._loader.check_event(yaml.SequenceEndEvent):
+            found.append(self.value((*path, len(found))))
+        self._loader.get_event()
+        return found
+
+    def _mapping(self, path: Path) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        while not self._loader.check_event(yaml.MappingEndEvent):
+            event = self._loader.get_event()
+            line = event.start_mark.line + 1
+            if not isinstance(event, yaml.ScalarEvent) or getattr(event, "anchor", None) is not None:
+                raise PlanError(f"line {line}", "a key is not a plain word", "Write `key: value`.")
+            if event.value in found:
+                raise PlanError(f"line {line}", f"key {event.value[:60]!r} stands twice", "Keep one of them.")
+            found[event.value] = self.value((*path, event.value))
+        self._loader.get_event()
+        return found
+
+
+def _scalar(event: yaml.ScalarEvent, line: int) -> Any:
+    if event.style in ("'", '"', "|", ">"):
+        return event.value
+    text = event.value
+    if text.lower() in _WORDS:
+        return _WORDS[text.lower()]
+    if not _NUMBER.fullmatch(text):
+        return text
+    if len(text) > 40:
+        raise PlanError(f"line {line}", f"a number of {len(text)} digits", "Correct this value.")
+    number = float(text)
+    if not math.isfinite(number):
+        raise PlanError(f"line {line}", f"the number {text} is too large", "Correct this value.")
+    return int(text) if re.fullmatch(r"[-+]?\d+", text) else number
+
+
+_FIXES = {
+    "missing": "Add this field.",
+    "extra_forbidden": "Remove this field, or correct its name.",
+    "union_tag_invalid": "Use one of the steps named.",
+    "union_tag_not_found": "Add `step:` with the name of the step.",
+    "too_long": "Split the mission.",
+}
+
+
+def _complaint(error: ValidationError, value: Any, lines: dict[Path, int]) -> PlanError:
+    """The first complaint with its line, its step and its field."""
+    first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
+    path = _without_tags(first["loc"], value)
+    known = path
+    while known not in lines:
+        known = known[:-1]
+    message = str(first["msg"]).removeprefix("Value error, ").rstrip(".")[:300]
+    if str(first["type"]) == "union_tag_not_found":
+        message = "it does not say which step it is"
+    fix = _FIXES.get(str(first["type"]), "Correct this value.")
+    return PlanError(f"line {lines[known]}{place_of(path)}", message, fix)
+
+
+def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
+    """The path as the file has it: Pydantic also names the kind that a union chose."""
+    path: list[str | int] = []
+    for part in location:
+        if isinstance(value, dict) and part not in value and part in (value.get("step"), value.get("shape")):
+            continue
+        path.append(part)
+        try:
+            value = value[part]
+        except (KeyError, IndexError, TypeError):
+            value = None
+    return tuple(path)
+
+
+def place_of(path: Path) -> str:
+    """A place for a person: `, step 3.2, field points[0].corner_m`; steps count from 1."""
+    numbers: list[str] = []
+    rest = list(path)
+    text = ""
+    if len(rest) > 2 and rest[0] == "missions":
+        text, rest = f", mission {rest[1]!r}", rest[2:]
+        if isinstance(rest[0], int):
+            rest = ["steps", *rest]
+    while len(rest) > 1 and rest[0] in ("steps", "then", "otherwise") and isinstance(rest[1], int):
+        word = "" if rest[0] == "steps" else f"{rest[0]} "
+        numbers.append(f"{word}{rest[1] + 1}")
+        rest = rest[2:]
+    if numbers:
+        text += f", step {'.'.join(numbers)}"
+    return f"{text}, field {field_path(rest)}" if rest else text

@@ -1,0 +1,131 @@
+"""Where a compilation stands: what has been made so far, and where the vehicle is by then."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from missions.check_context import Limits
+from missions.errors import PlanError
+from missions.frames import Vector3
+from missions.offboard.document import Bounds, OffboardMission
+from missions.offboard.findings import MissionFinding
+from missions.offboard.gimbals import GimbalTrack
+from missions.offboard.places import Place, Start, to_local
+from missions.offboard.segments import Segment
+from missions.offboard.steps import PathStep
+from missions.setpoints import Estimate
+from missions.trajectory.limits import MotionLimits
+from missions.vehicle import VehicleModel
+
+MAX_SEGMENTS = 5000
+MAX_STEPS = 10_000
+"""Carried out, repeats counted each time, on all ways together."""
+MAX_POINTS = 50_000
+"""Solved, on all ways together."""
+
+
+@dataclass(frozen=True, slots=True)
+class MissionVehicle:
+    """What a mission is compiled for: what the vehicle can do, and what the operator allows."""
+
+    motion: MotionLimits = field(default_factory=MotionLimits)
+    limits: Limits = field(default_factory=Limits)
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, float], limits: Limits | None = None) -> MissionVehicle:
+        """With the vehicle's own values; `limits` are the operator's."""
+        model = VehicleModel.from_parameters(parameters)
+        return cls(MotionLimits.from_parameters(parameters), replace(limits or Limits(), vehicle=model))
+
+    def within(self, bounds: Bounds) -> MotionLimits:
+        """The vehicle's limits, lowered by those of a mission."""
+        lower = {
+            name: min(value, getattr(self.motion, name))
+            for name, value in bounds
+            if value is not None and name != "speed_m_s"
+        }
+        return replace(self.motion, **lower)
+
+
+@dataclass(slots=True)
+class Work:
+    """What all ways of one compilation share."""
+
+    mission: OffboardMission
+    vehicle: MissionVehicle
+    start: Start
+    files: Mapping[str, bytes]
+    motion: MotionLimits
+    findings: dict[MissionFinding, None] = field(default_factory=dict)
+    """Each once, in order."""
+    segments: int = 0
+    steps: int = 0
+    points: int = 0
+
+    def count(self, *, segments: int = 0, steps: int = 0, points: int = 0) -> None:
+        """Bounds the work.
+
+        Raises:
+            PlanError: There is too much of it.
+        """
+        self.segments += segments
+        self.steps += steps
+        self.points += points
+        if self.segments > MAX_SEGMENTS or self.steps > MAX_STEPS or self.points > MAX_POINTS:
+            reason = f"more than {MAX_SEGMENTS} segments, {MAX_STEPS} steps or {MAX_POINTS} points"
+            raise PlanError("the mission", reason, "Split it: repeats and branches multiply what is in them.")
+
+
+@dataclass(slots=True)
+class State:
+    """Where the vehicle is by plan on one way through the mission."""
+
+    work: Work
+    position_ned_m: Vector3
+    yaw_ned_rad: float
+    in_air: bool
+    place: str = "the mission"
+    title: str = ""
+    gimbal: GimbalTrack | None = None
+    needs: set[Estimate] = field(default_factory=set)
+    segments: list[Segment] = field(default_factory=list)
+
+    def fork(self) -> State:
+        """The same state for another way; segments made so far stay with this one."""
+        return replace(self, needs=set(), segments=[])
+
+    def add(self, segment: Segment) -> None:
+        """The vehicle has flown a segment."""
+        self.work.count(segments=1)
+        self.segments.append(segment)
+        self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
+
+    def report(self, code: str, message: str, fix: str | None = None) -> None:
+        """A finding about the present step."""
+        self.work.findings[MissionFinding(code, message, self.place, fix)] = None
+
+    def locate(self, place: Place) -> Vector3:
+        """A place in the local frame.
+
+        Raises:
+            Unplaceable: Something for it is not known.
+        """
+        if place.lat_deg is not None:
+            self.needs.add("global_position")
+        if place.alt_home_m is not None:
+            self.needs.add("home")
+        return to_local(place, self.work.start)
+
+    def limits_for(self, step: PathStep) -> MotionLimits:
+        """The limits of a step: the vehicle's, the mission's, and the step's speed."""
+        motion = self.work.motion
+        bound = self.work.mission.limits.speed_m_s
+        cruise_m_s = self.work.vehicle.limits.vehicle.cruise_m_s
+        asked_m_s = step.speed_m_s or bound or cruise_m_s
+        most_m_s = min(motion.speed_m_s, bound or math.inf)
+        if asked_m_s > most_m_s:
+            message = f"A speed of {asked_m_s:g} m/s is asked for; the limit is {most_m_s:g} m/s."
+            self.report("speed_too_high", message, "Lower the speed, or raise the limit.")
+        return replace(motion, speed_m_s=min(asked_m_s, most_m_s))

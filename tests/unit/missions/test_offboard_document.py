@@ -1,0 +1,155 @@
+"""The document of an offboard mission: what is read, and how a mistake in it is told."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from missions.errors import PlanError
+from missions.offboard import document
+from missions.offboard.document import OffboardMission
+from missions.offboard.reader import MAX_VALUES, read
+from missions.offboard.steps import FlyPoint, Hold, MissionStep, Orbit
+
+HEAD = "name: Test\nsteps:\n"
+LAND_ONLY = "  - {step: land}\n"
+ORBIT = "  - {step: orbit, radius_m: 3, center: "
+
+
+def test_yaml_and_json_give_the_same_mission() -> None:
+    text = (
+        HEAD
+        + "  - {step: take_off, height_m: 5}\n  - {step: hold, duration_s: 1.5, name: 'yes'}\n"
+        + LAND_ONLY
+    )
+    mission = read(text)
+    assert [step.step for step in mission.steps] == ["take_off", "hold", "land"]
+    assert mission.steps[1] == Hold(duration_s=1.5, name="yes")
+    assert read(document.write(mission)) == mission
+    assert read(text.encode()) == mission
+
+
+def test_numbers_and_words_are_read_as_a_person_means_them() -> None:
+    mission = read(HEAD + ORBIT + "{position_ned_m: [1, -2e1, .5]}, clockwise: false}")
+    orbit = mission.steps[0]
+    assert isinstance(orbit, Orbit)
+    assert orbit.center.position_ned_m == (1.0, -20.0, 0.5)
+    assert orbit.clockwise is False
+
+
+def test_the_schema_names_every_step() -> None:
+    found = json.dumps(document.schema())
+    for kind in MissionStep.__origin__.__args__:  # type: ignore[attr-defined]
+        assert f'"{kind.model_fields["step"].default}"' in found
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        ("", "the file", "empty"),
+        ("steps: [", "line 1", "no valid YAML"),
+        ("- 1", "line 1", "object"),
+        ("name: a\nname: b", "line 2", "stands twice"),
+        ("name: &x a", "line 1", "anchors"),
+        ("name: !!python/object:os.system a", "line 1", "tag"),
+        ("name: a\n---\nname: b", "the file", "more than one document"),
+        ("? [1]\n: 2", "line 1", "plain word"),
+        ("name: " + "9" * 50, "line 1", "digits"),
+        ("name: a", "line 1, field steps", "required"),
+        (HEAD + "  - step: jump", "line 3, step 1", "take_off"),
+        (HEAD + "  - {hold: 1}", "line 3, step 1", "which step"),
+        (HEAD + "  - step: hold\n    duration_s: -1", "line 4, step 1, field duration_s", "greater"),
+        (HEAD + "  - step: hold\n    duration_s: 1\n    speed: 2", "line 5, step 1, field speed", "not"),
+        (HEAD + "  - step: hold\n    duration_s: .nan", "line 4, step 1, field duration_s", "number"),
+        (HEAD + "  - step: hold\n    duration_s: '5'", "line 4, step 1, field duration_s", "number"),
+        (
+            HEAD + "  - step: repeat\n    times: 2\n    steps:\n      - step: fly\n"
+            "        points:\n          - offset_ned_m: [1, 2]",
+            "line 8, step 1.1, field points[0].offset_ned_m[2]",
+            "required",
+        ),
+        (
+            HEAD + LAND_ONLY + "missions:\n  a:\n    - step: take_off\n      height_m: 0",
+            "line 7, mission 'a', step 1, field height_m",
+            "greater",
+        ),
+        (HEAD + "  - {step: call, mission: b}", "the steps, call of 'b'", "no such mission"),
+        (
+            HEAD + LAND_ONLY + "missions:\n  a: [{step: call, mission: b}]\n  b: [{step: call, mission: a}]",
+            "mission 'a'",
+            "circle",
+        ),
+        (
+            HEAD + ORBIT + "{lat_deg: 1, lon_deg: 2}}",
+            "line 3, step 1, field center",
+            "exactly one of alt_amsl_m and alt_home_m",
+        ),
+        (
+            HEAD + ORBIT + "{offset_ned_m: [0, 0, 0]}, yaw_ned_rad: 1, heading: along_path}",
+            "line 3, step 1",
+            "one of heading",
+        ),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_with_its_line_its_step_and_its_reason(text: str, place: str, words: str) -> None:
+    with pytest.raises(PlanError) as caught:
+        read(text)
+    assert caught.value.place == place
+    assert words in caught.value.reason
+    assert caught.value.fix.endswith(".")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: " * 30_000,
+        "[" * 100_000,
+        "{" * 100_000,
+        "steps:\n" + "  - {step: land}\n" * (MAX_VALUES // 2),
+        "name: " + "x" * 3_000_000,
+        "a: &a [1,1,1,1]\nb: &b [*a,*a,*a,*a]\nc: [*b,*b,*b,*b]",
+        "\x00",
+        "\t- a",
+    ],
+)
+def test_hostile_text_is_refused_soon(text: str) -> None:
+    before = time.process_time()
+    with pytest.raises(PlanError):
+        read(text)
+    assert time.process_time() - before < 5.0
+
+
+def test_deep_calls_are_refused_and_wide_ones_do_not_cost() -> None:
+    deep = "".join(f"  m{k}: [{{step: call, mission: m{k + 1}}}]\n" for k in range(9))
+    with pytest.raises(PlanError, match="nested deeper than 8"):
+        read(HEAD + "  - {step: call, mission: m0}\nmissions:\n" + deep + "  m9: [{step: land}]\n")
+    both = "".join(
+        f"  m{k}: [{{step: call, mission: m{k + 1}}}, {{step: call, mission: m{k + 1}}}]\n" for k in range(7)
+    )
+    assert read(HEAD + "  - {step: call, mission: m0}\nmissions:\n" + both + "  m7: [{step: land}]\n")
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.text(max_size=200) | st.binary(max_size=200))
+def test_any_text_gives_a_mission_or_a_plan_error(text: str | bytes) -> None:
+    with contextlib.suppress(PlanError):
+        assert isinstance(read(text), OffboardMission)
+
+
+def test_a_place_is_said_in_one_way() -> None:
+    with pytest.raises(ValueError, match="give one of"):
+        FlyPoint()
+    with pytest.raises(ValueError, match="give one of"):
+        FlyPoint(offset_ned_m=(0, 0, 0), position_ned_m=(0, 0, 0))
+    with pytest.raises(ValueError, match="both"):
+        FlyPoint(lat_deg=1.0, alt_home_m=2.0)
+
+
+def test_a_mission_made_in_python_is_that_of_the_file() -> None:
+    made = OffboardMission(name="Test", steps=(Hold(duration_s=2.0),), missions={})
+    assert read(HEAD + "  - {step: hold, duration_s: 2}") == made

@@ -1,0 +1,470 @@
+"""Missions compiled: what is flown when, what is waited for, and what is found wrong with them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import pickle
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from missions.check_context import Limits
+from missions.errors import PlanError
+from missions.geodesy import LocalOrigin
+from missions.items import Delay, Jump, Land, LoiterUnlimited, ReturnHome, Takeoff, Waypoint
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.findings import CODES
+from missions.offboard.from_plan import from_plan
+from missions.offboard.places import Start
+from missions.offboard.reader import read
+from missions.offboard.segments import CurveSegment, Segment, WaitSegment
+from missions.offboard.state import MissionVehicle
+from missions.offboard.timeline import Timeline
+from missions.plan import Plan
+from missions.setpoints import Attitude, Position, Trajectory, Velocity
+from missions.trajectory.limits import MotionLimits
+from missions.values import Altitude, HomePosition
+from missions.vehicle import PowerModel, VehicleModel
+from tests.support.plan_strategies import RESOLVED, plans
+
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLES = sorted((ROOT / "missions/examples").glob("*.yaml"))
+HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
+UP = "- {step: take_off, height_m: 10}\n"
+DOWN = "- {step: land}\n"
+
+
+def flown(*steps: str) -> str:
+    """Steps between take-off and landing."""
+    return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
+
+
+def mission(steps: str, **rest: Any) -> OffboardMission:
+    found = read(f"name: Test\nsteps:\n{steps}")
+    return found.model_copy(update=rest)
+
+
+def timeline(steps: str, start: Start | None = None, files: dict[str, bytes] | None = None) -> Timeline:
+    return compile_mission(mission(steps), start=start, files=files)
+
+
+def codes(found: Timeline) -> set[str]:
+    return {finding.code for finding in found.findings}
+
+
+def kinds(found: Timeline) -> list[str]:
+    return [segment.title for segment in found.segments]
+
+
+def where(segment: Segment, t_s: float) -> tuple[float, ...]:
+    setpoint = segment.at(t_s)
+    assert isinstance(setpoint, Trajectory | Position)
+    return tuple(axis or 0.0 for axis in setpoint.position_ned_m)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_the_examples_compile_without_a_finding(path: Path) -> None:
+    found = compile_mission(read(path.read_bytes()))
+    assert found.findings == ()
+    assert found.duration_s > 30.0
+    assert found.segments[-1].end_ned_m[2] == pytest.approx(0.0) or found.decision is not None
+
+
+def test_there_is_an_example_for_each_kind_of_flight() -> None:
+    assert [path.stem for path in EXAMPLES] == ["figure_eight", "tower_inspection", "waypoints"]
+
+
+def test_the_figure_eight_is_flown_at_five_metres_a_second() -> None:
+    found = compile_mission(read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()))
+    eight = next(segment for segment in found.segments if segment.title == "Two rounds")
+    assert isinstance(eight, CurveSegment)
+    speeds = np.linalg.norm(eight.curve.many(np.linspace(0, eight.duration_s, 2000)).velocity_ned_m_s, axis=1)
+    assert speeds.max() <= 5.0
+    assert np.median(speeds) > 4.9
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_a_timeline_has_no_jumps(path: Path) -> None:
+    found = compile_mission(read(path.read_bytes()))
+    here, yaw_rad = (0.0, 0.0, 0.0), 0.0
+    for segment in found.segments:
+        if not isinstance(segment, WaitSegment):
+            setpoint = segment.at(0.0)
+            assert where(segment, 0.0) == pytest.approx(here, abs=1e-6), segment.place
+            off = math.remainder((getattr(setpoint, "yaw_ned_rad", None) or 0.0) - yaw_rad, math.tau)
+            assert abs(off) <= math.radians(1.0) + 1e-9, segment.place
+            assert where(segment, segment.duration_s) == pytest.approx(segment.end_ned_m, abs=1e-6)
+        here, yaw_rad = segment.end_ned_m, segment.end_yaw_ned_rad
+
+
+def test_a_timeline_survives_a_pickle() -> None:
+    found = compile_mission(read((ROOT / "missions/examples/tower_inspection.yaml").read_bytes()))
+    loaded = pickle.loads(pickle.dumps(found))
+    for t in np.arange(0.0, found.own_duration_s, 1.7).tolist():
+        assert loaded.at(t) == found.at(t)
+
+
+def test_steps_in_order_with_where_they_are_and_what_they_wait_for() -> None:
+    found = timeline(
+        UP
+        + "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], name: Out}\n"
+        + "- {step: wait, until: person, timeout_s: 60, message: Go?}\n"
+        + "- {step: wait, until: {value: wind_speed_m_s, below: 8, for_s: 5}, timeout_s: 60,"
+        + " on_timeout: land}\n"
+        + DOWN
+    )
+    assert [(s.place, s.title) for s in found.segments] == [
+        ("step 1", "Take off"), ("step 2", "Out"), ("step 3", "Wait"), ("step 4", "Wait"), ("step 5", "Land"),
+    ]  # fmt: skip
+    waits = [segment for segment in found.segments if isinstance(segment, WaitSegment)]
+    assert [wait.kind for wait in waits] == ["take_off", "person", "condition", "land"]
+    assert (waits[2].value, waits[2].below, waits[2].for_s, waits[2].on_timeout) == (
+        "wind_speed_m_s",
+        8.0,
+        5.0,
+        "land",
+    )
+    assert waits[1].message == "Go?"
+    assert found.segments[1].end_ned_m == pytest.approx((20, 0, -10))
+    assert found.length_m == pytest.approx(10 + 20 + 10)
+    assert found.findings == ()
+
+
+def test_places_are_local_relative_or_on_the_earth() -> None:
+    start = Start((5.0, 0.0, -1.0), 0.0, LocalOrigin(47.0, 8.0, 480.0), 480.0, in_air=True)
+    north_deg = 47.0 + math.degrees(30.0 / 6_371_000.0)
+    found = timeline(
+        "- {step: fly, points: [{position_ned_m: [10, 0, -10]}]}\n"
+        "- {step: fly, points: [{offset_ned_m: [10, 0, -10]}]}\n"
+        f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_home_m: 12}}]}}\n"
+        f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_amsl_m: 500}}]}}\n" + DOWN,
+        start,
+    )
+    ends = [segment.end_ned_m for segment in found.segments[:4]]
+    assert np.array(ends) == pytest.approx(
+        np.array([(10, 0, -10), (15, 0, -11), (30, 0, -12), (30, 0, -20)]), abs=1e-3
+    )
+    assert set(found.needs) == {"position", "velocity", "global_position", "home"}
+
+
+def test_a_place_on_the_earth_needs_an_origin_or_a_planned_home() -> None:
+    steps = UP + "- {step: fly, points: [{lat_deg: 47, lon_deg: 8, alt_home_m: 12}]}\n" + DOWN
+    assert codes(timeline(steps)) == {"estimate_missing"}
+    assert compile_mission(mission(steps, home=HOME)).findings == ()
+
+
+def test_a_point_with_a_wait_ends_the_path_and_is_held() -> None:
+    found = timeline(
+        flown("step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]")
+    )
+    assert kinds(found) == ["Take off", "Fly", "Hold", "Fly", "Land"]
+    assert found.segments[2].duration_s == 4.0
+    assert where(found.segments[2], 2.0) == pytest.approx((9, 0, -10))
+
+
+def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> None:
+    found = timeline(
+        flown(
+            "step: orbit, radius_m: 5, center: {offset_ned_m: [20, 0, -10]},"
+            " look_at: {offset_ned_m: [20, 0, 0]}"
+        )
+    )
+    assert kinds(found) == ["Take off", "Approach", "Orbit", "Land"]
+    assert found.segments[1].end_ned_m == pytest.approx((15, 0, -10))
+    assert found.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
+
+
+def test_a_velocity_is_reached_held_and_left_in_its_time() -> None:
+    found = timeline(UP + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + DOWN)
+    segment = found.segments[1]
+    assert segment.at(5.0) == Velocity((pytest.approx(3.0), 0.0, 0.0), 0.0)  # type: ignore[arg-type]
+    assert segment.at(10.0) == Velocity((0.0, 0.0, 0.0), 0.0)
+    assert segment.end_ned_m[0] == pytest.approx(3.0 * (10.0 - 3.0 / 3.0 - 3.0 / 4.0))
+    assert codes(found) == {"position_not_held"}
+
+
+def test_an_attitude_is_sent_for_its_time() -> None:
+    found = timeline(UP + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + DOWN)
+    setpoint = found.segments[1].at(1.0)
+    assert isinstance(setpoint, Attitude)
+    assert setpoint.thrust == 0.5
+    assert isinstance(found.segments[1].at(2.0), Position)
+    assert codes(found) == {"position_not_held"}
+
+
+CSV = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n10,20,0,-10\n20,20,20,-10\n"
+
+
+def test_a_table_is_flown_at_its_own_times_from_csv_and_numpy() -> None:
+    array = io.BytesIO()
+    np.save(array, np.array([[5, 0, 0, -10, 0], [15, 20, 0, -10, 1], [25, 20, 20, -10, 1]], dtype=float))
+    files = {"a.csv": CSV, "b.npy": array.getvalue()}
+    found = timeline(UP + "- {step: table, file: a.csv}\n- {step: table, file: b.npy}\n" + DOWN, files=files)
+    tables = [segment for segment in found.segments if segment.title == "Table"]
+    assert [segment.duration_s for segment in tables] == [20.0, 20.0]
+    assert where(tables[0], 10.0) == pytest.approx((20, 0, -10))
+    assert found.findings == ()
+
+
+LYING_ARRAY = (
+    b"\x93NUMPY\x01\x00\x60\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"
+    + b" " * 40
+)
+"""It says that it holds four terabytes."""
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "columns are missing"),
+        (b"t_s,north_m,east_m,down_m\n0,0,0,0\n", "1 rows"),
+        (b"t_s,north_m,east_m,down_m\n0,0,0,0\n0,1,0,0\n", "times must increase"),
+        (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,nan,0,0\n", "row 2"),
+        (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,x,0,0\n", "row 2"),
+        (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,0,0\n", "row 2"),
+        (b"\x93NUMPY\x01\x00", "no NumPy array"),
+        (LYING_ARRAY, "no NumPy array"),
+        (b"\xff\xfe", "UTF-8"),
+    ],
+)  # fmt: skip
+def test_a_bad_table_is_a_finding_that_names_the_row(data: bytes, words: str) -> None:
+    found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": data})
+    assert [finding.code for finding in found.findings] == ["step_invalid"]
+    assert words in found.findings[0].message
+
+
+def test_a_table_faster_than_the_vehicle_is_found() -> None:
+    fast = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n1,40,0,-10\n2,80,0,-30\n"
+    found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": fast})
+    assert {"speed_exceeded", "acceleration_exceeded"} <= codes(found)
+
+
+def test_the_gimbal_follows_its_track() -> None:
+    found = timeline(
+        UP
+        + "- {step: gimbal, track: look_at, place: {offset_ned_m: [10, 0, 0]}}\n"
+        + "- {step: hold, duration_s: 4}\n"
+        + "- {step: gimbal, track: sweep, pitch_rad: -0.5, sweep_yaw_rad: 1, period_s: 4}\n"
+        + "- {step: hold, duration_s: 4}\n"
+        + "- {step: gimbal, track: along_path, pitch_rad: -0.3}\n"
+        + "- {step: fly, points: [{offset_ned_m: [0, 30, -10]}]}\n"
+        + "- {step: gimbal, track: fixed, pitch_rad: -1.2, yaw_rad: 0.4}\n"
+        + "- {step: hold, duration_s: 1}\n"
+        + "- {step: gimbal, track: release}\n"
+        + DOWN
+    )
+    holds = [segment for segment in found.segments if segment.title == "Hold"]
+    assert holds[0].gimbal_at(1.0) == pytest.approx((-math.pi / 4, 0.0))
+    assert holds[1].gimbal_at(1.0) == pytest.approx((-0.5, 1.0))
+    fly = next(segment for segment in found.segments if segment.title == "Fly")
+    assert fly.gimbal_at(4.0) == pytest.approx((-0.3, math.pi / 2))
+    assert holds[2].gimbal_at(0.0) == pytest.approx((-1.2, 0.4))
+    assert found.segments[-1].gimbal_at(0.0) is None
+    assert [event.kind for event in found.events] == ["gimbal"] * 5
+
+
+def test_pictures_are_events_at_their_times() -> None:
+    found = timeline(
+        UP + "- {step: photo, count: 3, interval_s: 2}\n"
+        "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], photo_every_m: 5}\n" + DOWN
+    )
+    assert [event.t_s for event in found.segments[1].events] == [0.0, 2.0, 4.0]
+    shots = found.segments[2].events
+    assert [round(where(found.segments[2], event.t_s)[0], 1) for event in shots] == [0.0, 5.0, 10.0, 15.0]
+    assert found.photos == 7
+
+
+def test_repeats_and_calls_are_written_out() -> None:
+    text = (
+        "name: Test\nsteps:\n"
+        + UP
+        + "- {step: repeat, times: 2, steps: [{step: call, mission: a}]}\n"
+        + DOWN
+        + "missions:\n  a: [{step: hold, duration_s: 1}, {step: photo}]\n"
+    )
+    found = compile_mission(read(text))
+    assert kinds(found) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
+    assert [segment.place for segment in found.segments][1:3] == ["step 2.1, a 1", "step 2.1, a 2"]
+
+
+def test_a_branch_ends_in_two_timelines_that_each_hold_the_rest() -> None:
+    found = timeline(
+        flown(
+            "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: hold, duration_s: 9}]"
+        )
+    )
+    assert kinds(found) == ["Take off"]
+    assert found.decision is not None
+    assert (found.decision.value, found.decision.above) == ("battery_share", 0.5)
+    assert found.then is not None
+    assert found.otherwise is not None
+    assert (kinds(found.then), kinds(found.otherwise)) == (["Hold", "Land"], ["Land"])
+    assert found.duration_s == pytest.approx(found.own_duration_s + found.then.duration_s)
+
+
+def test_the_rest_of_a_mission_is_compiled_from_where_the_vehicle_is() -> None:
+    steps = flown(
+        "step: gimbal, track: look_at, place: {offset_ned_m: [0, 0, 0]}",
+        "step: fly, points: [{offset_ned_m: [20, 0, -10]}]",
+        "step: fly, points: [{offset_ned_m: [20, 20, -10]}]",
+    )
+    start = Start((14.0, 3.0, -12.0), 0.5, in_air=True, mission_start_ned_m=(0.0, 0.0, 0.0))
+    found = compile_mission(mission(steps), start=start, first_step=3)
+    fly = next(segment for segment in found.segments if segment.title == "Fly")
+    assert fly.place == "step 4"
+    assert where(fly, 0.0) == pytest.approx((14, 3, -12))
+    assert fly.end_ned_m == pytest.approx((20, 20, -10))
+    assert fly.gimbal is not None
+    assert found.segments[-1].end_ned_m == pytest.approx((20, 20, 0))
+    assert found.findings == ()
+
+
+EDGES = (0.0, -1.0, 0.3, 1e-3, 7.0, 90.0, 9e3, -9e3)
+STEPS = (
+    "step: fly, points: [{p}, {q}], curve: smooth, heading: along_path",
+    "step: fly, points: [{p}, {q}], look_at: {p}",
+    "step: orbit, center: {p}, radius_m: {size}, yaw_ned_rad: {n}",
+    "step: spiral, center: {p}, radius_m: 2, end_radius_m: {size}, climb_m: {n}, look_at: {q}",
+    "step: figure_eight, center: {p}, length_m: {size}, width_m: 3",
+    "step: velocity, velocity_ned_m_s: [{n}, 0, {m}], duration_s: 9",
+    "step: gimbal, track: look_at, place: {p}",
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(st.sampled_from(STEPS), st.tuples(*[st.sampled_from(EDGES)] * 6)), max_size=3))
+def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, tuple[float, ...]]]) -> None:
+    steps: list[str] = []
+    for template, (a, b, c, d, n, m) in chosen:
+        p, q = (f"{{offset_ned_m: [{x}, {y}, {z}]}}" for x, y, z in ((a, b, c), (c, d, a)))
+        size, capped = abs(n) + 0.2, max(-900.0, min(900.0, n))
+        steps.append(template.format(p=p, q=q, size=size, n=capped, m=m))
+    found = timeline(flown(*steps))
+    for t in np.linspace(0.0, found.duration_s, 50).tolist():
+        setpoint = found.at(t)
+        assert isinstance(setpoint, Trajectory | Position | Velocity)
+        values = (*getattr(setpoint, "position_ned_m", ()), *getattr(setpoint, "velocity_ned_m_s", ()))
+        assert all(math.isfinite(value) for value in values)
+
+
+def test_too_much_work_is_refused() -> None:
+    many = "step: repeat, times: 1000, steps: [{step: hold, duration_s: 1}]"
+    with pytest.raises(PlanError, match="Split it"):
+        timeline(flown(f"step: repeat, times: 1000, steps: [{{{many}}}]"))
+    branches = "- {step: branch, condition: {value: satellites, above: 5}, then: [{step: photo}]}\n" * 20
+    with pytest.raises(PlanError, match="branches"):
+        timeline(UP + branches)
+
+
+@pytest.mark.parametrize(
+    ("steps", "code"),
+    [
+        ("- {step: hold, duration_s: 1}\n" + DOWN, "takeoff_missing"),
+        (UP + UP + DOWN, "takeoff_in_air"),
+        (UP, "landing_missing"),
+        (flown("step: table, file: x"), "step_invalid"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
+        (flown("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
+        (flown("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
+        (flown("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
+        (flown("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
+        (flown("step: fly, points: [{offset_ned_m: [900000, 0, -9]}]"), "length_exceeded"),
+        (flown("step: hold, duration_s: 86400"), "endurance_exceeded"),
+        (flown("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_found_with_its_step(steps: str, code: str) -> None:
+    limits = Limits(
+        length_max_m=50_000.0,
+        power=PowerModel(200.0, 100.0, 2.0),
+        vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
+    )
+    found = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits))
+    assert code in codes(found)
+    assert all(finding.message.endswith(".") for finding in found.findings)
+
+
+FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_deg: 8}, radius_m: 50}\n"
+
+
+def test_a_path_outside_the_geofence_is_found_with_its_place() -> None:
+    text = f"name: Test\n{FENCE}steps:\n{UP}- {{step: fly, points: [{{offset_ned_m: [60, 0, -10]}}]}}\n{DOWN}"
+    assert codes(compile_mission(read(text))) == {"fence_unknown"}
+    found = compile_mission(read(text).model_copy(update={"home": HOME}))
+    assert codes(found) == {"fence_crossed"}
+    assert found.findings[0].step == "step 2"
+    assert "north" in found.findings[0].message
+    inside = text.replace("60, 0", "40, 0")
+    assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
+
+
+def test_every_code_has_a_meaning_in_the_documentation() -> None:
+    text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (error|warning) \| `(\w+)` \| (.+) \|$", text, re.MULTILINE)
+    assert {code: (severity, meaning) for severity, code, meaning in rows} == CODES
+
+
+def test_the_examples_in_the_documentation_are_those_of_the_files() -> None:
+    text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
+    for path in EXAMPLES:
+        assert f"missions/examples/{path.name}" in text
+
+
+M = 1.0 / 111_194.9
+
+
+def up(value_m: float) -> Altitude:
+    return Altitude(value_m=value_m, reference="home")
+
+
+def test_a_waypoint_plan_becomes_a_mission() -> None:
+    plan = Plan(
+        planned_home=HOME,
+        items=(
+            Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+            Waypoint(lat_deg=47.0 + 50 * M, lon_deg=8.0, altitude=up(20.0)),
+            Waypoint(lat_deg=47.0 + 100 * M, lon_deg=8.0, altitude=up(30.0), hold_s=5.0),
+            Jump(target_index=1, repeat=1),
+            Delay(delay_s=3.0),
+            LoiterUnlimited(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+        ),
+    )
+    converted = from_plan(plan, "From a plan")
+    found = compile_mission(converted.mission)
+    assert kinds(found)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
+    assert codes(found) <= {"landing_missing"}
+    assert [segment.kind for segment in found.segments if isinstance(segment, WaitSegment)] == [
+        "take_off",
+        "person",
+    ]
+    assert read(converted.mission.model_dump_json(exclude_none=True)) == converted.mission
+
+
+def test_a_return_and_a_landing_end_at_home() -> None:
+    places = (
+        Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+        Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=up(20.0)),
+    )
+    for end in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=up(0.0))):
+        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*places, end)), "x").mission)
+        assert found.findings == ()
+        assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
+
+
+@settings(deadline=None, max_examples=60)
+@given(plan=plans(altitudes=RESOLVED))
+def test_any_plan_becomes_a_mission_or_a_plan_error(plan: Plan) -> None:
+    with contextlib.suppress(PlanError):
+        made = from_plan(plan, "Any plan").mission
+        assert read(made.model_dump_json(exclude_none=True)) == made
