@@ -4,6 +4,10 @@ A sample is encoded once, when the first client wants it; the same bytes go to a
 take more skips frames and then gets the newest; events are queued for it, and when that queue is full the
 client is closed, so that nobody believes to have seen every event who has not. A topic that cannot be made or
 encoded is left out; all others are sent.
+
+A topic of the vehicle's is sent with each message that it is made of, changed or not: the time of the newest
+says how old the value is. A topic of the server's own (`PERIODS_S`, readiness) is sent after a subscription
+and whenever it changes, and holds until then.
 """
 
 from __future__ import annotations
@@ -42,7 +46,7 @@ OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
 PERIODS_S = {"offboard": OFFBOARD_PERIOD_S, "identity": IDENTITY_PERIOD_S, "control": CONTROL_PERIOD_S}
-"""Topics that are made anew so often, not sent by the vehicle."""
+"""Topics of the server's own: how often each is looked at. It is a new sample only where it has changed."""
 ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S) | {"readiness"}
 CLOSE_TOO_SLOW = 1013
 
@@ -62,6 +66,8 @@ class Encoded:
         self._clock = clock
         self._fleet = fleet
         self._bytes: dict[tuple[str, str], tuple[float, bytes]] = {}
+        self._looked: dict[tuple[str, str], tuple[float, object]] = {}
+        """Of the server's own topics: when each was last looked at, and its value then."""
         self.replays: Callable[[], Sequence[object]] = tuple
         """What is played now; whoever plays sets it."""
 
@@ -76,8 +82,9 @@ class Encoded:
 
     def forget(self, vehicle_id: str) -> None:
         """Of a vehicle that has gone."""
-        for key in [key for key in self._bytes if key[0] == vehicle_id]:
-            del self._bytes[key]
+        for held in (self._bytes, self._looked):
+            for key in [key for key in held if key[0] == vehicle_id]:
+                del held[key]
 
     def newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
         """(a mark that grows with each new sample, JSON); None before the first, and where it fails."""
@@ -94,13 +101,16 @@ class Encoded:
             fresh = (health.changed_s, encode(wire))
         elif topic in PERIODS_S:
             now_s = self._clock.monotonic_s()
-            if held is not None and now_s - held[0] < PERIODS_S[topic]:
+            looked = self._looked.get(key)
+            if held is not None and looked is not None and now_s - looked[0] < PERIODS_S[topic]:
                 return held
-            value = self._made(vehicle, topic)
+            value = self._own(vehicle, topic)
             if value is None:
                 return None
-            wire = WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)
-            fresh = (now_s, encode(wire))
+            if held is None or looked is None or looked[1] != value:
+                held = (now_s, encode(WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)))
+            self._looked[key] = (now_s, value)
+            fresh = held
         else:
             sample = vehicle.topic(topic)
             if sample is None:
@@ -115,7 +125,7 @@ class Encoded:
         return fresh
 
     @staticmethod
-    def _made(vehicle: Vehicle, topic: str) -> object | None:
+    def _own(vehicle: Vehicle, topic: str) -> object | None:
         if topic == "identity":
             return vehicle.identity
         if topic == "control":
@@ -187,6 +197,8 @@ class Client:
                 if replays != self._seen_replays:
                     self._seen_replays = replays
                     await self._socket.send_text(replays or replays_frame([]))
+                    if self._events:  # a vehicle that was replaced meanwhile: that is told before its samples
+                        continue
                 news = self._news(wants)
                 if news:
                     await self._socket.send_text(samples_frame(news))

@@ -17,6 +17,7 @@ from . import (
     slow_browser,
     slow_link,
     stream,
+    telemetry_bytes,
     trajectories,
 )
 
@@ -31,6 +32,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),
+    "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),
     "trajectories": ("Trajectories, our solver beside libraries", trajectories.table),
     "page": ("The page in a browser", page.table),
 }

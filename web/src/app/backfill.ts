@@ -13,27 +13,31 @@ function list(answer: unknown, name: string): Raw[] {
   return Array.isArray(raw) ? raw.filter((v): v is Raw => typeof v === 'object' && v !== null) : [];
 }
 
-/** Reads the fleet into the store; returns the ids it has. */
-export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<readonly string[]> {
+/**
+ * Reads the fleet into the store.
+ * @returns the ids it has, and whether vehicles were forgotten: one of them may have come back meanwhile, and what the
+ * server told of it then was forgotten with it.
+ */
+export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; forgotten: boolean }> {
   const before = new Map(store.vehicles);
   const answer = await api.get<unknown>('/vehicles');
-  if (!answer.ok) return store.ids();
+  if (!answer.ok) return { ids: store.ids(), forgotten: false };
   const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
   // A replay that was sent to another moment meanwhile has another vehicle under the same id: the answer is not its.
   const same = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
-  store.keepOnly(ids);
-  const samples = same.flatMap((vehicle) => vehicleSamples(vehicle, store.nowUnixS()));
-  store.apply({ type: 'samples', samples });
-  return ids;
+  const forgotten = store.keepOnly(ids);
+  store.apply({ type: 'samples', samples: same.flatMap(vehicleSamples) });
+  return { ids, forgotten };
 }
 
-function vehicleSamples(vehicle: Raw, now_unix_s: number): WireSample[] {
+function vehicleSamples(vehicle: Raw): WireSample[] {
   const id = vehicle['id'] as string;
   const samples: WireSample[] = [];
   const add = (topic: string, value: unknown, received_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
-    const at = typeof received_unix_s === 'number' ? received_unix_s : now_unix_s;
+    // Without a time it is older than anything that the socket told: the socket tells some values only once.
+    const at = typeof received_unix_s === 'number' ? received_unix_s : 0;
     samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: at, value });
   };
   add('identity', vehicle['identity'], null);

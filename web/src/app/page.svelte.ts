@@ -58,7 +58,7 @@ class Page {
   constructor() {
     this.socket = new TelemetrySocket(
       this.socketUrl('/telemetry'),
-      () => ofAll(this.store.vehicles.size, this.moreTopics),
+      () => this.fleetSubscription(),
       (frame) => {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
@@ -77,7 +77,7 @@ class Page {
     );
     this.closeSocket = new TelemetrySocket(
       this.socketUrl('/telemetry'),
-      () => this.closeSubscription() ?? ofAll(this.store.vehicles.size, []),
+      () => this.closeSubscription() ?? this.fleetSubscription(),
       (frame) => {
         if (frame.type !== 'samples') return;
         this.store.apply(frame);
@@ -181,15 +181,19 @@ class Page {
     this.followSight();
   }
 
+  private fleetSubscription(): Subscription {
+    return ofAll(this.store.vehicles.size, this.moreTopics, this.store.isArmed(this.store.ids()));
+  }
+
   private closeSubscription(): Subscription | null {
     const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.inSight.flatMap((read) => [...read()])];
-    return ofClose(this.store.vehicles.size, ids, this.moreTopics);
+    return ofClose(this.store.vehicles.size, ids, this.moreTopics, this.store.isArmed(ids));
   }
 
   /** Subscribes anew where what is in sight has changed. */
   private followSight(): void {
     const close = this.closeSubscription();
-    const all = JSON.stringify(ofAll(this.store.vehicles.size, this.moreTopics));
+    const all = JSON.stringify(this.fleetSubscription());
     const both = all + JSON.stringify(close);
     if (both === this.subscribed) return;
     if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
@@ -206,7 +210,9 @@ class Page {
 
   /** @param only the one that has just come: the others have their past already. */
   private async backfill(only: string | null = null): Promise<void> {
-    const ids = await loadFleet(this.api, this.store);
+    const { ids, forgotten } = await loadFleet(this.api, this.store);
+    if (forgotten) this.socket.resubscribe();
+    if (forgotten && this.closeOpen) this.closeSocket.resubscribe();
     if (only === null) this.pastOf.clear();
     const wanted = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
     for (const id of wanted) this.pastOf.add(id);

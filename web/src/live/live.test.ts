@@ -132,8 +132,9 @@ describe('store', () => {
     for (const id of ['10', '2', '1~2']) store.vehicle(id);
     expect(store.ids()).toEqual(['1~2', '2', '10']);
     store.apply({ type: 'event', event: { kind: 'vehicle_removed', vehicle: '2', unix_s: 1, severity: 6, text: 'gone' } });
-    store.keepOnly(['10', '3']);
+    expect(store.keepOnly(['10', '3'])).toBe(true);
     expect(store.ids()).toEqual(['3', '10']);
+    expect(store.keepOnly(['10', '3'])).toBe(false);
   });
   it('lists a message once, newest first, with a severity from number or word', () => {
     const store = new TelemetryStore(() => 100);

@@ -42,6 +42,11 @@ export class TelemetryStore {
     return this.sorted;
   }
 
+  /** Whether one of these vehicles is armed, as far as it has been told. */
+  isArmed(ids: readonly string[]): boolean {
+    return ids.some((id) => this.vehicles.get(id)?.armed ?? false);
+  }
+
   vehicle(id: string): VehicleState {
     let state = this.vehicles.get(id);
     if (state === undefined) {
@@ -62,12 +67,14 @@ export class TelemetryStore {
     this.revision += 1;
   }
 
-  /** Forgets vehicles the server no longer lists: a restarted server starts from nothing. */
-  keepOnly(ids: readonly string[]): void {
-    for (const id of this.vehicles.keys()) if (!ids.includes(id)) this.vehicles.delete(id);
+  /** Forgets vehicles the server no longer lists (a restarted server starts from nothing); says whether there were any. */
+  keepOnly(ids: readonly string[]): boolean {
+    const gone = [...this.vehicles.keys()].filter((id) => !ids.includes(id));
+    for (const id of gone) this.vehicles.delete(id);
     this.sorted = null;
     for (const id of ids) this.vehicle(id);
     this.revision += 1;
+    return gone.length > 0;
   }
 
   private applySample(sample: WireSample): void {

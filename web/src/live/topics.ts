@@ -14,7 +14,6 @@ export type Gps = Schemas['GpsSample']['value'];
 export type Battery = Schemas['BatterySample']['value'];
 export type Home = Schemas['HomeSample']['value'];
 export type Gimbal = Schemas['GimbalSample']['value'];
-export type TargetLocal = Schemas['TargetLocalSample']['value'];
 export type Hud = Schemas['HudSample']['value'];
 export type Health = Schemas['HealthSample']['value'];
 export type Status = Schemas['StatusSample']['value'];
@@ -29,14 +28,13 @@ export interface Topics {
   battery: Battery;
   home: Home;
   gimbal: Gimbal;
-  target_local: TargetLocal;
   hud: Hud;
   health: Health;
 }
 
 export type TopicName = keyof Topics;
 
-/** What this page reads of a vehicle; `offboard` and `identity` are read by their own modules. */
+/** What this page always reads of a vehicle; topics of chosen values (`target_local`, `motors`, …) come beside them. */
 export const PAGE_TOPICS: readonly string[] = [
   'status',
   'attitude',
@@ -46,7 +44,6 @@ export const PAGE_TOPICS: readonly string[] = [
   'battery',
   'home',
   'gimbal',
-  'target_local',
   'hud',
   'health',
   'readiness',
@@ -71,6 +68,4 @@ export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   target_local: 0.2,
   hud: 0.2,
   health: 1,
-  offboard: 0.5,
-  control: 0.5,
 };

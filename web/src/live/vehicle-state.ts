@@ -124,6 +124,10 @@ export class VehicleState {
     return { value: held.value as T, age_s, stale: age_s > staleAfterS(topic, held.period_s) };
   }
 
+  get armed(): boolean {
+    return (this.held.get('status')?.value as Status | null | undefined)?.armed ?? false;
+  }
+
   /** Whether the server has no connection to the vehicle: it pushes that when the link is lost, and when it is back. */
   get linkLost(): boolean {
     return (this.held.get('status')?.value as Status | null | undefined)?.link_lost ?? true;

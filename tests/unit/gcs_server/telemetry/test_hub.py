@@ -59,9 +59,18 @@ class Socket:
     async def close(self, code=1000, reason=None):
         self.closed = code
 
-    def climbs(self):
+    def samples(self, topic):
         frames = [frame for frame in self.sent if frame["type"] == "samples"]
-        return [s["value"]["climb_m_s"] for f in frames for s in f["samples"] if s["topic"] == "hud"]
+        return [s for f in frames for s in f["samples"] if s["topic"] == topic]
+
+    def told(self, topic):
+        return [sample["value"] for sample in self.samples(topic)]
+
+    def times(self, topic):
+        return [sample["received_unix_s"] for sample in self.samples(topic)]
+
+    def climbs(self):
+        return [value["climb_m_s"] for value in self.told("hud")]
 
 
 def event(index):
@@ -72,7 +81,7 @@ def told(story):
     async def run():
         fleet, socket = Fleet(), Socket()
         hub = Hub(LoopClock(asyncio.get_running_loop()), fleet)
-        async with asyncio.timeout(5), asyncio.TaskGroup() as group:
+        async with asyncio.timeout(60), asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
             await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 100}))
             await story(fleet, socket, hub)
@@ -94,6 +103,57 @@ def test_a_stuck_client_gets_the_newest_value_and_no_backlog():
         await asyncio.sleep(0.05)
         assert socket.climbs()[-1] == 11.0
         assert len(socket.climbs()) <= 3
+
+    told(story)
+
+
+def test_a_topic_of_the_servers_own_is_sent_after_a_subscription_and_when_it_changes():
+    async def story(fleet, socket, hub):
+        ask = json.dumps({"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50})
+        stream = {"state": "idle"}
+        fleet.vehicle.offboard = SimpleNamespace(status=lambda: dict(stream))
+        await socket.asks.put(ask)
+        await asyncio.sleep(30)
+        assert socket.told("offboard") == [{"state": "idle"}], "not repeated while nothing changes"
+        stream["state"] = "streaming"
+        await asyncio.sleep(0.2)
+        assert socket.told("offboard")[1:] == [{"state": "streaming"}]
+        await socket.asks.put(ask)
+        await asyncio.sleep(0.2)
+        assert socket.told("offboard")[2:] == [{"state": "streaming"}], "all anew for who subscribes again"
+        assert socket.told("identity") == [{"simulated": True}] * 2
+        assert socket.times("offboard") == sorted(socket.times("offboard"))
+        assert socket.times("offboard")[1] == socket.times("offboard")[2], "the time of the change"
+
+    told(story)
+
+
+def test_a_vehicle_that_comes_back_under_its_id_is_told_anew():
+    async def story(fleet, socket, hub):
+        await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
+        await asyncio.sleep(5)
+        for kind in ("vehicle_removed", "vehicle_added"):
+            fleet.callbacks[0](Event(1, kind, "1", 1e9, 5, "its link was closed"))
+        await asyncio.sleep(0.1)
+        frames = [f["event"]["kind"] if f["type"] == "event" else f["type"] for f in socket.sent]
+        assert frames == ["hello", "samples", "vehicle_removed", "vehicle_added", "samples"]
+
+    told(story)
+
+
+def test_a_vehicle_replaced_while_a_frame_leaves_is_told_before_its_samples():
+    async def story(fleet, socket, hub):
+        replays = []
+        hub.watch_replays(lambda: replays)
+        await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
+        await asyncio.sleep(1)
+        socket.writable.clear()
+        replays.append({"name": "replay-1"})
+        await asyncio.sleep(0.1)
+        fleet.callbacks[0](Event(1, "vehicle_removed", "1", 1e9, 5, "the replay jumped"))
+        socket.writable.set()
+        await asyncio.sleep(0.1)
+        assert [f["type"] for f in socket.sent] == ["hello", "samples", "replays", "event", "samples"]
 
     told(story)
 

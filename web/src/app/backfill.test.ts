@@ -1,0 +1,30 @@
+import { describe, expect, it } from 'vitest';
+import type { ApiClient } from '../api/client';
+import { TelemetryStore } from '../live/store';
+import { loadFleet } from './backfill';
+
+const answering = (value: unknown): ApiClient => ({ get: () => Promise.resolve({ ok: true, value }) }) as unknown as ApiClient;
+const identity = (firmware: string) => ({ vehicle: '1', topic: 'identity', vehicle_time_boot_s: null, received_unix_s: 90, value: { firmware } });
+
+describe('the fleet as the server lists it', () => {
+  it('never replaces what the socket told, which it tells only once', async () => {
+    const store = new TelemetryStore(() => 100);
+    store.apply({ type: 'samples', samples: [identity('1.16.0')] });
+    expect(await loadFleet(answering([{ id: '1', identity: { firmware: null } }]), store)).toEqual({ ids: ['1'], forgotten: false });
+    expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
+  });
+
+  it('is what is known of a vehicle that the socket has not told yet, until it does', async () => {
+    const store = new TelemetryStore(() => 100);
+    await loadFleet(answering([{ id: '1', identity: { firmware: '1.15.0' } }]), store);
+    expect(store.vehicle('1').identity.firmware).toBe('1.15.0');
+    store.apply({ type: 'samples', samples: [identity('1.16.0')] });
+    expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
+  });
+
+  it('says when a vehicle was forgotten that it no longer lists', async () => {
+    const store = new TelemetryStore(() => 100);
+    store.vehicle('2');
+    expect(await loadFleet(answering([{ id: '1' }]), store)).toEqual({ ids: ['1'], forgotten: true });
+  });
+});
