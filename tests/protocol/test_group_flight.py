@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import math
 import random
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -235,9 +236,9 @@ def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_abov
         await begin(at, {"1": stay, "2": stay}, minimum_separation_m=5)
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
-            # each by itself: past the group's look ahead, so that only the guard of the flight can know
+            # as the group's own, past its look ahead, so that only the guard of the flight can know
             order = models.VelocityOrder.model_validate({**velocity(0, towards), "valid_for_s": 60})
-            await vehicle.offboard.setpoint(order.to_order(ANNA))
+            await vehicle.offboard.setpoint(replace(order.to_order(ANNA), owner="group"))
         nearest_m, fastest_m_s = math.inf, 0.0
         for _ in range(120):
             await seconds(0.1)

@@ -7,6 +7,7 @@ past the group's look ahead, and the server hears of them late: only the guard o
 import asyncio
 import math
 import random
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -61,7 +62,7 @@ async def one_encounter(at, vehicles, setpoints):
     await asyncio.sleep(1.0)
     for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
         if setpoint is not None:
-            await vehicle.offboard.setpoint(lasting(setpoint))
+            await vehicle.offboard.setpoint(replace(lasting(setpoint), owner="group"))
     nearest_m, standing_s = math.inf, 0.0
     for _ in range(1500):
         await asyncio.sleep(0.02)

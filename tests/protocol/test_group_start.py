@@ -1,12 +1,13 @@
 """Several vehicles begin together as one group or none of them moves, and each refusal names its vehicle."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
 from gcs_server.api import group_routes, offboard_routes, vehicle_routes
 from gcs_server.api import offboard_models as models
-from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, UnknownGroup, UnknownVehicle
+from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused, UnknownGroup, UnknownVehicle
 from tests.protocol.api_calls import lines, view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
@@ -230,11 +231,32 @@ def test_held_before_the_instant_nobody_begins(jump):
     desk(jump, story)
 
 
-def test_a_member_steered_alone_before_the_instant_moves_nobody(jump):
+def test_a_setpoint_for_a_member_alone_is_refused_and_the_group_flies_on(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH)
+        await seconds(1)
+        member = at.vehicles["1"].offboard
+        alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
+        with pytest.raises(Refused, match="Vehicle 1 flies in a group already") as refused:
+            await member.setpoint(alone.to_order(ANNA))
+        assert "hold the group first" in refused.value.remedy
+        assert member.status().owner == "group"
+        await seconds(1)
+        assert view(await group_routes.show("1", at.station))["findings"] == []
+        await group_routes.hold("1", at.station, ANNA)
+        assert member.status().owner is None
+        await member.start(alone.to_order(ANNA))
+        assert member.status().owner == "operator"
+
+    desk(jump, story)
+
+
+def test_a_member_given_another_setpoint_before_the_instant_moves_nobody(jump):
     async def story(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
-        alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
-        await at.vehicles["1"].offboard.setpoint(alone.to_order(ANNA))
+        other = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
+        # As the group's own: an operator's is refused before it gets so far.
+        await at.vehicles["1"].offboard.setpoint(replace(other.to_order(ANNA), owner="group"))
         await seconds(12)
         assert set(modes(at).values()) == {HOLD}
         nobody_moved(at)

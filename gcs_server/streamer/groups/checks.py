@@ -206,6 +206,7 @@ class GroupChecks:
                 order.on_expiry,
                 order.client,
                 order.client_key,
+                "group",
             )
             for vehicle_id, setpoint in setpoints.items()
         }

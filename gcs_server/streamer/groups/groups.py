@@ -239,7 +239,7 @@ class Groups:
             if here is None:
                 raise NotTogether(f"Vehicle {vehicle.id} does not know where it is.", vehicles=(vehicle.id,))
             waits[vehicle.id] = Order(
-                Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key
+                Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key, "group"
             )
             group.numbers[vehicle.id] = self._streams.state(vehicle.id).number + 1
 

@@ -163,7 +163,7 @@ class OffboardControl:
         """A new target, handed to the stream before anything is waited for, and sent at once.
 
         Raises:
-            Refused: no stream runs, an estimate is missing, or the target is too far.
+            Refused: no stream runs, it is a group's, an estimate is missing, or the target is too far.
         """
         self._vehicle.require_commandable()
         state = self._streams.state(self._vehicle.id)
@@ -172,6 +172,11 @@ class OffboardControl:
             raise Refused(
                 MESSAGE_OF_NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
+            )
+        if state.order is not None and state.order.owner == "group" != order.owner:
+            raise Refused(
+                f"Vehicle {self._vehicle.id} flies in a group already.",
+                remedy="Send the setpoint to the group (groups/{g}/setpoints), or hold the group first.",
             )
         self.check(order)
         try:
@@ -267,6 +272,7 @@ class OffboardControl:
             state=state.phase,
             client=order.client if order else None,
             client_key=(order.client_key or None) if order else None,
+            owner=order.owner if order else None,
             ordered_type=order.setpoint.type if order else None,
             setpoint=setpoint_view(state.sent),
             limited=state.limited,

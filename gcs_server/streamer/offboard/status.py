@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
-from gcs_server.streamer.values.order import OnExpiry
+from gcs_server.streamer.values.order import OnExpiry, StreamOwner
 from missions.frames import Quaternion, Vector3
 from missions.setpoints import Partial3
 
@@ -65,6 +65,8 @@ class OffboardStatus:
     """Whose setpoint it is."""
     client_key: str | None
     """Tells the client from others of its name."""
+    owner: StreamOwner | None
+    """operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only."""
     ordered_type: str | None
     """The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry)."""
     setpoint: dict[str, object] | None

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from missions.setpoints import Path, Setpoint
+
+StreamOwner = Literal["operator", "group"]
+"""Who sends a stream's setpoints: a person or program for this vehicle alone, or the group that it flies in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,7 @@ class Order:
     client: str = ""
     client_key: str = ""
     """Tells the client from others of the same name; empty where there is no client."""
+    owner: StreamOwner = "operator"
 
     @property
     def lasts_s(self) -> float:

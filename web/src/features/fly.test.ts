@@ -119,6 +119,8 @@ describe('the offboard stream', () => {
     }
     const streaming = readOffboard({ streaming: true, state: 'streaming', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
     expect(streaming && streamWords(streaming)).toBe('Velocity');
+    const grouped = readOffboard({ streaming: true, state: 'streaming', owner: 'group', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
+    expect(grouped && streamWords(grouped)).toBe('Group · Velocity');
   });
 });
 

@@ -27,6 +27,8 @@ export interface OffboardStatus {
   client: string | null;
   /** Tells the client from others of its name. */
   clientKey: string | null;
+  /** A group flies it: setpoints go to the group, the server refuses those for this vehicle alone. */
+  ofGroup: boolean;
   /** Where the operator's limits come from; null where an older server does not say. */
   limitsOrigin: LimitsOrigin | null;
   /** What the limits take away now, in words. */
@@ -89,6 +91,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     onExpiry: expiryWords(object(raw['on_expiry'])),
     client: text(raw, 'client'),
     clientKey: text(raw, 'client_key'),
+    ofGroup: raw['owner'] === 'group',
     limitsOrigin: object(raw['limits_origin']) as LimitsOrigin | null,
     limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
     ended: text(raw, 'ended'),
@@ -113,7 +116,8 @@ export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: s
 
 /** What the stream is, for the card's corner. */
 export function streamWords(status: OffboardStatus): string {
-  return STATES[status.state] ?? kindName(status.type);
+  const words = STATES[status.state] ?? kindName(status.type);
+  return status.ofGroup ? `Group · ${words}` : words;
 }
 
 /** Distance from the target [m]; null where the target is no full position. */
