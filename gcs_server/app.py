@@ -118,7 +118,7 @@ class Server:
             journal=journal,
             authority=Authority(clock, self.fleet, journal, self.supervisor, terms),
             replays=replays,
-            groups=self.streamer.groups,
+            streamer=self.streamer,
             operations=Operations(clock, self.supervisor, self._operation_told),
             plans=plans,
             plan_work=PlanWork(),

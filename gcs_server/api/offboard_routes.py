@@ -13,15 +13,14 @@ from gcs_server.api.offboard_stream import OrderSocket, apply, arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
-from gcs_server.api.station import StationDep, VehicleDep
+from gcs_server.api.station import OffboardDep, StationDep
 
 router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
 
 
 @router.get("", response_model=views.OffboardView)
-async def show(vehicle: VehicleDep) -> Response:
+async def show(offboard: OffboardDep) -> Response:
     """The stream and its health, what can be flown (and why not), limits, and the vehicle's failsafe."""
-    offboard = vehicle.offboard
     await offboard.ensure_parameters()
     view: dict[str, Any] = fields_of(offboard.status())
     view |= {
@@ -40,9 +39,9 @@ async def start(v: str, body: models.StartRequest, station: StationDep, principa
     what its setpoints are held to, and whether the operator's limits were restored after a restart.
     """
     with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
-        vehicle = station.fleet.get(v)
-        status = await vehicle.offboard.start(body.to_order(principal), body.rate_hz)
-        return answer(fields_of(status) | {"limits": vehicle.offboard.limits()})
+        offboard = station.offboard(v)
+        status = await offboard.start(body.to_order(principal), body.rate_hz)
+        return answer(fields_of(status) | {"limits": offboard.limits()})
 
 
 @router.post("/setpoint", response_model=views.OffboardModel)
@@ -55,14 +54,14 @@ async def setpoint(v: str, body: models.AnyOrder, station: StationDep, principal
 async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Puts the vehicle into Hold, waits for its own word, then stops; without a stream it does nothing."""
     with authorized_command(station, principal, "offboard/stop", v, {}):
-        return answer(await station.fleet.get(v).offboard.stop())
+        return answer(await station.offboard(v).stop())
 
 
 @router.get("/limits", response_model=views.LimitsModel)
-async def show_limits(vehicle: VehicleDep) -> Response:
+async def show_limits(offboard: OffboardDep) -> Response:
     """What setpoints are held to: the vehicle's own limits, and the operator's."""
-    await vehicle.offboard.ensure_parameters()
-    return answer(vehicle.offboard.limits())
+    await offboard.ensure_parameters()
+    return answer(offboard.limits())
 
 
 @router.put("/limits", response_model=views.LimitsModel)
@@ -74,7 +73,7 @@ async def set_limits(
     They are kept for this vehicle across restarts of the server; `origin.kept` and `origin.warning` say so.
     """
     with authorized_command(station, principal, "offboard/limits", v, body.model_dump(exclude_none=True)):
-        offboard = station.fleet.get(v).offboard
+        offboard = station.offboard(v)
         await offboard.operator.set(body.to_limits(), by=principal.name)  # in force before it is kept
         await offboard.ensure_parameters()
         return answer(offboard.limits())
@@ -86,9 +85,9 @@ async def set_failsafe(
 ) -> Response:
     """Sets what the vehicle does by itself when the stream stops, each parameter verified."""
     with authorized_command(station, principal, "offboard/failsafe", v, body.model_dump(exclude_none=True)):
-        vehicle = station.fleet.get(v)
-        vehicle.require_commandable()
-        return answer(await vehicle.offboard.set_failsafe(body.action, body.after_s))
+        offboard = station.offboard(v)
+        offboard.vehicle.require_commandable()
+        return answer(await offboard.set_failsafe(body.action, body.after_s))
 
 
 @router.websocket("/stream")

@@ -173,7 +173,7 @@ async def apply(
 ) -> OffboardStatus:
     """One order, by whichever way it came."""
     with authorized_command(station, principal, "offboard/setpoint", vehicle_id, arguments_of(body)):
-        return await station.fleet.get(vehicle_id).offboard.setpoint(body.to_order(principal))
+        return await station.offboard(vehicle_id).setpoint(body.to_order(principal))
 
 
 def arguments_of(body: BaseModel) -> dict[str, object]:

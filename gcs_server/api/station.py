@@ -21,6 +21,8 @@ from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.streamer.groups.groups import Groups
+from gcs_server.streamer.offboard.control import OffboardControl
+from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.vehicle import Vehicle
@@ -37,7 +39,7 @@ class Station:
     journal: Journal
     authority: Authority
     replays: Replays
-    groups: Groups
+    streamer: Streamer
     operations: Operations
     plans: PlanStore
     plan_work: PlanWork
@@ -56,6 +58,15 @@ class Station:
 
     def __post_init__(self) -> None:
         self.turns = Turns(self.authority.controls_any)
+
+    @property
+    def groups(self) -> Groups:
+        """Vehicles that are flown together."""
+        return self.streamer.groups
+
+    def offboard(self, vehicle_id: str) -> OffboardControl:
+        """A vehicle's setpoint stream. Raises UnknownVehicle."""
+        return self.streamer.offboard(self.fleet.get(vehicle_id).id)
 
     def warnings(self) -> list[Notice]:
         """What stands now, from everywhere."""
@@ -91,3 +102,11 @@ async def get_vehicle(v: str, station: StationDep) -> Vehicle:
 
 
 VehicleDep = Annotated[Vehicle, Depends(get_vehicle)]
+
+
+async def get_offboard(v: str, station: StationDep) -> OffboardControl:
+    """Dependency of routes that read a stream: raises UnknownVehicle."""
+    return station.offboard(v)
+
+
+OffboardDep = Annotated[OffboardControl, Depends(get_offboard)]

@@ -109,7 +109,10 @@ class Authority:
         self._supervisor = supervisor
         self._terms = terms or Terms()
         self._connected: Counter[str] = Counter()
+        self._controls: dict[str, VehicleControl] = {}
+        """By the vehicle's id."""
         fleet.on_vehicle_added(self._attach)
+        fleet.on_vehicle_removed(lambda vehicle: self._controls.pop(vehicle.id, None))
 
     def start(self) -> None:
         """Begins to let leases run out."""
@@ -136,29 +139,23 @@ class Authority:
 
     def held_by(self, client: Principal) -> list[str]:
         """Vehicles that it controls."""
-        found: list[str] = []
-        for vehicle in self._fleet.all():
-            holder = vehicle.control.lease.holder
-            if holder is not None and holder.key == client.key:
-                found.append(vehicle.id)
-        return found
+        return [vehicle_id for vehicle_id, key in self._holders() if key == client.key]
 
     def controls_any(self, client_key: str) -> bool:
         """Whether the client of this key controls a vehicle."""
-        holders = (vehicle.control.lease.holder for vehicle in self._fleet.all() if vehicle.control)
-        return any(holder is not None and holder.key == client_key for holder in holders)
+        return any(key == client_key for _, key in self._holders())
 
     def warnings(self) -> list[Notice]:
         """Vehicles for which no more clients can ask."""
         return [
             Notice(
                 "control",
-                f"{MOST_REQUESTS} clients ask for control of vehicle {vehicle.id}; no more can ask until the "
+                f"{MOST_REQUESTS} clients ask for control of vehicle {vehicle_id}; no more can ask until the "
                 "holder answers some.",
-                vehicle=vehicle.id,
+                vehicle=vehicle_id,
             )
-            for vehicle in self._fleet.all()
-            if vehicle.control and vehicle.control.lease.has_most_requests
+            for vehicle_id, control in self._controls.items()
+            if control.lease.has_most_requests
         ]
 
     # --- the seam -------------------------------------------------------------------------------
@@ -204,7 +201,7 @@ class Authority:
         vehicle = self._fleet.get(vehicle_id)
         if vehicle.identity.replayed:
             raise Refused(f"Vehicle {vehicle_id} is a recording; nobody controls it.")
-        return vehicle.control
+        return self._controls[vehicle_id]
 
     # --- the parts ------------------------------------------------------------------------------
 
@@ -214,9 +211,16 @@ class Authority:
             vehicle.id,
             self._terms,
             lambda client: client.key in self._connected,
-            lambda change: self._changed(vehicle, change),
+            lambda change: self._changed(vehicle, control, change),
         )
-        vehicle.control = VehicleControl(vehicle, lease)
+        vehicle.control = self._controls[vehicle.id] = control = VehicleControl(vehicle, lease)
+
+    def _holders(self) -> Generator[tuple[str, str]]:
+        """(vehicle's id, key of who controls it), of those that somebody controls."""
+        for vehicle in self._fleet.all():
+            holder = self._controls[vehicle.id].lease.holder
+            if holder is not None:
+                yield vehicle.id, holder.key
 
     def _lease(self, vehicle_id: str) -> Lease | None:
         """None for what refuses every command anyway: unknown vehicles, recordings."""
@@ -224,12 +228,12 @@ class Authority:
             vehicle = self._fleet.get(vehicle_id)
         except UnknownVehicle:
             return None
-        return None if vehicle.identity.replayed else vehicle.control.lease
+        return None if vehicle.identity.replayed else self._controls[vehicle_id].lease
 
     def _leases(self) -> list[Lease]:
-        return [vehicle.control.lease for vehicle in self._fleet.all()]
+        return [control.lease for control in self._controls.values()]
 
-    def _changed(self, vehicle: Vehicle, change: Change) -> None:
+    def _changed(self, vehicle: Vehicle, control: VehicleControl, change: Change) -> None:
         taken_away = change.action in ("forced", "expired", "intervened")
         vehicle.events.add(
             "control",
@@ -244,7 +248,7 @@ class Authority:
                 "previous_key": None if change.previous is None else change.previous.key,
                 "to_key": None if change.to is None else change.to.key,
                 "reason": change.reason,
-                "control": asdict(vehicle.control.status()),
+                "control": asdict(control.status()),
             },
         )
         if change.action == "expired":
@@ -257,7 +261,7 @@ class Authority:
         wanted, began_s = change.on_expiry, self._clock.monotonic_s()
         await vehicle.command.kill_over()  # what nothing overtakes; it may leave nothing to be done
         status = vehicle.status
-        ours = status.mode != "offboard" or vehicle.offboard.status().streaming
+        ours = status.mode != "offboard" or vehicle.streaming
         goes_on = status.mode in ON_ITS_WAY and ours
         standing = status.mode == "hold" and wanted != "hold"
         if not status.armed or status.landed_state not in FLYING or not (goes_on or standing):

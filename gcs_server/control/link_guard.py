@@ -90,8 +90,7 @@ class LinkGuard:
 
 def is_flown(vehicle: Vehicle) -> bool:
     """Whether it has its motors on or is sent setpoints, as far as is known."""
-    streaming = vehicle.offboard is not None and vehicle.offboard.status().streaming
-    return vehicle.status.armed or streaming
+    return vehicle.status.armed or vehicle.streaming
 
 
 def words(name: str, vehicle_ids: list[str]) -> str:

@@ -126,7 +126,7 @@ class Fleet(FrameSink):
                 f"Vehicle {vehicle_id} is heard on {', '.join(vehicle.links)}: it would be back at once.",
                 remedy="Switch it off, or close the link; a vehicle can be removed once it is silent.",
             )
-        if vehicle.offboard is not None and vehicle.offboard.status().streaming:
+        if vehicle.streaming:
             raise Refused(
                 f"Setpoints are streamed to vehicle {vehicle_id}.",
                 remedy="Stop the stream (offboard/stop) first.",

@@ -16,6 +16,7 @@ from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.attached import AttachedControl, AttachedStream
 from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.identity import Identity, Version, with_version
@@ -66,10 +67,10 @@ class Vehicle:
         """Runs what this vehicle's data may make fail: a topic, a snapshot, a view of it."""
         self.mailbox = Mailbox(decode)
         self.events = EventFeed(vehicle_id)
-        self.offboard: Any = None
-        """The offboard control (streamer/), set by whoever builds the server; None before."""
-        self.control: Any = None
-        """Who may command it (control/), set by whoever builds the server; None before."""
+        self.offboard: AttachedStream | None = None
+        """Its setpoint stream, set by `Streamer.attach`; None before."""
+        self.control: AttachedControl | None = None
+        """Who may command it, set by `Authority`; None before."""
         self._identity = identity
         self._state = VehicleState(identity.component_id, clock)
         self._narrator = Narrator(self.events, clock)
@@ -122,10 +123,14 @@ class Vehicle:
         return self._outsiders.mode_cause
 
     @property
+    def streaming(self) -> bool:
+        """Whether setpoints go to it."""
+        return self.offboard is not None and self.offboard.status().streaming
+
+    @property
     def in_use(self) -> bool:
         """Whether setpoints go to it, or a client has control of it."""
-        streamed = self.offboard is not None and self.offboard.status().streaming
-        return streamed or (self.control is not None and self.control.status().holder is not None)
+        return self.streaming or (self.control is not None and self.control.status().holder is not None)
 
     @property
     def links(self) -> tuple[str, ...]:

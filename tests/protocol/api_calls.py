@@ -35,7 +35,7 @@ def station_of(world):
         authority=Authority(world.clock, world.fleet, journal, world.supervisor),
         started_s=0.0,
         replays=Replays(world.router, world.fleet, Path("no recordings")),
-        groups=world.streamer.groups,
+        streamer=world.streamer,
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),
         plan_work=PlanWork(),

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
+from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.plan import LONGEST_PLAN_S, Conflict, Planned, first_conflict, too_near_now
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.order import OnExpiry, Order
-from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Path, PositionBody, Setpoint
 
 SOONEST_S, LATEST_S = 3.0, 300.0
@@ -63,8 +63,9 @@ class GroupChecks:
                 "when it is asked for, and still ahead when all are in Offboard.",
             )
 
-    def check_member(self, vehicle: Vehicle, index: int, order: GroupOrder) -> None:
+    def check_member(self, member: Member, index: int, order: GroupOrder) -> None:
         """Raises NotTogether (or whatever refuses a single vehicle) where it cannot join now."""
+        vehicle = member.vehicle
         vehicle.require_commandable()
         if self._streams.state(vehicle.id).phase != "idle":
             raise NotTogether(
@@ -79,32 +80,33 @@ class GroupChecks:
                 vehicles=(vehicle.id,),
                 remedy="Take off first.",
             )
-        self.check_setpoint(vehicle, index, self.orders(order, order.setpoints)[vehicle.id])
+        self.check_setpoint(member, index, self.orders(order, order.setpoints)[vehicle.id])
 
     @staticmethod
-    def check_setpoint(vehicle: Vehicle, index: int, order: Order, where: str = "members") -> None:
+    def check_setpoint(member: Member, index: int, order: Order, where: str = "members") -> None:
         """Raises NotTogether where the setpoint cannot be flown now, InvalidRequest where it never can."""
+        vehicle_id = member.vehicle.id
         try:
-            vehicle.offboard.check(order)
+            member.check(order)
         except InvalidRequest as error:
             field_ = f"{where}.{index}.setpoint"
             raise InvalidRequest(
-                field_, f"Vehicle {vehicle.id}: {error.message}", remedy=error.remedy
+                field_, f"Vehicle {vehicle_id}: {error.message}", remedy=error.remedy
             ) from error
         except Refused as error:
-            message = f"Vehicle {vehicle.id}: {error.message}"
-            raise NotTogether(message, vehicles=(vehicle.id,), remedy=error.remedy) from error
+            message = f"Vehicle {vehicle_id}: {error.message}"
+            raise NotTogether(message, vehicles=(vehicle_id,), remedy=error.remedy) from error
 
-    def check_setpoints(self, vehicles: Mapping[str, Vehicle], orders: Mapping[str, Order]) -> None:
+    def check_setpoints(self, members: Mapping[str, Member], orders: Mapping[str, Order]) -> None:
         """Raises what `check_setpoint` does, or whatever refuses a vehicle any command."""
         for index, (vehicle_id, order) in enumerate(orders.items()):
-            vehicles[vehicle_id].require_commandable()
-            self.check_setpoint(vehicles[vehicle_id], index, order, "setpoints")
+            members[vehicle_id].vehicle.require_commandable()
+            self.check_setpoint(members[vehicle_id], index, order, "setpoints")
 
     async def check_apart(
         self,
         minimum_m: float,
-        vehicles: Mapping[str, Vehicle],
+        members: Mapping[str, Member],
         orders: Mapping[str, Order],
         held: Container[str] = (),
         lasts_s: float | None = None,
@@ -116,7 +118,7 @@ class GroupChecks:
 
         Args:
             minimum_m: to be kept.
-            vehicles: all of the group.
+            members: all of the group.
             orders: what is to be taken; the others fly on as they do.
             held: who follows the group no more, and may be anywhere.
             lasts_s: until all expire, where it is not their own validity that says it.
@@ -125,13 +127,13 @@ class GroupChecks:
             NotTogether: naming the two, or the one whose place is not known.
         """
         now_s = self._clock.monotonic_s()
-        planned = self._planned(now_s, vehicles, orders, held, lasts_s)
+        planned = self._planned(now_s, members, orders, held, lasts_s)
         _refuse(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
 
     def check_apart_now(
         self,
         minimum_m: float,
-        vehicles: Mapping[str, Vehicle],
+        members: Mapping[str, Member],
         orders: Mapping[str, Order],
         held: Container[str] = (),
     ) -> None:
@@ -139,7 +141,7 @@ class GroupChecks:
 
         Args:
             minimum_m: to be kept.
-            vehicles: all of the group.
+            members: all of the group.
             orders: what is to be taken.
             held: who follows the group no more, and may be anywhere.
 
@@ -147,7 +149,7 @@ class GroupChecks:
             NotTogether: as `check_apart`.
         """
         now_s = self._clock.monotonic_s()
-        _refuse(too_near_now(self._planned(now_s, vehicles, orders, held), now_s, minimum_m), minimum_m)
+        _refuse(too_near_now(self._planned(now_s, members, orders, held), now_s, minimum_m), minimum_m)
 
     async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
         """What a plan finds; everybody has a turn after each piece of it."""
@@ -162,16 +164,16 @@ class GroupChecks:
     def _planned(
         self,
         now_s: float,
-        vehicles: Mapping[str, Vehicle],
+        members: Mapping[str, Member],
         orders: Mapping[str, Order],
         held: Container[str],
         lasts_s: float | None = None,
     ) -> list[Planned]:
         planned: list[Planned] = []
-        for vehicle_id, vehicle in vehicles.items():
+        for vehicle_id, member in members.items():
             order, elapsed_s = orders.get(vehicle_id), 0.0
             setpoint = None if order is None else order.setpoint
-            snapshot = vehicle.offboard.snapshot(order)
+            snapshot = member.snapshot(order)
             here, origin = snapshot.position_at(now_s), snapshot.bounds.origin
             if here is None or origin is None:
                 if vehicle_id in held:

@@ -18,12 +18,12 @@ from dataclasses import replace
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
 from gcs_server.streamer.groups.checks import SOONEST_S, GroupChecks, GroupOrder
+from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.record import Group, listed
 from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.separation.guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.order import OnExpiry, Order
-from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Position, Setpoint
 
 LEAD_S = 0.5
@@ -41,10 +41,10 @@ class Groups:
     Args:
         clock: the server's.
         streams: what sends.
-        find: vehicles by id; raises UnknownVehicle.
+        find: each vehicle's stream by its id; raises UnknownVehicle.
     """
 
-    def __init__(self, clock: Clock, streams: Streams, find: Callable[[str], Vehicle]) -> None:
+    def __init__(self, clock: Clock, streams: Streams, find: Callable[[str], Member]) -> None:
         self._clock = clock
         self._streams = streams
         self._find = find
@@ -66,30 +66,30 @@ class Groups:
             InvalidRequest: a setpoint or the instant is not possible.
         """
         self._checks.check_instant(order, SOONEST_S)
-        vehicles = self._joinable(order)
+        members = self._joinable(order)
         orders = self._checks.orders(order, order.setpoints)
-        await self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
-        vehicles = self._joinable(order)  # others had their turns meanwhile
-        self._checks.check_apart_now(order.minimum_separation_m, vehicles, orders)
+        await self._checks.check_apart(order.minimum_separation_m, members, orders)
+        members = self._joinable(order)  # others had their turns meanwhile
+        self._checks.check_apart_now(order.minimum_separation_m, members, orders)
         self._count += 1
-        group = Group(str(self._count), order, dict(order.setpoints), vehicles, self._clock.unix_s())
+        group = Group(str(self._count), order, dict(order.setpoints), members, self._clock.unix_s())
         self._groups[group.id] = group
         self._forget_old()
-        self._told(group, f"Group {group.id} ({listed(vehicles)}) of {order.client} is being started.")
+        self._told(group, f"Group {group.id} ({listed(members)}) of {order.client} is being started.")
         waits: dict[str, Order] = {}
         try:
             waits = await self._gather(group)
-            await self._checks.check_apart(order.minimum_separation_m, vehicles, orders)
-            group.require_gathered({v: self._streams.state(v) for v in vehicles})
-            for index, vehicle in enumerate(vehicles.values()):  # seconds have passed
-                self._checks.check_setpoint(vehicle, index, orders[vehicle.id])
-            self._checks.check_apart_now(order.minimum_separation_m, vehicles, orders)
+            await self._checks.check_apart(order.minimum_separation_m, members, orders)
+            group.require_gathered({v: self._streams.state(v) for v in members})
+            for index, member in enumerate(members.values()):  # seconds have passed
+                self._checks.check_setpoint(member, index, orders[member.vehicle.id])
+            self._checks.check_apart_now(order.minimum_separation_m, members, orders)
             self._checks.check_instant(order, 0.1)
         except GcsError as error:
             await self._give_up(group, str(error))
             raise
         except BaseException:
-            for vehicle_id in vehicles:
+            for vehicle_id in members:
                 self._streams.force_hold(vehicle_id, f"The start of group {group.id} was broken off")
             self._end(group, "Its start was broken off.")
             raise
@@ -133,17 +133,17 @@ class Groups:
         setpoints = group.setpoints | dict(changed)
         order = replace(lasting, setpoints=setpoints)
         orders = self._checks.orders(order, changed)
-        self._checks.check_setpoints(group.vehicles, orders)
+        self._checks.check_setpoints(group.members, orders)
         left_s = self._checks.left_s(group.setpoints, changed)
-        await self._checks.check_apart(minimum_m, group.vehicles, orders, held, left_s + valid_for_s)
+        await self._checks.check_apart(minimum_m, group.members, orders, held, left_s + valid_for_s)
         held = group.require_changeable(
             changed, self._guard(group)
         ).held  # all had their turns meanwhile, and flew on
-        self._checks.check_setpoints(group.vehicles, orders)
-        self._checks.check_apart_now(minimum_m, group.vehicles, orders, held)
+        self._checks.check_setpoints(group.members, orders)
+        self._checks.check_apart_now(minimum_m, group.members, orders, held)
         left_s = self._checks.left_s(group.setpoints, changed)
         until_s = self._clock.monotonic_s() + left_s + valid_for_s
-        snapshots = {v: group.vehicles[v].offboard.snapshot(orders[v]) for v in changed}
+        snapshots = {v: group.members[v].snapshot(orders[v]) for v in changed}
         if not await self._streams.change_together(group_id, orders, snapshots, until_s):
             raise Refused(
                 f"Group {group_id} is just ending, or its setpoints have expired.",
@@ -164,7 +164,7 @@ class Groups:
         group.ending = f"{client} commanded Hold."
         if group.guard is not None:
             self._streams.disable_guard(group.id)
-        failed = await self._hold(group, group.vehicles)
+        failed = await self._hold(group, group.members)
         if failed:
             raise NoReply(
                 " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
@@ -194,12 +194,12 @@ class Groups:
             guard = self._guard(group)
             if guard is None or group.state == "ended":
                 continue
-            phases = {self._phase(group, v) for v in group.vehicles}
+            phases = {self._phase(group, v) for v in group.members}
             if guard.phase == "over" or phases == {"idle"}:
                 self._end(group, None)
             elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
                 group.state = "flying"
-                self._told(group, f"Group {group.id} has begun: {listed(group.vehicles)} fly together.")
+                self._told(group, f"Group {group.id} has begun: {listed(group.members)} fly together.")
             elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
                 group.state = "holding"
                 self._told(group, f"Group {group.id} is being stopped.")
@@ -215,48 +215,48 @@ class Groups:
 
     # --- starting ---------------------------------------------------------------------------------
 
-    def _joinable(self, order: GroupOrder) -> dict[str, Vehicle]:
+    def _joinable(self, order: GroupOrder) -> dict[str, Member]:
         """All members; raises what keeps one from joining now."""
-        vehicles = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
-        for index, vehicle in enumerate(vehicles.values()):
-            other = self._group_of(vehicle.id)
+        members = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
+        for index, (vehicle_id, member) in enumerate(members.items()):
+            other = self._group_of(vehicle_id)
             if other is not None:
                 raise NotTogether(
-                    f"Vehicle {vehicle.id} flies in group {other.id} already.",
-                    vehicles=(vehicle.id,),
+                    f"Vehicle {vehicle_id} flies in group {other.id} already.",
+                    vehicles=(vehicle_id,),
                     remedy=f"Hold group {other.id} first.",
                 )
-            self._checks.check_member(vehicle, index, order)
-        return vehicles
+            self._checks.check_member(member, index, order)
+        return members
 
     async def _gather(self, group: Group) -> dict[str, Order]:
         """All members stream their places and fly Offboard; at the first that does not, all hold."""
         order = group.order
         waits: dict[str, Order] = {}
         failed: dict[str, GcsError] = {}
-        for vehicle in group.vehicles.values():
-            here = vehicle.offboard.snapshot().position_at(self._clock.monotonic_s())
+        for vehicle_id, member in group.members.items():
+            here = member.snapshot().position_at(self._clock.monotonic_s())
             if here is None:
-                raise NotTogether(f"Vehicle {vehicle.id} does not know where it is.", vehicles=(vehicle.id,))
-            waits[vehicle.id] = Order(
+                raise NotTogether(f"Vehicle {vehicle_id} does not know where it is.", vehicles=(vehicle_id,))
+            waits[vehicle_id] = Order(
                 Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key, "group"
             )
-            group.numbers[vehicle.id] = self._streams.state(vehicle.id).number + 1
+            group.numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
 
-        async def join(vehicle: Vehicle) -> None:
+        async def join(vehicle_id: str, member: Member) -> None:
             try:
-                await vehicle.offboard.start(waits[vehicle.id], group.order.rate_hz)
+                await member.start(waits[vehicle_id], group.order.rate_hz)
             except GcsError as error:
-                group.numbers.pop(vehicle.id)  # it has ended its own stream, or goes on undoing it
+                group.numbers.pop(vehicle_id)  # it has ended its own stream, or goes on undoing it
                 first = not failed
                 if first or not isinstance(error, Refused):  # refused: stopped because of the first
-                    failed[vehicle.id] = error
+                    failed[vehicle_id] = error
                 if first:
                     await self._hold(group, list(group.numbers))
 
         async with asyncio.TaskGroup() as tasks:
-            for vehicle in group.vehicles.values():
-                tasks.create_task(join(vehicle))
+            for vehicle_id, member in group.members.items():
+                tasks.create_task(join(vehicle_id, member))
         if failed:
             reasons = tuple(
                 reason for e in failed.values() if isinstance(e, Rejected) for reason in e.reasons
@@ -299,16 +299,16 @@ class Groups:
         """All whose stream is the group's, at once; what failed, by vehicle."""
         failed: dict[str, GcsError] = {}
 
-        async def stop(vehicle: Vehicle) -> None:
+        async def stop(vehicle_id: str) -> None:
             try:
-                await vehicle.offboard.stop()
+                await group.members[vehicle_id].stop()
             except GcsError as error:
-                failed[vehicle.id] = error
+                failed[vehicle_id] = error
 
         async with asyncio.TaskGroup() as tasks:
             for vehicle_id in members:
                 if self._phase(group, vehicle_id) != "idle":
-                    tasks.create_task(stop(group.vehicles[vehicle_id]))
+                    tasks.create_task(stop(vehicle_id))
         return failed
 
     # --- what is told -----------------------------------------------------------------------------
@@ -355,7 +355,7 @@ class Groups:
 
     def _status(self, group: Group) -> GroupStatus:
         self._guard(group)
-        return group.status({v: self._streams.state(v) for v in group.vehicles})
+        return group.status({v: self._streams.state(v) for v in group.members})
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -381,7 +381,7 @@ class Groups:
 
     def _group_of(self, vehicle_id: str) -> Group | None:
         for group in self._groups.values():
-            if vehicle_id in group.vehicles and group.state != "ended":
+            if vehicle_id in group.members and group.state != "ended":
                 return group
         return None
 

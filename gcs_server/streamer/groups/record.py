@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupOrder
+from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.status import GroupFinding, GroupMember, GroupStatus, Nearest
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import FOLLOWS_ORDER, GuardState
-from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
 
 
@@ -23,7 +23,8 @@ class Group:
     order: GroupOrder
     setpoints: dict[str, Setpoint]
     """As flown now."""
-    vehicles: dict[str, Vehicle]
+    members: dict[str, Member]
+    """By the vehicle's id."""
     created_unix_s: float
     state: str = "starting"
     guard: GuardState | None = None
@@ -47,7 +48,7 @@ class Group:
         Args:
             streams: each member's, newest.
         """
-        gone = [v for v in self.vehicles if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
+        gone = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
         if gone:
             ends = [(v, streams[v].last_end) for v in gone]
             said = " ".join(f"Vehicle {v}: {end.text}" for v, end in ends if end is not None)
@@ -70,7 +71,7 @@ class Group:
                 remedy="Start a group anew." if self.state == "ended" else "Wait for its start.",
             )
         for vehicle_id in changed:
-            if vehicle_id not in self.vehicles:
+            if vehicle_id not in self.members:
                 raise InvalidRequest("setpoints", f"Vehicle {vehicle_id} is not in group {self.id}.")
             if vehicle_id in guard.held:
                 raise Refused(
@@ -106,10 +107,10 @@ class Group:
                     vehicle=vehicle_id,
                     ordered_type=self.setpoints[vehicle_id].type,
                     stream=self.phase(vehicle_id, streams[vehicle_id]),
-                    mode=vehicle.status.mode,
+                    mode=member.vehicle.status.mode,
                     held=guard is not None and vehicle_id in guard.held,
                 )
-                for vehicle_id, vehicle in self.vehicles.items()
+                for vehicle_id, member in self.members.items()
             ),
             nearest=None if nearest is None else Nearest(nearest[:2], round(nearest[2], 2)),
             findings=tuple(self.findings),
@@ -117,7 +118,7 @@ class Group:
         )
 
 
-def listed(vehicles: Mapping[str, Vehicle] | Sequence[str]) -> str:
+def listed(vehicles: Iterable[str]) -> str:
     """Their names in a sentence."""
     ids = list(vehicles)
     if len(ids) == 1:

@@ -57,7 +57,7 @@ class OffboardControl:
         limits: VehicleOperatorLimits,
     ) -> None:
         self._clock = clock
-        self._vehicle = vehicle
+        self.vehicle = vehicle
         self._streams = streams
         self._find = find
         self._estimates = VehicleEstimates(vehicle)
@@ -84,7 +84,7 @@ class OffboardControl:
             Refused: an estimate is missing, the target is too far, or somebody streams already.
             Rejected: the vehicle refused Offboard; the stream has been stopped.
         """
-        vehicle = self._vehicle
+        vehicle = self.vehicle
         vehicle.require_commandable()
         vehicle.command.require_no_kill("start Offboard")
         status = vehicle.status
@@ -133,7 +133,7 @@ class OffboardControl:
         until_s = self._clock.monotonic_s() + PRE_STREAM_WITHIN_S
         while True:
             self._still_starting(number)
-            short_s = PRE_STREAM_S - self._streams.state(self._vehicle.id).steady_s
+            short_s = PRE_STREAM_S - self._streams.state(self.vehicle.id).steady_s
             if short_s <= 0.0:
                 return
             if self._clock.monotonic_s() >= until_s:
@@ -144,8 +144,8 @@ class OffboardControl:
             await self._clock.sleep(max(short_s, LOOK_EVERY_S))
 
     def _still_starting(self, number: int) -> None:
-        if not self._streams.starting(self._vehicle.id, number):
-            ended = self._streams.state(self._vehicle.id).last_end
+        if not self._streams.starting(self.vehicle.id, number):
+            ended = self._streams.state(self.vehicle.id).last_end
             raise Refused(ended.text if ended else "The stream was stopped while it started.")
 
     @staticmethod
@@ -165,8 +165,8 @@ class OffboardControl:
         Raises:
             Refused: no stream runs, it is a group's, an estimate is missing, or the target is too far.
         """
-        self._vehicle.require_commandable()
-        state = self._streams.state(self._vehicle.id)
+        self.vehicle.require_commandable()
+        state = self._streams.state(self.vehicle.id)
         if state.phase == "idle":
             ended = f" It ended: {state.last_end.text}" if state.last_end else ""
             raise Refused(
@@ -175,12 +175,12 @@ class OffboardControl:
             )
         if state.order is not None and state.order.owner == "group" != order.owner:
             raise Refused(
-                f"Vehicle {self._vehicle.id} flies in a group already.",
+                f"Vehicle {self.vehicle.id} flies in a group already.",
                 remedy="Send the setpoint to the group (groups/{g}/setpoints), or hold the group first.",
             )
         self.check(order)
         try:
-            taken = await self._streams.change(self._vehicle.id, order, self.snapshot(order))
+            taken = await self._streams.change(self.vehicle.id, order, self.snapshot(order))
         except ValueError as error:
             raise _cannot_fly(error) from error
         if not taken:
@@ -196,7 +196,7 @@ class OffboardControl:
         Without a stream nothing is done: the vehicle is not ours to put into Hold. A landing that the order
         asked for on its expiry goes on.
         """
-        vehicle = self._vehicle
+        vehicle = self.vehicle
         state = self._streams.state(vehicle.id)
         if state.phase in ("idle", "landing"):
             return self.status()
@@ -212,7 +212,7 @@ class OffboardControl:
 
     def asks_for(self) -> str | None:
         """The mode that the ending stream asks the vehicle for just now; None while it asks for none."""
-        return ENDS_IN.get(self._streams.state(self._vehicle.id).phase)
+        return ENDS_IN.get(self._streams.state(self.vehicle.id).phase)
 
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
         """Sets what the vehicle does by itself when the stream stops, each value verified.
@@ -224,13 +224,13 @@ class OffboardControl:
         """
         if action is not None and action not in ACTION_MODES[:6]:
             raise InvalidRequest("action", f"There is no action {action!r}: {', '.join(ACTION_MODES[:6])}.")
-        state = self._streams.state(self._vehicle.id)
+        state = self._streams.state(self.vehicle.id)
         if after_s is not None and state.phase != "idle":
             self._check_rate(Failsafe(after_s, None, False), state.rate_hz)
         if after_s is not None:
-            await self._vehicle.params.set("COM_OF_LOSS_T", after_s)
+            await self.vehicle.params.set("COM_OF_LOSS_T", after_s)
         if action is not None:
-            await self._vehicle.params.set("COM_OBL_RC_ACT", ACTION_MODES.index(action))
+            await self.vehicle.params.set("COM_OBL_RC_ACT", ACTION_MODES.index(action))
         view = self._failsafe_view(await self._configuration.read())
         assert view is not None
         return view
@@ -265,7 +265,7 @@ class OffboardControl:
 
     def status(self) -> OffboardStatus:
         """How the stream stands, now."""
-        state = self._streams.state(self._vehicle.id)
+        state = self._streams.state(self.vehicle.id)
         order, failsafe = state.order, self._configuration.failsafe()
         return OffboardStatus(
             streaming=state.phase != "idle",
@@ -291,7 +291,7 @@ class OffboardControl:
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
         """The vehicle as its stream is to know it (for an order that is about to be taken)."""
-        order = order or self._streams.state(self._vehicle.id).order
+        order = order or self._streams.state(self.vehicle.id).order
         attitude = self._estimates.attitude()
         return self._estimates.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
@@ -302,7 +302,7 @@ class OffboardControl:
 
     def snapshot_without_estimates(self) -> Snapshot:
         """What its heartbeat says, and the limits as they were: where nothing else can be made of it."""
-        vehicle, status = self._vehicle, self._vehicle.status
+        vehicle, status = self.vehicle, self.vehicle.status
         return Snapshot(
             self._clock.monotonic_s(),
             status.mode,
@@ -317,7 +317,7 @@ class OffboardControl:
     # --- inside -------------------------------------------------------------------------------------
 
     def _protocol(self) -> str:
-        endpoints = self._vehicle.endpoints
+        endpoints = self.vehicle.endpoints
         return endpoints[0].connection.protocol if endpoints else "MAVLink"
 
     def _current_bounds(self) -> Bounds:
@@ -359,7 +359,7 @@ class OffboardControl:
         )
 
     def _check_leader(self, follow: Follow) -> None:
-        if follow.vehicle == self._vehicle.id:
+        if follow.vehicle == self.vehicle.id:
             raise InvalidRequest("vehicle", "A vehicle cannot follow itself.")
         self._find(follow.vehicle)
         leader = self._leader(follow)

@@ -50,23 +50,25 @@ class Streamer:
     def __init__(self, clock: Clock, streams: Streams, limits: LimitStore | None = None) -> None:
         self._clock = clock
         self._streams = streams
-        self._vehicles: dict[str, Vehicle] = {}
+        self._controls: dict[str, OffboardControl] = {}
+        """By the vehicle's id."""
         self._isolation = Isolation(clock, log, "The setpoint streams")
         self.limits = limits or LimitStore()
         self._limit_owners: dict[str, str] = {}
-        self.groups = Groups(clock, self._streams, self._find)
+        self.groups = Groups(clock, self._streams, self.offboard)
 
     def attach(self, vehicle: Vehicle) -> None:
         """Gives a vehicle its offboard control."""
-        self._vehicles[vehicle.id] = vehicle
         limits = VehicleOperatorLimits(vehicle, self.limits, self._limit_owners)
-        vehicle.offboard = OffboardControl(self._clock, vehicle, self._streams, self._find, limits)
+        control = OffboardControl(self._clock, vehicle, self._streams, self._find, limits)
+        vehicle.offboard = self._controls[vehicle.id] = control
 
     def detach(self, vehicle: Vehicle) -> None:
         """It is not known any more; a stream to it ends first, with a word."""
-        known = self._vehicles.get(vehicle.id) is vehicle
+        control = self._controls.get(vehicle.id)
+        known = control is not None and control.vehicle is vehicle
         if known and self._streams.state(vehicle.id).phase == "idle":
-            del self._vehicles[vehicle.id]
+            del self._controls[vehicle.id]
             self._streams.forget(vehicle.id)
 
     def start(self, supervisor: Supervisor) -> None:
@@ -96,11 +98,15 @@ class Streamer:
             getattr(sent, "yaw_ned_rad", None),
         )
 
+    def offboard(self, vehicle_id: str) -> OffboardControl:
+        """A vehicle's stream: to start, change and stop it. Raises UnknownVehicle."""
+        control = self._controls.get(vehicle_id)
+        if control is None:
+            raise UnknownVehicle(vehicle_id, sorted(self._controls))
+        return control
+
     def _find(self, vehicle_id: str) -> Vehicle:
-        vehicle = self._vehicles.get(vehicle_id)
-        if vehicle is None:
-            raise UnknownVehicle(vehicle_id, sorted(self._vehicles))
-        return vehicle
+        return self.offboard(vehicle_id).vehicle
 
     async def stop_all(self) -> list[Stopped]:
         """Puts every vehicle that is streamed to into Hold, all at once (a clean end of the server).
@@ -117,15 +123,15 @@ class Streamer:
     async def _kills_over(self) -> None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STOP_ALL_S):
-                for vehicle in self._vehicles.values():
-                    await vehicle.command.kill_over()
+                for control in self._controls.values():
+                    await control.vehicle.command.kill_over()
 
     async def _stop_one(self, vehicle_id: str) -> Stopped:
         began_s = self._clock.monotonic_s()
         error: GcsError | None = None
         try:
             async with asyncio.timeout(STOP_ALL_S):
-                await self._vehicles[vehicle_id].offboard.stop()
+                await self._controls[vehicle_id].stop()
         except GcsError as problem:
             error = problem
         except TimeoutError:
@@ -144,11 +150,11 @@ class Streamer:
 
     def beat_once(self) -> None:
         """Shows that the loop lives, renews the snapshots, restores limits and tells what was reported."""
-        for vehicle in self._vehicles.values():
-            self._isolation.run(f"the limits of vehicle {vehicle.id}", vehicle.offboard.operator.recognise)
+        for vehicle_id, control in self._controls.items():
+            self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator.recognise)
         to_come = self._streams.watched()
         seen = dict.fromkeys(self._streams.active()) | to_come
-        known = [vehicle_id for vehicle_id in seen if vehicle_id in self._vehicles]
+        known = [vehicle_id for vehicle_id in seen if vehicle_id in self._controls]
         self._streams.beat({vid: s for vid in known if (s := self._snapshot(vid, seen[vid])) is not None})
         self._isolation.run("the look after groups", self.groups.look)
         for vehicle_id, report in self._streams.take_reports():
@@ -163,14 +169,14 @@ class Streamer:
 
         None where not even that can be made: the stream goes by what it knew, which is too old in a second.
         """
-        vehicle = self._vehicles[vehicle_id]
-        run, offboard = vehicle.isolation.run, vehicle.offboard
-        whole = run("the snapshot for its stream", offboard.snapshot, order)
-        return whole or run("the status for its stream", offboard.snapshot_without_estimates)
+        control = self._controls[vehicle_id]
+        run = control.vehicle.isolation.run
+        whole = run("the snapshot for its stream", control.snapshot, order)
+        return whole or run("the status for its stream", control.snapshot_without_estimates)
 
     def _tell(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
         kind = "warning" if severity <= 4 else "command"
-        vehicle = self._vehicles.get(vehicle_id)
-        if vehicle is not None:
+        control = self._controls.get(vehicle_id)
+        if control is not None:
             data = {"source": "offboard", "code": code}
-            vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
+            control.vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)

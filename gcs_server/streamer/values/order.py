@@ -8,7 +8,7 @@ from typing import Literal
 from missions.setpoints import Path, Setpoint
 
 StreamOwner = Literal["operator", "group"]
-"""Who sends a stream's setpoints: a person or program for this vehicle alone, or the group that it flies in."""
+"""Who sends a stream's setpoints: a client for this vehicle alone, or the group that it flies in."""
 
 
 @dataclass(frozen=True, slots=True)

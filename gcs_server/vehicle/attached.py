@@ -1,0 +1,46 @@
+"""What `streamer/` and `control/` attach to each vehicle, as far as this package and its readers need it.
+
+Whoever needs more of it asks those packages: `Streamer.offboard`, `Authority.control`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class StreamStatus(Protocol):
+    """How the setpoint stream to a vehicle stands."""
+
+    @property
+    def streaming(self) -> bool:
+        """Whether setpoints go out to the vehicle now."""
+        ...
+
+
+class AttachedStream(Protocol):
+    """A vehicle's `offboard`."""
+
+    def status(self) -> StreamStatus:
+        """Now."""
+        ...
+
+    def asks_for(self) -> str | None:
+        """The mode that an ending stream asks the vehicle for just now; None while it asks for none."""
+        ...
+
+
+class HolderStatus(Protocol):
+    """Who may command a vehicle."""
+
+    @property
+    def holder(self) -> str | None:
+        """None: nobody has control."""
+        ...
+
+
+class AttachedControl(Protocol):
+    """A vehicle's `control`."""
+
+    def status(self) -> HolderStatus:
+        """Now."""
+        ...
