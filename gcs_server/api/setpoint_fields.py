@@ -9,7 +9,7 @@ from typing import Annotated, Any, cast
 from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.validation.axes import MAVLINK_ONLY_FIELDS, axes_problem
+from gcs_server.streamer.validation.axes import MAVLINK_ONLY_FIELDS
 from missions import setpoints as s
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-10_000, le=10_000)]
@@ -74,14 +74,3 @@ class YawOrRate(SetpointBody):
         if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
             raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
         return self
-
-
-def check_axes(
-    position: s.Partial3 = s.NOTHING,
-    velocity: s.Partial3 = s.NOTHING,
-    acceleration: s.Partial3 = s.NOTHING,
-) -> None:
-    """Refuse what leaves an axis open, or half a plane (ValueError)."""
-    problem = axes_problem(position, velocity, acceleration)
-    if problem is not None:
-        raise ValueError(problem)

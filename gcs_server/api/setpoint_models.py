@@ -27,7 +27,6 @@ from gcs_server.api.setpoint_fields import (
     Signal,
     Thrust,
     YawOrRate,
-    check_axes,
     example,
 )
 from gcs_server.api.strict_body import StrictBody
@@ -42,11 +41,6 @@ class PositionSetpoint(YawOrRate):
 
     type: Literal["position"]
     position_ned_m: PartialPlace = Field(description=POSITION_WORDS)
-
-    @model_validator(mode="after")
-    def _whole(self) -> PositionSetpoint:
-        check_axes(position=self.position_ned_m)
-        return self
 
     def to_setpoint(self) -> s.Position:
         return s.Position(self.position_ned_m, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
@@ -107,11 +101,6 @@ class VelocitySetpoint(YawOrRate):
     type: Literal["velocity"]
     velocity_ned_m_s: PartialVelocity = Field(description=VELOCITY_WORDS)
 
-    @model_validator(mode="after")
-    def _whole(self) -> VelocitySetpoint:
-        check_axes(velocity=self.velocity_ned_m_s)
-        return self
-
     def to_setpoint(self) -> s.Velocity:
         return s.Velocity(self.velocity_ned_m_s, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
@@ -138,11 +127,6 @@ class AccelerationSetpoint(YawOrRate):
     type: Literal["acceleration"]
     acceleration_ned_m_s2: PartialAcceleration = Field(description=ACCELERATION_WORDS)
 
-    @model_validator(mode="after")
-    def _whole(self) -> AccelerationSetpoint:
-        check_axes(acceleration=self.acceleration_ned_m_s2)
-        return self
-
     def to_setpoint(self) -> s.Acceleration:
         return s.Acceleration(self.acceleration_ned_m_s2, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
@@ -163,11 +147,6 @@ class TrajectorySetpoint(YawOrRate):
     acceleration_ned_m_s2: PartialAcceleration = Field(
         default=s.NOTHING, description=ACCELERATION_WORDS + NULL_WORDS
     )
-
-    @model_validator(mode="after")
-    def _whole(self) -> TrajectorySetpoint:
-        check_axes(self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
-        return self
 
     def to_setpoint(self) -> s.Trajectory:
         return s.Trajectory(
