@@ -16,8 +16,8 @@ from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
 TARGET = CLIENT / "blocking.py"
-MODULES = ("aio", "control", "gimbal", "group", "offboard")
-CLASSES = ("Gcs", "Vehicle", "Control", "Gimbal", "Group", "Offboard", "LiveOffboard")
+MODULES = ("aio", "control", "gimbal", "group", "offboard", "operations")
+CLASSES = ("Gcs", "Vehicle", "Control", "Gimbal", "Group", "Offboard", "LiveOffboard", "Operations")
 ROOT = "Gcs"
 """The one that a program makes itself; it owns the loop's thread."""
 STEERING = ("Offboard", "LiveOffboard")
@@ -39,7 +39,7 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, gimbal, group, offboard
+from gcs_server.client import aio, control, gimbal, group, offboard, operations
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
 from gcs_server.client.offboard import Answer, Steering

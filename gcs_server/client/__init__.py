@@ -18,6 +18,7 @@ from gcs_server.client.blocking import (
     SyncGroup,
     SyncLiveOffboard,
     SyncOffboard,
+    SyncOperations,
     SyncVehicle,
 )
 from gcs_server.client.control import Control
@@ -35,6 +36,7 @@ from gcs_server.client.errors import (
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group
 from gcs_server.client.offboard import LiveOffboard, Offboard
+from gcs_server.client.operations import Operations
 
 __all__ = [
     "ApiError",
@@ -48,6 +50,7 @@ __all__ = [
     "NotAllowed",
     "NotInControl",
     "Offboard",
+    "Operations",
     "Refused",
     "SyncControl",
     "SyncGcs",
@@ -55,6 +58,7 @@ __all__ = [
     "SyncGroup",
     "SyncLiveOffboard",
     "SyncOffboard",
+    "SyncOperations",
     "SyncVehicle",
     "Timeout",
     "Unknown",

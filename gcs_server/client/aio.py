@@ -23,6 +23,7 @@ from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.offboard import Offboard
+from gcs_server.client.operations import Operations
 from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
 
 T = TypeVar("T")
@@ -95,6 +96,10 @@ class Gcs:
     def vehicle(self, vehicle_id: str) -> Vehicle:
         """A vehicle by its id, without asking whether it is there."""
         return Vehicle(self, vehicle_id)
+
+    def operations(self) -> Operations:
+        """Long work of the server: what runs, waiting for its end, cancelling it."""
+        return Operations(self)
 
     async def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0

@@ -12,7 +12,7 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, gimbal, group, offboard
+from gcs_server.client import aio, control, gimbal, group, offboard, operations
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
 from gcs_server.client.offboard import Answer, Steering
@@ -64,6 +64,10 @@ class SyncGcs(LoopThread):
     def vehicle(self, vehicle_id: str) -> SyncVehicle:
         """A vehicle by its id, without asking whether it is there."""
         return SyncVehicle(self._inner.vehicle(vehicle_id), self._portal)
+
+    def operations(self) -> SyncOperations:
+        """Long work of the server: what runs, waiting for its end, cancelling it."""
+        return SyncOperations(self._inner.operations(), self._portal)
 
     def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
@@ -479,3 +483,32 @@ class SyncLiveOffboard(Steering[Answer]):
             Unreachable: the server has gone.
         """
         return self._portal.call(lambda: self._inner.send(body))
+
+
+class SyncOperations:
+    """What runs on the server, and what ended last; each as `GET /operations/{o}` answers it."""
+
+    def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
+        """Those of a vehicle, or of all; oldest first."""
+        return self._portal.call(lambda: self._inner.all(vehicle_id))
+
+    def get(self, operation_id: str) -> dict[str, Any]:
+        """How far one is (`state`, `progress`, `text`), or how it ended (`result`, `error`)."""
+        return self._portal.call(lambda: self._inner.get(operation_id))
+
+    def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
+        """Waits for its end: `state` is then `succeeded` or `cancelled`.
+
+        Raises:
+            ApiError: it failed, for the reason that the error says.
+            Timeout: it still runs; it goes on without this program.
+        """
+        return self._portal.call(lambda: self._inner.wait(operation_id, timeout_s=timeout_s))
+
+    def cancel(self, operation_id: str) -> dict[str, Any]:
+        """Cancels it, and returns how it ended; one that has ended stays as it is."""
+        return self._portal.call(lambda: self._inner.cancel(operation_id))

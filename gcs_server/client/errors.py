@@ -85,9 +85,10 @@ _STATUS_BY_CODE = {"invalid_request": 422, "unknown_vehicle": 404, "disconnected
 
 
 def raise_problem(problem: dict[str, object]) -> NoReturn:
-    """Raises the `ApiError` that a problem in a WebSocket's answer stands for."""
+    """Raises the `ApiError` that a problem stands for which came in something else than an HTTP answer."""
     code = str(problem.get("code"))
-    status = _STATUS_BY_CODE.get(code, 409)
+    told = problem.get("status")
+    status = told if isinstance(told, int) else _STATUS_BY_CODE.get(code, 409)
     kind = NotInControl if code == "not_in_control" else _BY_STATUS.get(status, ApiError)
     raise kind(status, problem)
 

@@ -5,11 +5,18 @@ import inspect
 
 import pytest
 
-from gcs_server.client import aio, blocking, control, gimbal, group, offboard
+from gcs_server.client import aio, blocking, control, gimbal, group, offboard, operations
 from gcs_server.client.portal import LoopThread, iterate
 from tools.build_sync_client import CLASSES, LEFT_OUT
 
-MODULES = {"Gcs": aio, "Vehicle": aio, "Control": control, "Gimbal": gimbal, "Group": group}
+MODULES = {
+    "Gcs": aio,
+    "Vehicle": aio,
+    "Control": control,
+    "Gimbal": gimbal,
+    "Group": group,
+    "Operations": operations,
+}
 
 
 def public(kind):

@@ -1,0 +1,65 @@
+"""Following long work from a program, against answers as the server gives them."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.client import NoReply, Timeout
+from gcs_server.client.operations import Operations
+from tests.jump_time import in_jumps
+
+NO_REPLY = {"status": 504, "code": "no_reply", "detail": "The vehicle did not answer."}
+
+
+def operation(state, error=None, vehicle="1"):
+    return {"id": "4", "vehicle": vehicle, "state": state, "text": "12 of 40", "error": error}
+
+
+class Server:
+    """Answers with one after the other, the last for ever."""
+
+    def __init__(self, *answers):
+        self.answers = list(answers)
+        self.calls = []
+
+    async def request(self, method, path, body=None):
+        self.calls.append((method, path))
+        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+
+
+def test_waits_until_it_has_ended():
+    server = Server(operation("running"), operation("running"), operation("succeeded"))
+    ended = in_jumps(lambda: Operations(server).wait("4"))
+    assert ended["state"] == "succeeded"
+    assert server.calls == [("GET", "/operations/4")] * 3
+
+
+def test_a_failure_is_raised_as_what_it_was():
+    with pytest.raises(NoReply, match="did not answer"):
+        in_jumps(lambda: Operations(Server(operation("failed", NO_REPLY))).wait("4"))
+
+
+def test_what_was_cancelled_is_returned():
+    assert in_jumps(lambda: Operations(Server(operation("cancelled"))).wait("4"))["state"] == "cancelled"
+
+
+def test_what_still_runs_is_said_with_how_far_it_is():
+    async def story():
+        began_s = asyncio.get_running_loop().time()
+        with pytest.raises(Timeout, match=r"Operation 4 still runs after 5 s: 12 of 40"):
+            await Operations(Server(operation("running"))).wait("4", timeout_s=5)
+        assert 5.0 <= asyncio.get_running_loop().time() - began_s < 6.0
+
+    in_jumps(story)
+
+
+def test_those_of_a_vehicle_are_told_from_the_others():
+    server = Server({"operations": [operation("running"), operation("running", vehicle="2")]})
+    found = in_jumps(lambda: Operations(server).all("2"))
+    assert [each["vehicle"] for each in found] == ["2"]
+
+
+def test_cancelling_answers_how_it_ended():
+    server = Server(operation("cancelled"))
+    assert in_jumps(lambda: Operations(server).cancel("4"))["state"] == "cancelled"
+    assert server.calls == [("DELETE", "/operations/4")]
