@@ -11,13 +11,11 @@ from collections import deque
 from typing import Any, cast
 
 import httptools
-from uvicorn.config import Config
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
-from uvicorn.server import ServerState
 
 from gcs_server.api import refusals as r
-from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
-from gcs_server.clock import Clock
+from gcs_server.api.connections import SCOPE_KEY
+from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.stall import Stall
 from gcs_server.http_server.websocket_protocol import BoundedWebSocket
 
@@ -50,31 +48,14 @@ class _Stop(Exception):
 
 
 class BoundedHttp(HttpToolsProtocol):
-    """One connection.
+    """One connection."""
 
-    Args:
-        config: uvicorn's.
-        server_state: uvicorn's.
-        app_state: of the application's lifespan.
-        connection: its place among the others.
-        connections: all of them.
-        clock: the server's.
-    """
-
-    def __init__(
-        self,
-        config: Config,
-        server_state: ServerState,
-        app_state: dict[str, Any],
-        *,
-        connection: Connection,
-        connections: Connections,
-        clock: Clock,
-    ) -> None:
-        super().__init__(config, server_state, app_state)
-        self.connection = connection
-        self._connections = connections
-        self._clock = clock
+    def __init__(self, context: ConnectionContext) -> None:
+        super().__init__(*context.of_uvicorn)
+        self._context = context
+        self.connection = context.connection
+        self._connections = context.connections
+        self._clock = clock = context.clock
         self._stall = Stall(clock)
         self._since_s = clock.monotonic_s()
         """Of the present deadline: for the head, or for the body."""
@@ -216,14 +197,7 @@ class BoundedHttp(HttpToolsProtocol):
         self.server_state.connections.discard(self)
         lines = [self.scope["method"].encode() + b" " + self.url + b" HTTP/1.1\r\n"]
         lines += [name + b": " + value + b"\r\n" for name, value in self.scope["headers"]]
-        protocol = BoundedWebSocket(
-            self.config,
-            self.server_state,
-            self.app_state,
-            connection=self.connection,
-            connections=self._connections,
-            clock=self._clock,
-        )
+        protocol = BoundedWebSocket(self._context)
         protocol.connection_made(self.transport)
         self.transport.set_protocol(protocol)
         protocol.data_received(b"".join([*lines, b"\r\n"]))

@@ -13,6 +13,7 @@ from gcs_server.api.connections import Connection, Connections
 from gcs_server.api.refusals import LARGEST_MESSAGE_BYTES
 from gcs_server.clock import Clock
 from gcs_server.http_server.acceptor import Acceptor
+from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
 
 
@@ -71,10 +72,12 @@ class HttpServer(uvicorn.Server):
 
     def _protocol(self, connection: Connection) -> BoundedHttp:
         return BoundedHttp(
-            self.config,
-            self.server_state,
-            self.lifespan.state,
-            connection=connection,
-            connections=self._connections,
-            clock=self._clock,
+            ConnectionContext(
+                self.config,
+                self.server_state,
+                self.lifespan.state,
+                connection,
+                self._connections,
+                self._clock,
+            )
         )

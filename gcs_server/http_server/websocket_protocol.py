@@ -11,16 +11,14 @@ import asyncio
 from collections import deque
 from typing import Any, cast
 
-from uvicorn.config import Config
 from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from uvicorn.server import ServerState
 from websockets.frames import Frame
 from websockets.http11 import Request
 
-from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
+from gcs_server.api.connections import SCOPE_KEY
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
-from gcs_server.clock import Clock
+from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.stall import Stall
 
 PIECE_BYTES = 2048
@@ -35,22 +33,13 @@ CLOSE_TOO_SLOW = 1013
 
 
 class BoundedWebSocket(WebSocketsSansIOProtocol):
-    """One WebSocket; arguments as `BoundedHttp`."""
+    """One WebSocket."""
 
-    def __init__(
-        self,
-        config: Config,
-        server_state: ServerState,
-        app_state: dict[str, Any],
-        *,
-        connection: Connection,
-        connections: Connections,
-        clock: Clock,
-    ) -> None:
-        super().__init__(config, server_state, app_state)
-        self.connection = connection
-        self._connections = connections
-        self._clock = clock
+    def __init__(self, context: ConnectionContext) -> None:
+        super().__init__(*context.of_uvicorn)
+        self.connection = context.connection
+        self._connections = context.connections
+        self._clock = clock = context.clock
         self._stall = Stall(clock)
         self._opened_s = clock.monotonic_s()
         self._unparsed: deque[bytes] = deque()

@@ -11,6 +11,7 @@ from uvicorn.server import ServerState
 
 from gcs_server.api.connections import Connections
 from gcs_server.clock import LoopClock
+from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
 from tests.jump_time import in_jumps
 
@@ -84,12 +85,7 @@ class Wire:
         connection = self.connections.open("10.0.0.1")
         assert connection is not None
         protocol = BoundedHttp(
-            self._config,
-            self._state,
-            {},
-            connection=connection,
-            connections=self.connections,
-            clock=self.clock,
+            ConnectionContext(self._config, self._state, {}, connection, self.connections, self.clock)
         )
         transport = Transport()
         transport.protocol = protocol
