@@ -112,7 +112,7 @@ class Authority:
         self._controls: dict[str, VehicleControl] = {}
         """By the vehicle's id."""
         fleet.on_vehicle_added(self._attach)
-        fleet.on_vehicle_removed(lambda vehicle: self._controls.pop(vehicle.id, None))
+        fleet.on_vehicle_removed(self._detach)
 
     def start(self) -> None:
         """Begins to let leases run out."""
@@ -214,6 +214,9 @@ class Authority:
             lambda change: self._changed(vehicle, control, change),
         )
         vehicle.control = self._controls[vehicle.id] = control = VehicleControl(vehicle, lease)
+
+    def _detach(self, vehicle: Vehicle) -> None:
+        self._controls.pop(vehicle.id, None)
 
     def _holders(self) -> Generator[tuple[str, str]]:
         """(vehicle's id, key of who controls it), of those that somebody controls."""

@@ -181,7 +181,7 @@ class Groups:
 
     def members(self, group_id: str) -> tuple[str, ...]:
         """Its vehicles. Raises UnknownGroup."""
-        return tuple(self._get(group_id).vehicles)
+        return tuple(self._get(group_id).members)
 
     def all(self) -> list[GroupStatus]:
         """Those there are, and the last that ended; oldest first."""
