@@ -5697,6 +5697,11 @@ export interface components {
              */
             client_key: string | null;
             /**
+             * Owner
+             * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
+             */
+            owner: ("operator" | "group") | null;
+            /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
@@ -5790,6 +5795,11 @@ export interface components {
              */
             client_key: string | null;
             /**
+             * Owner
+             * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
+             */
+            owner: ("operator" | "group") | null;
+            /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
@@ -5880,6 +5890,11 @@ export interface components {
              * @description Tells the client from others of its name.
              */
             client_key: string | null;
+            /**
+             * Owner
+             * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
+             */
+            owner: ("operator" | "group") | null;
             /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).

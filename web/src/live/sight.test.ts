@@ -22,6 +22,7 @@ describe('subscription', () => {
   });
 
   it('hears the state and the place of every vehicle, whatever its number', () => {
-    for (const count of [1, SMALL_FLEET + 1, 100]) expect(ofAll(count, [], false).topics).toEqual(expect.arrayContaining(['status', 'global_position', 'identity']));
+    for (const count of [1, SMALL_FLEET + 1, 100])
+      expect(ofAll(count, [], false).topics).toEqual(expect.arrayContaining(['status', 'global_position', 'identity']));
   });
 });
