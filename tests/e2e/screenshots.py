@@ -161,6 +161,41 @@ def room(at: Set) -> None:
     page.keyboard.press("m")
 
 
+def plan(at: Set) -> None:
+    """A waypoint plan: steps, fence, a point selected, a finding, the altitudes."""
+    page = at.page
+    page.keyboard.press("w")
+    room = page.get_by_role("region", name="Plan room")
+    room.wait_for()
+    page.get_by_role("toolbar", name="Map").wait_for()
+    page.get_by_role("button", name="Zoom out").click()
+    time.sleep(2)
+    room.get_by_label("Name of the plan").fill("Tower inspection")
+
+    def click(*places: tuple[float, float]) -> None:
+        for x, y in places:
+            page.mouse.click(SIZE[0] * x, SIZE[1] * y)
+            time.sleep(0.3)
+
+    click((0.5, 0.46), (0.53, 0.32), (0.64, 0.3), (0.7, 0.44), (0.63, 0.58))
+    page.keyboard.press("Escape")
+    add = room.get_by_label("Add step")
+    add.select_option(label="Take off")
+    add.select_option(label="Return")
+    add.select_option(label="Geofence: stay inside")
+    click((0.48, 0.25), (0.74, 0.22), (0.75, 0.65), (0.47, 0.63))
+    room.get_by_role("button", name="Add geofence").click()
+    for row, altitude_m in ((2, 24), (3, 40), (4, 130)):
+        room.get_by_role("option", name="Waypoint").nth(row - 1).click()
+        page.get_by_role("group", name="Selection").get_by_label("Altitude", exact=True).fill(str(altitude_m))
+    room.get_by_role("option", name="Waypoint").nth(2).click()
+    page.mouse.move(0, 0)
+    time.sleep(3)
+    shoot(page, at.folder, "plan")
+    page.get_by_role("button", name="Close the plan room").click()
+    page.keyboard.press("m")
+
+
 def drag(at: Set) -> None:
     """A place dragged by handles in 3D, not sent yet."""
     page = at.page
@@ -294,6 +329,7 @@ STATES: tuple[Callable[[Set], None], ...] = (
     flying,
     places,
     confirmation,
+    plan,
     gimbal,
     tablet,
     offboard,

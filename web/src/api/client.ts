@@ -47,22 +47,44 @@ export class ApiClient {
     return this.call<null>('DELETE', path);
   }
 
-  private async call<T>(method: string, path: string, body?: object): Promise<Outcome<T>> {
+  /** Sends a file as it is. */
+  upload<T>(path: string, file: Blob): Promise<Outcome<T>> {
+    return this.send('POST', path, 'application/octet-stream', file, (response) => response.json().catch(() => null) as Promise<T>);
+  }
+
+  /** Asks for a file; `notes` are the sentences that a header carries about it as JSON. */
+  download(path: string, body: object, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
+    return this.send('POST', path, 'application/json', JSON.stringify(body), async (response) => {
+      const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');
+      return { file: await response.blob(), notes: Array.isArray(notes) ? notes.map(String) : [] };
+    });
+  }
+
+  private call<T>(method: string, path: string, body?: object): Promise<Outcome<T>> {
+    const [type, text] = body === undefined ? [null, null] : ['application/json', JSON.stringify(body)];
+    return this.send(method, path, type, text, (response) => response.json().catch(() => null) as Promise<T>);
+  }
+
+  private async send<T>(
+    method: string,
+    path: string,
+    type: string | null,
+    body: BodyInit | null,
+    read: (response: Response) => Promise<T>,
+  ): Promise<Outcome<T>> {
     const headers: Record<string, string> = { 'X-Client': this.name, Accept: 'application/json' };
     if (typeof this.who !== 'string') headers['X-Client-Id'] = this.who.id;
-    if (body !== undefined) headers['Content-Type'] = 'application/json';
+    if (type !== null) headers['Content-Type'] = type;
     const init: RequestInit = { method, headers, signal: AbortSignal.timeout(TIMEOUT_MS) };
-    if (body !== undefined) init.body = JSON.stringify(body);
-    let response: Response;
-    let answer: unknown = null;
+    if (body !== null) init.body = body;
     try {
-      response = await this.fetch(this.base + path, init);
-      answer = await response.json().catch(() => null);
+      const response = await this.fetch(this.base + path, init);
+      if (response.status === 401) this.signedOut();
+      if (response.ok) return { ok: true, value: await read(response) };
+      return { ok: false, problem: parseProblem(response.status, await response.json().catch(() => null)) };
     } catch {
       return { ok: false, problem: unreachable() };
     }
-    if (response.status === 401) this.signedOut();
-    return response.ok ? { ok: true, value: answer as T } : { ok: false, problem: parseProblem(response.status, answer) };
   }
 }
 

@@ -19,12 +19,18 @@ export interface Room {
   icon: IconName;
   hint: string;
   order: number;
+  /** It can be used before any vehicle is connected: its parts have a `station` room. */
+  withoutVehicle?: boolean;
+  /** It has a toolbar along the upper edge of the stage: what else lies there begins below it. */
+  toolbar?: boolean;
   load: () => Promise<RoomParts>;
 }
 
+/** One of `room` and `station` lies over `main`: `--dock-left` and `--dock-bottom` are kept free of map and 3D view for it. */
 export interface RoomParts {
-  /** Lies over `main`: `--dock-left` and `--dock-bottom` are kept free of map and 3D view for it. */
-  room: Component<VehicleProps & { narrow: boolean }>;
+  /** Of the selected vehicle. */
+  room?: Component<VehicleProps & { narrow: boolean }>;
+  station?: Component<{ narrow: boolean }>;
   /** In the card column, below those cards that stay in every room. Not shown on a narrow screen. */
   cards: readonly Part[];
 }

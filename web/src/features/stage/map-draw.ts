@@ -24,6 +24,8 @@ export interface Palette {
 
 type Ctx = CanvasRenderingContext2D;
 
+/** Of a point's outline, outside its radius. */
+const EDGE_PX = 2;
 /** Trail points nearer to each other than this are one [px]. */
 const TRAIL_STEP_PX = 1.5;
 
@@ -86,7 +88,7 @@ function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): vo
   for (const point of points) {
     const { x, y } = toPixel(view, point);
     ctx.beginPath();
-    ctx.arc(x, y, POINT_RADIUS_PX[point.mark], 0, 2 * Math.PI);
+    ctx.arc(x, y, POINT_RADIUS_PX[point.mark] + EDGE_PX, 0, 2 * Math.PI);
     ctx.fill();
   }
   ctx.globalCompositeOperation = 'source-over';

@@ -1,0 +1,122 @@
+"""The plan room in a browser: a plan is drawn by clicks, mended, undone, saved and found again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import REPOSITORY, chromium, in_both_themes, opened
+from tests.e2e.fast_station import Station
+from tools import build_page
+
+pytestmark = pytest.mark.browser
+
+PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
+"""Clicked, as shares of the map."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+def plan_room(page: Page) -> Locator:
+    """The plan room, open, with a map that takes clicks."""
+    page.get_by_role("toolbar", name="Map").wait_for()
+    expect(page.locator(".bar")).to_have_text("10 m")
+    page.keyboard.press("w")
+    room = page.get_by_role("region", name="Plan room")
+    room.wait_for()
+    page.get_by_role("toolbar", name="Map").wait_for()
+    return room
+
+
+def on_map(page: Page, place: tuple[float, float]) -> tuple[float, float]:
+    box = page.get_by_role("application").bounding_box()
+    assert box is not None
+    return box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
+
+
+def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, station: Station) -> None:
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        steps = room.get_by_role("listbox", name="Steps").get_by_role("option")
+        waypoints = steps.filter(has_text="Waypoint")
+        for count, place in enumerate(PLACES, 1):
+            page.mouse.click(*on_map(page, place))
+            expect(waypoints).to_have_count(count)
+        page.keyboard.press("Escape")
+        expect(room.get_by_text("Click the map to add waypoints.")).to_be_hidden()
+
+        dragged_and_back(page, room)
+
+        card = page.get_by_role("group", name="Selection")
+        waypoints.nth(1).click()
+        card.get_by_label("Altitude", exact=True).fill("45,5")
+        expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
+        page.get_by_role("button", name="Undo").click()
+        expect(waypoints.nth(1)).to_contain_text("30.0 m above home")
+        page.get_by_role("button", name="Redo").click()
+        expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
+
+        findings = room.get_by_role("region", name="Findings")
+        expect(findings).to_contain_text("The plan has no take-off")
+        findings.get_by_role("button", name="Take off at the beginning").click()
+        expect(steps.nth(1)).to_contain_text("Take off")
+        expect(findings).not_to_contain_text("The plan has no take-off")
+        assert in_both_themes(page) == []
+
+        room.get_by_label("Name of the plan").fill("Tower")
+        page.get_by_role("button", name="Save", exact=True).click()
+        expect(room).to_contain_text("Saved as version 1.")
+        page.reload()
+        room = plan_room(page)
+        expect(room).to_contain_text("version 1")
+        expect(waypoints).to_have_count(3)
+        expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
+
+        two_people_at_one_plan(page, room, station)
+
+
+def dragged_and_back(page: Page, room: Locator) -> None:
+    """A point dragged by the mouse moves, and Undo brings it back."""
+    card = page.get_by_role("group", name="Selection")
+    room.get_by_role("option", name="Waypoint").nth(1).click()
+    latitude = card.get_by_label("Latitude")
+    before = latitude.input_value()
+    x, y = on_map(page, PLACES[1])
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 15, y - 30, steps=4)
+    page.mouse.up()
+    expect(latitude).not_to_have_value(before)
+    page.keyboard.press("Control+z")
+    expect(latitude).to_have_value(before)
+
+
+def two_people_at_one_plan(page: Page, room: Locator, station: Station) -> None:
+    """Somebody else saves the plan that is open: the page says so and overwrites nothing."""
+    plans = station.gcs.request("GET", "/plans")["plans"]
+    assert [(plan["name"], plan["version"]) for plan in plans] == [("Tower", 1)]
+    path = f"/plans/{plans[0]['id']}"
+    kept = station.gcs.request("GET", path)
+    theirs = {"name": "Tower", "plan": {**kept["plan"], "items": []}, "base_version": 1}
+    with SyncGcs(station.url, client="anna", client_id="anna") as anna:
+        anna.request("PUT", path, theirs)
+    expect(room).to_contain_text("anna saved version 2 of this plan.")
+    page.get_by_role("group", name="Selection").wait_for()
+    room.get_by_role("option", name="Waypoint").first.click()
+    page.keyboard.press("Delete")
+    page.get_by_role("button", name="Save", exact=True).click()
+    expect(room.get_by_role("alert")).to_contain_text(re.compile("version 2, saved by anna"))
+    room.get_by_role("button", name="Save mine as a new plan").click()
+    expect(room).to_contain_text("Saved as version 1.")
+    assert len(station.gcs.request("GET", path)["plan"]["items"]) == 0
+    assert len(station.gcs.request("GET", "/plans")["plans"]) == 2

@@ -1,0 +1,89 @@
+/** The server's calls about plans. */
+
+import type { ApiClient, Outcome } from '../../api/client';
+import type { components } from '../../api/schema';
+import type { Place } from '../../vehicle/geo';
+import type { Plan } from './document';
+import type { Finding } from './fixes';
+
+type Schemas = components['schemas'];
+
+/** A version of a plan, without the plan. */
+export type PlanVersion = Readonly<Schemas['PlanVersion']>;
+export type Estimates = Readonly<Schemas['PlanEstimates']>;
+
+export interface Check {
+  readonly findings: readonly Finding[];
+  readonly estimates: Estimates;
+  readonly not_known: readonly string[];
+}
+
+export interface Area {
+  readonly name: string;
+  readonly outer: readonly Place[];
+}
+
+export interface Imported {
+  readonly plan: Plan;
+  readonly areas: readonly Area[];
+  readonly notes: readonly string[];
+}
+
+/** Files that can be written, as people know them. */
+export const FORMATS = [
+  { value: 'plan', text: 'QGroundControl .plan' },
+  { value: 'waypoints', text: '.waypoints' },
+  { value: 'geojson', text: 'GeoJSON' },
+  { value: 'kml', text: 'KML' },
+  { value: 'kmz', text: 'KMZ' },
+  { value: 'csv', text: 'CSV' },
+  { value: 'json', text: 'Offboard GCS .json' },
+] as const satisfies readonly { value: Schemas['ImportedPlan']['format']; text: string }[];
+export type Format = (typeof FORMATS)[number]['value'];
+
+export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz';
+
+const of = (id: string): string => `/plans/${encodeURIComponent(id)}`;
+
+export class PlanApi {
+  constructor(private readonly api: ApiClient) {}
+
+  list(): Promise<Outcome<{ plans: readonly PlanVersion[] }>> {
+    return this.api.get('/plans');
+  }
+
+  open(id: string): Promise<Outcome<PlanVersion & { plan: Plan }>> {
+    return this.api.get(of(id));
+  }
+
+  create(name: string, plan: Plan): Promise<Outcome<PlanVersion>> {
+    return this.api.post('/plans', { name, plan });
+  }
+
+  save(id: string, name: string, plan: Plan, base_version: number): Promise<Outcome<PlanVersion>> {
+    return this.api.put(of(id), { name, plan, base_version });
+  }
+
+  delete(id: string, base_version: number): Promise<Outcome<null>> {
+    return this.api.delete(`${of(id)}?base_version=${base_version}`);
+  }
+
+  check(plan: Plan, vehicle: string | null): Promise<Outcome<Check>> {
+    return this.api.post('/plans/check', { plan, vehicle });
+  }
+
+  /** @param altitude_m above home, of points that have none. */
+  import(file: File, altitude_m: number | null): Promise<Outcome<Imported>> {
+    const query = new URLSearchParams({ filename: file.name });
+    if (altitude_m !== null) query.set('altitude_m', String(altitude_m));
+    return this.api.upload(`/plans/import?${query}`, file);
+  }
+
+  export(plan: Plan, format: Format): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
+    return this.api.download(`/plans/export?format=${format}`, { plan }, 'X-Plan-Notes');
+  }
+
+  pattern(pattern: object): Promise<Outcome<{ plan: Plan }>> {
+    return this.api.post('/plans/pattern', pattern);
+  }
+}

@@ -1,0 +1,21 @@
+/** The one plan of this page, and its ways to the server. */
+
+import { page } from '../../app/page.svelte';
+import { memory } from '../../app/identity';
+import type { Home } from './document';
+import { PlanApi } from './api';
+import { PlanEditor } from './editor.svelte';
+import { Plans } from './plans.svelte';
+
+export const editor = new PlanEditor();
+export const plans = new Plans(
+  new PlanApi(page.api),
+  editor,
+  memory(() => localStorage),
+);
+
+/** Of the selected vehicle, where it is known and no recording. */
+export function vehicleHome(): Home | null {
+  const home = page.facts === null || page.facts.replayed ? null : page.facts.home;
+  return home === null ? null : { lat_deg: home.value.lat_deg, lon_deg: home.value.lon_deg, alt_amsl_m: home.value.alt_amsl_m };
+}

@@ -1,0 +1,130 @@
+/** A waypoint plan as the server reads and writes it (`docs/missions.md`), and where its parts are. */
+
+import type { components } from '../../api/schema';
+import type { Place } from '../../vehicle/geo';
+
+type Schemas = components['schemas'];
+
+export type Altitude = Readonly<Schemas['Altitude']>;
+export type Reference = Altitude['reference'];
+export type Kind = Schemas['Plan']['items'][number]['kind'];
+
+/** A mission item. Its other fields depend on `kind`; those that are edited one by one are found by name (`fields.ts`). */
+export interface Item {
+  readonly kind: Kind;
+  readonly lat_deg?: number;
+  readonly lon_deg?: number;
+  readonly altitude?: Altitude;
+  /** Of a pattern of another program. */
+  readonly items?: readonly Item[];
+  readonly [field: string]: unknown;
+}
+
+export type PlacedItem = Item & Place & { readonly altitude: Altitude };
+export type Home = Readonly<Schemas['HomePosition']>;
+export type FenceCircle = Readonly<Schemas['FenceCircle']>;
+export type FencePolygon = Readonly<Omit<Schemas['FencePolygon'], 'polygon'>> & { readonly polygon: readonly Place[] };
+export type FenceZone = FenceCircle | FencePolygon;
+export type RallyPoint = Readonly<Schemas['RallyPoint']>;
+
+export type Plan = Readonly<Required<Omit<Schemas['Plan'], 'items' | 'fence' | 'rally_points'>>> & {
+  readonly items: readonly Item[];
+  readonly fence: readonly FenceZone[];
+  readonly rally_points: readonly RallyPoint[];
+};
+
+export const EMPTY: Plan = {
+  format: 'offboard-gcs-plan',
+  version: 1,
+  planned_home: null,
+  cruise_speed_m_s: null,
+  hover_speed_m_s: null,
+  items: [],
+  fence: [],
+  rally_points: [],
+  original: null,
+};
+
+export const DEFAULT_ALTITUDE: Altitude = { value_m: 30, reference: 'home' };
+
+export function isPlaced(item: Item): item is PlacedItem {
+  return item.lat_deg !== undefined && item.lon_deg !== undefined && item.altitude !== undefined;
+}
+
+/** Placed items that are looked at, not flown to. */
+const LOOKED_AT: ReadonlySet<Kind> = new Set(['roi_location', 'roi']);
+
+export function isFlownTo(item: Item): item is PlacedItem {
+  return isPlaced(item) && !LOOKED_AT.has(item.kind);
+}
+
+/** One of the simple items, with the row of the plan that it is in: a pattern's items share one. */
+export interface RowItem {
+  readonly row: number;
+  readonly item: Item;
+}
+
+export function simpleItems(plan: Plan): RowItem[] {
+  return plan.items.flatMap((item, row) => (item.kind === 'complex' ? (item.items ?? []).map((inner) => ({ row, item: inner })) : [{ row, item }]));
+}
+
+/** Where the flight leads through, in the order of the rows; jumps are not followed. */
+export function path(plan: Plan): (RowItem & { item: PlacedItem })[] {
+  return simpleItems(plan).filter((one): one is RowItem & { item: PlacedItem } => isFlownTo(one.item));
+}
+
+/** Above home [m]; null where it cannot be said. */
+export function alt_home_m(altitude: Altitude, home: Home | null): number | null {
+  if (altitude.reference === 'home') return altitude.value_m;
+  const amsl_m = altitude.reference === 'amsl' ? altitude.value_m : (altitude.resolved_amsl_m ?? null);
+  return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;
+}
+
+/** What can be selected, dragged and shown: a row of the plan, a corner or circle of the fence, a rally point, home. */
+export type PointId = `item:${number}` | `corner:${number}:${number}` | `circle:${number}` | `rally:${number}` | 'home';
+
+export type PointRef =
+  | { readonly of: 'item'; readonly row: number }
+  | { readonly of: 'corner'; readonly zone: number; readonly corner: number }
+  | { readonly of: 'circle'; readonly zone: number }
+  | { readonly of: 'rally'; readonly index: number }
+  | { readonly of: 'home' };
+
+export function refOf(id: string): PointRef | null {
+  const [of, first, second] = id.split(':');
+  const [a, b] = [Number(first), Number(second)];
+  if (of === 'item') return { of, row: a };
+  if (of === 'corner') return { of, zone: a, corner: b };
+  if (of === 'circle') return { of, zone: a };
+  if (of === 'rally') return { of, index: a };
+  return of === 'home' ? { of } : null;
+}
+
+/** Where it is; null: it has no place, or is gone. */
+export function placeOf(plan: Plan, id: string): Place | null {
+  const ref = refOf(id);
+  if (ref === null) return null;
+  if (ref.of === 'item') {
+    const item = plan.items[ref.row];
+    return item !== undefined && isPlaced(item) ? item : null;
+  }
+  if (ref.of === 'home') return plan.planned_home;
+  if (ref.of === 'rally') return plan.rally_points[ref.index] ?? null;
+  const zone = plan.fence[ref.zone];
+  if (ref.of === 'circle') return zone?.shape === 'circle' ? zone.center : null;
+  return zone?.shape === 'polygon' ? (zone.polygon[ref.corner] ?? null) : null;
+}
+
+/** Every place of the plan, for showing all of it. */
+export function places(plan: Plan): Place[] {
+  const zones = plan.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
+  const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as Place] : []));
+  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...zones, ...plan.rally_points];
+}
+
+/** A new item flies as high as the one before it. */
+export function altitudeBefore(plan: Plan, row: number): Altitude {
+  const before = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
+  const altitude = before?.altitude ?? DEFAULT_ALTITUDE;
+  return { value_m: altitude.value_m, reference: altitude.reference };
+}

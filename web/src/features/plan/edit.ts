@@ -1,0 +1,117 @@
+/** Changes of a plan: a plan in, another plan out. Pure; nothing is changed in place. */
+
+import { eastNorth, placeAt, type EastNorth, type Place } from '../../vehicle/geo';
+import { isPlaced, refOf, type FenceZone, type Item, type Plan } from './document';
+
+function replaced<T>(list: readonly T[], index: number, next: T): T[] {
+  return list.map((one, i) => (i === index ? next : one));
+}
+
+function onGround({ lat_deg, lon_deg }: Place): Place {
+  return { lat_deg, lon_deg };
+}
+
+/** A foreign file's text of an item or zone still holds its unknown keys; the values that changed win when it is written. */
+export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
+  const item = plan.items[row];
+  return item === undefined ? plan : { ...plan, items: replaced(plan.items, row, { ...item, ...fields }) };
+}
+
+export function setZone(plan: Plan, zone: number, fields: Partial<FenceZone>): Plan {
+  const old = plan.fence[zone];
+  return old === undefined ? plan : { ...plan, fence: replaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
+}
+
+/** Puts one point somewhere. */
+export function place(plan: Plan, id: string, at: Place): Plan {
+  const ref = refOf(id);
+  const to = onGround(at);
+  if (ref === null) return plan;
+  if (ref.of === 'item') {
+    const item = plan.items[ref.row];
+    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to }) : plan;
+  }
+  if (ref.of === 'home') return plan.planned_home === null ? plan : { ...plan, planned_home: { ...plan.planned_home, ...to } };
+  if (ref.of === 'rally') {
+    const point = plan.rally_points[ref.index];
+    return point === undefined ? plan : { ...plan, rally_points: replaced(plan.rally_points, ref.index, { ...point, ...to }) };
+  }
+  const zone = plan.fence[ref.zone];
+  if (zone?.shape === 'circle' && ref.of === 'circle') return setZone(plan, ref.zone, { center: to });
+  if (zone?.shape === 'polygon' && ref.of === 'corner') return setZone(plan, ref.zone, { polygon: replaced(zone.polygon, ref.corner, to) });
+  return plan;
+}
+
+/** Moves several points by the same way over the ground. */
+export function move(plan: Plan, from: ReadonlyMap<string, Place>, by: EastNorth): Plan {
+  let moved = plan;
+  for (const [id, at] of from) moved = place(moved, id, placeAt(at, by));
+  return moved;
+}
+
+export function insertItem(plan: Plan, row: number, item: Item): Plan {
+  return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
+}
+
+export function insertCorner(plan: Plan, zone: number, corner: number, at: Place): Plan {
+  const old = plan.fence[zone];
+  if (old?.shape !== 'polygon') return plan;
+  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), onGround(at), ...old.polygon.slice(corner)] });
+}
+
+/** Half way, for the point that is inserted there. */
+export function middle(a: Place, b: Place): Place {
+  const { east_m, north_m } = eastNorth(a, b);
+  return placeAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
+}
+
+/** Removes what is selected. A fence polygon of which fewer than three corners are left goes whole. */
+export function remove(plan: Plan, ids: readonly string[]): Plan {
+  const refs = ids.flatMap((id) => refOf(id) ?? []);
+  const rows = new Set(refs.flatMap((ref) => (ref.of === 'item' ? [ref.row] : [])));
+  const rallies = new Set(refs.flatMap((ref) => (ref.of === 'rally' ? [ref.index] : [])));
+  const circles = new Set(refs.flatMap((ref) => (ref.of === 'circle' ? [ref.zone] : [])));
+  const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
+    if (circles.has(index)) return [];
+    if (zone.shape === 'circle') return [zone];
+    const polygon = zone.polygon.filter((_, corner) => !refs.some((ref) => ref.of === 'corner' && ref.zone === index && ref.corner === corner));
+    return polygon.length === zone.polygon.length ? [zone] : polygon.length < 3 ? [] : [{ ...zone, polygon }];
+  });
+  const kept = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
+  const next = {
+    ...plan,
+    planned_home: refs.some((ref) => ref.of === 'home') ? null : plan.planned_home,
+    items: plan.items.filter((_, row) => !rows.has(row)),
+    fence,
+    rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
+  };
+  // A jump to an item that is gone leads to what comes after it.
+  return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
+}
+
+export function removeZone(plan: Plan, zone: number): Plan {
+  return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
+}
+
+/** Moves the rows, kept in their order, before another row of the plan as it is now. */
+export function reorder(plan: Plan, rows: readonly number[], before: number): { plan: Plan; rows: number[] } {
+  const chosen = new Set(rows);
+  const order = plan.items.map((_, row) => row);
+  const head = order.filter((row) => row < before && !chosen.has(row));
+  const tail = order.filter((row) => row >= before && !chosen.has(row));
+  const moved = order.filter((row) => chosen.has(row));
+  const next = [...head, ...moved, ...tail];
+  const items = next.flatMap((row) => plan.items[row] ?? []);
+  const result = shiftJumps({ ...plan, items }, (target) => (next.includes(target) ? next.indexOf(target) : target));
+  return { plan: result, rows: moved.map((row) => next.indexOf(row)) };
+}
+
+/** Jumps name their target by index: they follow it when rows come, go or move. Plans with patterns count otherwise and stay as they are. */
+function shiftJumps(plan: Plan, to: (target: number) => number, inserted = -1): Plan {
+  if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;
+  const items = plan.items.map((item, row) => {
+    const target = item['target_index'];
+    return item.kind === 'jump' && row !== inserted && typeof target === 'number' ? { ...item, target_index: to(target) } : item;
+  });
+  return { ...plan, items };
+}

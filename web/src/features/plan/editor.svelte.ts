@@ -1,0 +1,273 @@
+/** The plan that is being edited: its history, what is selected, what the next click on the map adds. */
+
+import type { LayerEditor } from '../../app/map-layers.svelte';
+import { eastNorth, type Place } from '../../vehicle/geo';
+import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, placeOf, refOf, type Home, type Kind, type Plan } from './document';
+import * as edit from './edit';
+import * as history from './history';
+import { freshItem, titleOf } from './items';
+import { insertionOf, picture, type Sketch } from './layer';
+
+/** Undone and redone together. */
+export interface Draft {
+  /** Tells one opened or new plan from the next in the history. */
+  readonly document: number;
+  readonly name: string;
+  readonly plan: Plan;
+}
+
+/** What the next clicks on the map are for. */
+export type Placing =
+  { readonly of: 'item'; readonly kind: Kind } | { readonly of: 'rally' } | { readonly of: 'area'; readonly use: AreaUse } | { readonly of: 'circle' };
+export type AreaUse = 'inclusion' | 'exclusion' | 'survey';
+
+const NEW_NAME = 'New plan';
+/** Of a new fence circle. */
+const CIRCLE_RADIUS_M = 50;
+/** Nothing is flown after them. */
+const ENDS: ReadonlySet<Kind> = new Set(['land', 'return_home']);
+const NONE: ReadonlySet<string> = new Set();
+
+export class PlanEditor implements LayerEditor {
+  private history = $state.raw(history.begin<Draft>({ document: 0, name: NEW_NAME, plan: EMPTY }));
+  selected = $state.raw<ReadonlySet<string>>(NONE);
+  placing = $state.raw<Placing | null>({ of: 'item', kind: 'waypoint' });
+  /** Corners of the area that is being drawn. */
+  corners = $state.raw<readonly Place[]>([]);
+  private documents = 0;
+  private gestures = 0;
+  private grabbed: { group: string; base: Plan; at: Place; from: ReadonlyMap<string, Place>; selected: ReadonlySet<string> } | null = null;
+
+  readonly draft = $derived(this.history.now);
+  readonly plan = $derived(this.history.now.plan);
+  readonly canUndo = $derived(this.history.past.length > 0);
+  readonly canRedo = $derived(this.history.future.length > 0);
+  readonly rows: readonly number[] = $derived(
+    [...this.selected].flatMap((id) => {
+      const ref = refOf(id);
+      return ref?.of === 'item' ? [ref.row] : [];
+    }),
+  );
+  readonly sketch: Sketch | null = $derived(
+    this.placing?.of === 'area'
+      ? { corners: this.corners, tone: this.placing.use === 'survey' ? 'target' : this.placing.use === 'inclusion' ? 'caution' : 'danger' }
+      : null,
+  );
+  readonly picture = $derived(picture(this.plan, this.selected, this.sketch));
+
+  /** @param group changes of one group are undone together. */
+  change(plan: Plan, group: string | null = null): void {
+    this.history = history.change(this.history, plan === this.plan ? this.draft : { ...this.draft, plan }, group);
+  }
+
+  /** A finding's fix: rows may have come and gone. */
+  mend(plan: Plan): void {
+    this.change(plan);
+    this.select([]);
+  }
+
+  rename(name: string): void {
+    this.history = history.change(this.history, { ...this.draft, name }, 'name');
+  }
+
+  /** A field has been left: what is typed next is undone for itself. */
+  seal(): void {
+    this.history = history.seal(this.history);
+  }
+
+  undo(): void {
+    this.history = history.undo(this.history);
+    this.keepSelection();
+  }
+
+  redo(): void {
+    this.history = history.redo(this.history);
+    this.keepSelection();
+  }
+
+  /** Another document; undo brings the one before back. @returns its number. */
+  replace(name: string, plan: Plan): number {
+    this.documents += 1;
+    this.history = history.change(this.history, { document: this.documents, name, plan });
+    this.select([]);
+    this.stopPlacing();
+    return this.documents;
+  }
+
+  /** What was edited before the page was loaded anew; nothing to undo yet. @returns its number. */
+  load(name: string, plan: Plan): number {
+    this.documents += 1;
+    this.history = history.begin({ document: this.documents, name, plan });
+    this.stopPlacing();
+    return this.documents;
+  }
+
+  begin(home: Home | null): void {
+    this.replace(NEW_NAME, { ...EMPTY, planned_home: home });
+    this.place({ of: 'item', kind: 'waypoint' });
+  }
+
+  select(ids: Iterable<string>): void {
+    this.selected = new Set(ids);
+  }
+
+  /** Also by the list: one, one more, or all up to it. */
+  pick(id: string, more: boolean): void {
+    const insertion = insertionOf(id);
+    if (insertion !== null) {
+      const at = this.picture.points.find((point) => point.id === id);
+      if (at !== undefined) this.insert(insertion, at);
+      return;
+    }
+    if (id.startsWith('sketch:')) return;
+    if (!more) return this.select([id]);
+    const next = new Set(this.selected);
+    if (!next.delete(id)) next.add(id);
+    this.selected = next;
+  }
+
+  /** From the row that was chosen last to this one. */
+  pickTo(row: number): void {
+    const from = this.rows.at(-1) ?? row;
+    const [low, high] = [Math.min(from, row), Math.max(from, row)];
+    this.select(Array.from({ length: high - low + 1 }, (_, i) => `item:${low + i}`));
+  }
+
+  selectAll(): void {
+    this.select(this.plan.items.map((_, row) => `item:${row}`));
+  }
+
+  place(placing: Placing): void {
+    this.placing = placing;
+    this.corners = [];
+  }
+
+  stopPlacing(): void {
+    this.placing = null;
+    this.corners = [];
+  }
+
+  /** A click on the ground. */
+  press(at: Place): boolean {
+    const placing = this.placing;
+    if (placing === null) this.select([]);
+    else if (placing.of === 'item') this.addItem(placing.kind, at);
+    else if (placing.of === 'rally') {
+      this.change({ ...this.plan, rally_points: [...this.plan.rally_points, { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: DEFAULT_ALTITUDE }] });
+      this.select([`rally:${this.plan.rally_points.length - 1}`]);
+      this.stopPlacing();
+    } else if (placing.of === 'circle') {
+      const center = { lat_deg: at.lat_deg, lon_deg: at.lon_deg };
+      this.change({ ...this.plan, fence: [...this.plan.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
+      this.select([`circle:${this.plan.fence.length - 1}`]);
+      this.stopPlacing();
+    } else this.corners = [...this.corners, { lat_deg: at.lat_deg, lon_deg: at.lon_deg }];
+    return true;
+  }
+
+  /** After what is selected, else at the end; a landing or return stays last. */
+  addItem(kind: Kind, at: Place | null): void {
+    const { items } = this.plan;
+    const last = items.at(-1);
+    const end = last !== undefined && ENDS.has(last.kind) ? items.length - 1 : items.length;
+    const row = kind === 'takeoff' ? 0 : ENDS.has(kind) ? items.length : this.rows.length > 0 ? Math.min(Math.max(...this.rows) + 1, end) : end;
+    this.change(edit.insertItem(this.plan, row, freshItem(kind, at, altitudeBefore(this.plan, row))));
+    this.select([`item:${row}`]);
+    if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
+  }
+
+  /** What was drawn becomes part of the geofence. */
+  addZone(inclusion: boolean, polygon: readonly Place[]): void {
+    this.change({ ...this.plan, fence: [...this.plan.fence, { shape: 'polygon', inclusion, polygon }] });
+    this.select([]);
+    this.stopPlacing();
+  }
+
+  /** @returns false: nothing was selected. */
+  remove(): boolean {
+    if (this.corners.length > 0) {
+      this.corners = this.corners.slice(0, -1);
+      return true;
+    }
+    if (this.selected.size === 0) return false;
+    const next = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
+    const hadRows = this.rows.length > 0;
+    this.change(edit.remove(this.plan, [...this.selected]));
+    this.select(hadRows && this.plan.items.length > 0 ? [`item:${Math.min(next, this.plan.items.length - 1)}`] : []);
+    return true;
+  }
+
+  /** Moves the selected rows up (−1) or down (1). */
+  reorder(step: -1 | 1): void {
+    const rows = [...this.rows].sort((a, b) => a - b);
+    const [first, last] = [rows[0], rows.at(-1)];
+    if (first === undefined || last === undefined) return;
+    const before = step < 0 ? first - 1 : last + 2;
+    if (before < 0 || before > this.plan.items.length) return;
+    const moved = edit.reorder(this.plan, rows, before);
+    this.change(moved.plan);
+    this.select(moved.rows.map((row) => `item:${row}`));
+  }
+
+  grab(id: string): string | null {
+    const insertion = insertionOf(id);
+    const at = this.picture.points.find((point) => point.id === id);
+    if (at === undefined || id.startsWith('sketch:')) return null;
+    this.gestures += 1;
+    const group = `drag ${this.gestures}`;
+    const before = this.selected;
+    const moving = insertion === null ? id : this.insert(insertion, at, group);
+    if (insertion === null && !this.selected.has(id)) this.select([id]);
+    const from = new Map(
+      [...this.selected].flatMap((one) => [[one, placeOf(this.plan, one)] as const]).filter((pair): pair is [string, Place] => pair[1] !== null),
+    );
+    this.grabbed = { group, base: this.plan, at, from, selected: before };
+    return moving;
+  }
+
+  drag(_id: string, to: Place): void {
+    const grabbed = this.grabbed;
+    if (grabbed !== null) this.change(edit.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to)), grabbed.group);
+  }
+
+  drop(keep: boolean): void {
+    const grabbed = this.grabbed;
+    this.grabbed = null;
+    if (grabbed === null) return;
+    if (!keep) {
+      this.history = history.cancel(this.history, grabbed.group);
+      this.selected = grabbed.selected;
+    }
+    this.seal();
+  }
+
+  private insert(where: { row: number } | { zone: number; corner: number }, at: Place, group: string | null = null): string {
+    const inZone = 'zone' in where;
+    const id = inZone ? `corner:${where.zone}:${where.corner}` : `item:${where.row}`;
+    const plan = inZone
+      ? edit.insertCorner(this.plan, where.zone, where.corner, at)
+      : edit.insertItem(this.plan, where.row, freshItem('waypoint', at, altitudeBefore(this.plan, where.row)));
+    this.change(plan, group);
+    this.select([id]);
+    return id;
+  }
+
+  /** What is selected and has gone by undo is not selected any more. */
+  private keepSelection(): void {
+    const there = [...this.selected].filter((id) => {
+      const ref = refOf(id);
+      return ref !== null && (ref.of === 'item' ? ref.row < this.plan.items.length : placeOf(this.plan, id) !== null);
+    });
+    this.select(there);
+  }
+}
+
+/** What the next click adds, as the hint says it. */
+export function placingText(placing: Placing, corners: number): string {
+  if (placing.of === 'item')
+    return placing.kind === 'waypoint' ? 'Click the map to add waypoints.' : `Click the map where to put “${titleOf({ kind: placing.kind })}”.`;
+  if (placing.of === 'rally') return 'Click the map where to put the rally point.';
+  if (placing.of === 'circle') return 'Click the map where the fence circle has its centre.';
+  const what = placing.use === 'survey' ? 'the area to survey' : placing.use === 'inclusion' ? 'the area to stay inside' : 'the area to stay outside';
+  return `Click the corners of ${what}${corners > 0 ? ` (${corners} so far)` : ''}.`;
+}

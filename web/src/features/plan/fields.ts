@@ -1,0 +1,88 @@
+/** The fields of an item as they are edited: label and unit follow from the field's name (`acceptance_radius_m`). Pure. */
+
+import type { Item } from './document';
+
+export interface Field {
+  readonly name: string;
+  readonly label: string;
+  readonly unit: string;
+  readonly value: number | null;
+  /** May be left empty: the autopilot decides. */
+  readonly optional: boolean;
+  readonly step: number;
+}
+
+/** Endings of names with their units; the longest first. */
+const UNITS: readonly (readonly [string, string, number])[] = [
+  ['_deg_s', '°/s', 1],
+  ['_m_s', 'm/s', 0.5],
+  ['_deg', '°', 1],
+  ['_percent', '%', 1],
+  ['_ms', 'ms', 10],
+  ['_us', 'µs', 10],
+  ['_hz', 'Hz', 1],
+  ['_m', 'm', 1],
+  ['_s', 's', 1],
+];
+
+const LABELS: Readonly<Record<string, string>> = {
+  acceptance_radius_m: 'Reached within',
+  pass_radius_m: 'Pass at a distance of',
+  hold_s: 'Hold for',
+  yaw_ned_deg: 'Yaw from north',
+  speed_m_s: 'Speed',
+  delay_s: 'Wait for',
+  target_index: 'From step',
+  repeat: 'Times (−1: without end)',
+  count: 'Pictures (0: until stopped)',
+  abort_altitude_m: 'Abort altitude',
+  speed_type: 'Kind (0 air, 1 ground, 2 climb, 3 descent)',
+  distance_m: 'Distance',
+};
+/** Kept in the document, of no use to a person here: places have fields of their own, the others are written as they came. */
+const NOT_SHOWN: ReadonlySet<string> = new Set([
+  'lat_deg',
+  'lon_deg',
+  'command',
+  'frame',
+  'exit_xtrack',
+  'leave_towards_next',
+  'throttle_percent',
+  'sequence',
+  'abort_altitude_m',
+  'pitch_deg@takeoff',
+]);
+/** Fields that count from 0 in the document and from 1 for people. */
+const FROM_ONE: ReadonlySet<string> = new Set(['target_index']);
+
+export function fieldsOf(item: Item): Field[] {
+  return Object.entries(item).flatMap(([name, value]): Field[] => {
+    if (NOT_SHOWN.has(name) || NOT_SHOWN.has(`${name}@${item.kind}`) || !(typeof value === 'number' || (value === null && name !== 'original'))) return [];
+    const [ending, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
+    const words = name
+      .slice(0, name.length - ending.length)
+      .replace(/_ned$/, '')
+      .replaceAll('_', ' ');
+    const label = LABELS[name] ?? words.charAt(0).toUpperCase() + words.slice(1);
+    const optional = value === null || name === 'yaw_ned_deg' || name.endsWith('_rate_deg_s') || item.kind === 'gimbal_pitch_yaw';
+    return [{ name, label, unit, step, optional, value: value === null ? null : value + (FROM_ONE.has(name) ? 1 : 0) }];
+  });
+}
+
+export type Parsed = { ok: true; value: number | null } | { ok: false; problem: string };
+
+/** What was typed, with comma or point; empty is null where that means something. */
+export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): Parsed {
+  const plain = text.trim().replace(',', '.').replace('−', '-');
+  if (plain === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
+  const value = Number(plain);
+  if (!Number.isFinite(value)) return { ok: false, problem: `“${text.trim()}” is not a number.` };
+  const { min = -1e9, max = 1e9 } = limits;
+  if (value < min || value > max) return { ok: false, problem: `Enter a number from ${min} to ${max}.` };
+  return { ok: true, value };
+}
+
+/** A field's number as the document has it. */
+export function toDocument(name: string, value: number | null): number | null {
+  return value !== null && FROM_ONE.has(name) ? Math.round(value) - 1 : name === 'repeat' && value !== null ? Math.round(value) : value;
+}

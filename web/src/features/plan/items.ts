@@ -1,0 +1,118 @@
+/** The steps of a plan in words, and new ones as they begin. */
+
+import { fixed } from '../../ui/format';
+import type { Place } from '../../vehicle/geo';
+import { isPlaced, type Altitude, type Item, type Kind, type Reference } from './document';
+
+const TITLES: Readonly<Partial<Record<Kind, string>>> = {
+  takeoff: 'Take off',
+  waypoint: 'Waypoint',
+  loiter_unlimited: 'Hold without end',
+  loiter_time: 'Hold',
+  loiter_to_altitude: 'Climb or descend',
+  land: 'Land',
+  roi_location: 'Look at a point',
+  roi: 'Look at (older form)',
+  roi_next_waypoint: 'Look along the path',
+  roi_none: 'Stop looking',
+  gate: 'Gate',
+  return_home: 'Return',
+  delay: 'Wait',
+  jump: 'Repeat from',
+  change_speed: 'Change speed',
+  set_home: 'Set home here',
+  land_start: 'Start of landing',
+  photo_start: 'Take pictures',
+  photo_stop: 'Stop taking pictures',
+  video_start: 'Start video',
+  video_stop: 'Stop video',
+  trigger_distance: 'Picture every …',
+  gimbal_pitch_yaw: 'Gimbal angles',
+};
+
+const REFERENCES: Readonly<Record<Reference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
+
+export const REFERENCE_CHOICES = (Object.keys(REFERENCES) as Reference[]).map((value) => ({ value, text: REFERENCES[value] }));
+
+export function altitudeText(altitude: Altitude): string {
+  return `${fixed(altitude.value_m, 1)} m ${REFERENCES[altitude.reference]}`;
+}
+
+export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
+  if (item.kind === 'complex') return `Pattern (${String(item['complex_type'])})`;
+  if (item.kind === 'command') return `MAV_CMD ${String(item['command'])}`;
+  const words = item.kind.replaceAll('_', ' ');
+  return TITLES[item.kind] ?? words.charAt(0).toUpperCase() + words.slice(1);
+}
+
+const number = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
+
+/** What is said below the title. */
+export function detailOf(item: Item): string {
+  const said: string[] = [];
+  const add = (field: string, words: (value: number) => string): void => {
+    const value = number(item, field);
+    if (value !== null && value !== 0) said.push(words(value));
+  };
+  if (isPlaced(item)) said.push(altitudeText(item.altitude));
+  if (item.kind === 'complex') said.push(`${item.items?.length ?? 0} items of another program`);
+  if (item.kind === 'jump')
+    said.push(`step ${(number(item, 'target_index') ?? 0) + 1}`, number(item, 'repeat') === -1 ? 'without end' : `${String(item['repeat'])} times`);
+  if (item.kind === 'takeoff' || item.kind === 'land') return said.join(' · ');
+  add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
+  add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));
+  add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
+  add('distance_m', (m) => `${fixed(m, 1)} m`);
+  add('interval_s', (s) => `every ${fixed(s, 1)} s`);
+  add('count', (n) => `${n} pictures`);
+  add('pitch_deg', (deg) => `pitch ${fixed(deg, 0)}°`);
+  add('yaw_deg', (deg) => `yaw ${fixed(deg, 0)}°`);
+  return said.join(' · ');
+}
+
+/** What the person chooses from; `placed`: then a click on the map says where. */
+export interface Choice {
+  readonly kind: Kind;
+  readonly placed: boolean;
+}
+
+const PLACED: readonly Kind[] = ['takeoff', 'waypoint', 'loiter_time', 'land', 'roi_location'];
+const OTHERS: readonly Kind[] = [
+  'return_home',
+  'change_speed',
+  'delay',
+  'roi_none',
+  'gimbal_pitch_yaw',
+  'trigger_distance',
+  'photo_start',
+  'photo_stop',
+  'jump',
+];
+export const CHOICES: readonly Choice[] = [...PLACED.map((kind) => ({ kind, placed: true })), ...OTHERS.map((kind) => ({ kind, placed: false }))];
+
+/** Fields of a new item, whole: what is not said here has no field in the editor. */
+const FRESH: Readonly<Partial<Record<Kind, object>>> = {
+  takeoff: { pitch_deg: 0, yaw_ned_deg: null },
+  waypoint: { hold_s: 0, acceptance_radius_m: 0, pass_radius_m: 0, yaw_ned_deg: null },
+  loiter_time: { hold_s: 10, radius_m: 0, exit_xtrack: 0 },
+  land: { abort_altitude_m: 0, precision: 0, yaw_ned_deg: null },
+  roi_location: { gimbal_id: 0 },
+  return_home: {},
+  change_speed: { speed_type: 1, speed_m_s: 5, throttle_percent: -1 },
+  delay: { delay_s: 5, hour_utc: 0, minute_utc: 0, second_utc: 0 },
+  roi_none: { gimbal_id: 0 },
+  gimbal_pitch_yaw: { pitch_deg: -90, yaw_deg: 0, pitch_rate_deg_s: null, yaw_rate_deg_s: null, flags: 0, gimbal_id: 0 },
+  trigger_distance: { distance_m: 10, shutter_ms: 0, at_once: 1, camera: 0 },
+  photo_start: { camera: 0, interval_s: 0, count: 1, sequence: 0 },
+  photo_stop: { camera: 0 },
+  jump: { target_index: 0, repeat: 1 },
+};
+
+/** @param at for a placed kind. */
+export function freshItem(kind: Kind, at: Place | null, altitude: Altitude): Item {
+  const where =
+    at === null
+      ? {}
+      : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: kind === 'land' || kind === 'roi_location' ? 0 : altitude.value_m } };
+  return { kind, autocontinue: true, spare_params: [], original: null, ...FRESH[kind], ...where };
+}

@@ -1,0 +1,97 @@
+/** A plan as the map draws and edits it. Pure. */
+
+import type { LayerArea, LayerLine, LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
+import type { Place } from '../../vehicle/geo';
+import { isFlownTo, isPlaced, path, type FenceZone, type Plan } from './document';
+import { middle } from './edit';
+
+/** With more legs than this only those beside the selection show their middles. */
+const MOST_MIDDLES = 60;
+const CIRCLE_CORNERS = 72;
+const EARTH_M_PER_DEG = 111_194.9;
+
+/** A point in the middle of a leg: `middle:` and the row before which it inserts; of a fence's side: zone and corner. */
+export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | null {
+  const [of, a, b] = id.split(':');
+  if (of === 'middle') return { row: Number(a) };
+  return of === 'side' ? { zone: Number(a), corner: Number(b) } : null;
+}
+
+/** What is being drawn corner by corner, not part of the plan yet. */
+export interface Sketch {
+  readonly corners: readonly Place[];
+  readonly tone: Tone;
+}
+
+export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null): LayerPicture {
+  const points: LayerPoint[] = [];
+  const add = (id: string, at: Place, mark: LayerPoint['mark'], tone: Tone, text = ''): void =>
+    void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
+  plan.fence.forEach((zone, index) => {
+    const tone = toneOf(zone);
+    if (zone.shape === 'circle') add(`circle:${index}`, zone.center, 'corner', tone);
+    else {
+      zone.polygon.forEach((corner, i) => add(`corner:${index}:${i}`, corner, 'corner', tone));
+      zone.polygon.forEach((corner, i) => add(`side:${index}:${i + 1}`, middle(corner, zone.polygon[(i + 1) % zone.polygon.length] ?? corner), 'middle', tone));
+    }
+  });
+  const way = path(plan);
+  const few = way.length <= MOST_MIDDLES;
+  way.forEach(({ row, item }, i) => {
+    const before = way[i - 1];
+    if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
+    if (few || selected.has(`item:${row}`) || selected.has(`item:${before.row}`)) add(`middle:${row}`, middle(before.item, item), 'middle', 'target');
+  });
+  plan.rally_points.forEach((point, index) => add(`rally:${index}`, point, 'disc', 'actual', 'R'));
+  if (plan.planned_home !== null) add('home', plan.planned_home, 'home', 'text2');
+  plan.items.forEach((item, row) => {
+    if (isPlaced(item)) add(`item:${row}`, item, isFlownTo(item) ? 'disc' : 'cross', 'target', isFlownTo(item) ? String(row + 1) : '');
+  });
+  sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
+  return { points, lines: [...lines(plan), ...sketchLines(sketch)], areas: areas(plan, sketch) };
+}
+
+/** An inclusion is a limit, an exclusion is forbidden. */
+function toneOf(zone: FenceZone): Tone {
+  return zone.inclusion ? 'caution' : 'danger';
+}
+
+/** A fence zone's edge. */
+export function ringOf(zone: FenceZone): Place[] {
+  if (zone.shape === 'polygon') return [...zone.polygon];
+  const { lat_deg, lon_deg } = zone.center;
+  const north_deg = zone.radius_m / EARTH_M_PER_DEG;
+  const east_deg = north_deg / Math.max(0.01, Math.cos((lat_deg * Math.PI) / 180));
+  return Array.from({ length: CIRCLE_CORNERS }, (_, i) => {
+    const angle = (i / CIRCLE_CORNERS) * 2 * Math.PI;
+    return { lat_deg: lat_deg + north_deg * Math.cos(angle), lon_deg: lon_deg + east_deg * Math.sin(angle) };
+  });
+}
+
+function lines(plan: Plan): LayerLine[] {
+  const way = path(plan).map(({ item }) => item);
+  const home = plan.planned_home;
+  const found: LayerLine[] = [];
+  for (const zone of plan.fence) {
+    const ring = ringOf(zone);
+    found.push({ places: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' });
+  }
+  if (way.length > 1) found.push({ places: way, tone: 'target', style: 'solid' });
+  const [first, last] = [way[0], way.at(-1)];
+  if (home !== null && first !== undefined) found.push({ places: [home, first], tone: 'target', style: 'dotted' });
+  const returns = plan.items.some((item) => item.kind === 'return_home');
+  if (home !== null && last !== undefined && returns) found.push({ places: [last, home], tone: 'target', style: 'dotted' });
+  return found;
+}
+
+function sketchLines(sketch: Sketch | null): LayerLine[] {
+  const corners = sketch?.corners ?? [];
+  const [first, tone] = [corners[0], sketch?.tone];
+  if (first === undefined || corners.length < 2 || tone === undefined) return [];
+  return [{ places: [...corners, first], tone, style: 'dashed' }];
+}
+
+function areas(plan: Plan, sketch: Sketch | null): LayerArea[] {
+  const forbidden = plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const }));
+  return sketch !== null && sketch.corners.length > 2 ? [...forbidden, { ring: sketch.corners, tone: sketch.tone }] : forbidden;
+}

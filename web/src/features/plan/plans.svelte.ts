@@ -1,0 +1,235 @@
+/** Plans on the server: which one is edited, whether it is saved, what the server finds in it, files in and out. */
+
+import type { Outcome } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { WireEvent } from '../../live/wire';
+import type { Area, Check, Format, Imported, PlanApi, PlanVersion } from './api';
+import { EMPTY, type Home, type Plan } from './document';
+import type { Draft, PlanEditor } from './editor.svelte';
+
+/** A plan as it was last read or written. */
+interface Kept {
+  readonly id: string;
+  readonly version: number;
+  readonly name: string;
+  readonly plan: Plan;
+}
+
+/** What the person is told below the name; with what can be done about it. */
+export interface Notice {
+  readonly tone: 'danger' | 'caution' | 'ok';
+  readonly text: string;
+  /** Somebody else saved: theirs can be opened, ours saved beside it. */
+  readonly conflict?: boolean;
+  /** The file has points without an altitude. */
+  readonly file?: File;
+  readonly areas?: readonly Area[];
+}
+
+/** Kept in the browser, so that a reload loses nothing. */
+interface Stored {
+  readonly name: string;
+  readonly plan: Plan;
+  readonly kept: { readonly id: string; readonly version: number } | null;
+  readonly saved: boolean;
+}
+
+type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
+const STORED = 'gcs.plan-draft';
+
+export class Plans {
+  /** By document of the history: undo goes back to a document that is kept elsewhere. */
+  private kept = $state.raw<Readonly<Record<number, Kept>>>({});
+  list = $state.raw<readonly PlanVersion[] | null>(null);
+  notice = $state.raw<Notice | null>(null);
+  busy = $state(false);
+  check = $state.raw<Check | null>(null);
+  /** What `check` was made of. */
+  private checked = $state.raw<Plan | null>(null);
+  checkProblem = $state.raw<string | null>(null);
+  private checking = false;
+
+  constructor(
+    private readonly api: PlanApi,
+    private readonly editor: PlanEditor,
+    private readonly memory: Memory,
+  ) {
+    this.restore();
+  }
+
+  readonly current: Kept | null = $derived.by(() => this.kept[this.editor.draft.document] ?? null);
+  readonly saved: boolean = $derived.by(() => {
+    const { plan, name } = this.editor.draft;
+    if (this.current === null) return plan.items.length === 0 && plan.fence.length === 0 && plan.rally_points.length === 0;
+    return this.current.plan === plan && this.current.name === name;
+  });
+  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.plan);
+
+  begin(home: Home | null): void {
+    this.editor.begin(home);
+    this.notice = null;
+  }
+
+  async refresh(): Promise<void> {
+    const answer = await this.api.list();
+    if (answer.ok) this.list = answer.value.plans;
+    else this.fail('The list of plans could not be read.', answer.problem);
+  }
+
+  async open(id: string): Promise<boolean> {
+    const answer = await this.call(this.api.open(id));
+    if (!answer.ok) {
+      this.fail('The plan could not be opened.', answer.problem);
+      return false;
+    }
+    const { name, version, plan } = answer.value;
+    const whole = { ...EMPTY, ...plan };
+    this.keep(this.editor.replace(name, whole), { id, version, name, plan: whole });
+    this.notice = null;
+    return true;
+  }
+
+  /** @param asNew beside the one that is kept. */
+  async save(asNew = false): Promise<void> {
+    const draft = this.editor.draft;
+    const kept = asNew ? null : this.current;
+    const name = draft.name.trim() === '' ? 'Plan' : draft.name.trim();
+    const answer = await this.call(kept === null ? this.api.create(name, draft.plan) : this.api.save(kept.id, name, draft.plan, kept.version));
+    if (!answer.ok) {
+      const conflict = answer.problem.code === 'conflict';
+      this.fail(conflict ? '' : 'Not saved.', answer.problem, conflict);
+      return;
+    }
+    this.keep(draft.document, { id: answer.value.id, version: answer.value.version, name: draft.name, plan: draft.plan });
+    this.notice = { tone: 'ok', text: `Saved as version ${answer.value.version}.` };
+  }
+
+  async delete(plan: PlanVersion): Promise<void> {
+    const answer = await this.call(this.api.delete(plan.id, plan.version));
+    if (!answer.ok) return this.fail('Not deleted.', answer.problem);
+    for (const [document, kept] of Object.entries(this.kept)) if (kept.id === plan.id) this.forget(Number(document));
+    await this.refresh();
+  }
+
+  /** @param altitude_m above home, of points that have none; null: such a file is refused. */
+  async import(file: File, altitude_m: number | null = null): Promise<boolean> {
+    const answer = await this.call(this.api.import(file, altitude_m));
+    if (!answer.ok) {
+      const open = altitude_m === null && answer.problem.detail.includes('altitude');
+      this.fail(`“${file.name}” was not imported.`, answer.problem);
+      if (open && this.notice !== null) this.notice = { ...this.notice, file };
+      return false;
+    }
+    this.take(file.name.replace(/\.[^.]*$/, ''), answer.value);
+    return true;
+  }
+
+  /** @returns the file; null: it could not be written, the notice says why. */
+  async export(format: Format): Promise<Blob | null> {
+    const answer = await this.call(this.api.export(this.editor.plan, format));
+    if (!answer.ok) {
+      this.fail('Not exported.', answer.problem);
+      return null;
+    }
+    const notes = answer.value.notes.join(' ');
+    this.notice = notes === '' ? null : { tone: 'caution', text: notes };
+    return answer.value.file;
+  }
+
+  /** Lines over an area, with pictures, at the end of the plan. */
+  async pattern(pattern: object): Promise<boolean> {
+    const answer = await this.call(this.api.pattern(pattern));
+    if (!answer.ok) {
+      this.fail('No survey was made.', answer.problem);
+      return false;
+    }
+    const { plan } = this.editor;
+    this.editor.change({ ...plan, items: [...plan.items, ...answer.value.plan.items] });
+    this.editor.stopPlacing();
+    this.notice = null;
+    return true;
+  }
+
+  /** Asks the server what is wrong with the plan as it is now; one question at a time. */
+  async ask(vehicle: string | null): Promise<void> {
+    const { plan } = this.editor;
+    if (this.checking) return;
+    this.checking = true;
+    const answer = await this.api.check(plan, vehicle);
+    this.checking = false;
+    this.checked = plan;
+    this.check = answer.ok ? answer.value : null;
+    this.checkProblem = answer.ok ? null : sentence('Not checked.', answer.problem);
+  }
+
+  /** Somebody saved or deleted a plan. */
+  heard(event: WireEvent, ownKey: string | null): void {
+    if (event.kind !== 'plan_changed') return;
+    if (this.list !== null) void this.refresh();
+    const plan = event['plan'] as PlanVersion | undefined;
+    const mine = event['client_key'] === ownKey;
+    if (mine || plan === undefined || plan.id !== this.current?.id) return;
+    const who = String(event['client']);
+    if (event['action'] === 'deleted') {
+      this.forget(this.editor.draft.document);
+      this.notice = { tone: 'caution', text: `${who} deleted this plan. Save it to keep yours as a new one.` };
+    } else
+      this.notice = {
+        tone: 'caution',
+        text: `${who} saved version ${plan.version} of this plan. Yours is based on version ${this.current.version}.`,
+        conflict: true,
+      };
+  }
+
+  /** Keeps the draft for the next load of the page. */
+  store(draft: Draft): void {
+    const stored: Stored = { name: draft.name, plan: draft.plan, kept: this.current, saved: this.saved };
+    try {
+      this.memory.setItem(STORED, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
+    } catch {
+      this.memory.removeItem(STORED); // too large for this browser: an older draft would be the wrong one
+    }
+  }
+
+  private restore(): void {
+    try {
+      const stored = JSON.parse(this.memory.getItem(STORED) ?? 'null') as Stored | null;
+      if (stored === null || !Array.isArray(stored.plan.items)) return;
+      const plan = { ...EMPTY, ...stored.plan };
+      const document = this.editor.load(stored.name, plan);
+      if (stored.kept !== null) this.keep(document, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
+    } catch {
+      this.memory.removeItem(STORED);
+    }
+  }
+
+  private take(name: string, { plan, notes, areas }: Imported): void {
+    this.editor.replace(name, { ...EMPTY, ...plan });
+    this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file has areas.', areas } : null;
+  }
+
+  private keep(document: number, kept: Kept): void {
+    this.kept = { ...this.kept, [document]: kept };
+  }
+
+  private forget(document: number): void {
+    this.kept = Object.fromEntries(Object.entries(this.kept).filter(([one]) => Number(one) !== document));
+  }
+
+  private async call<T>(asked: Promise<Outcome<T>>): Promise<Outcome<T>> {
+    this.busy = true;
+    const answer = await asked;
+    this.busy = false;
+    return answer;
+  }
+
+  private fail(what: string, problem: Problem, conflict = false): void {
+    this.notice = { tone: 'danger', text: sentence(what, problem), conflict };
+  }
+}
+
+function sentence(what: string, problem: Problem): string {
+  // An address that nobody answers is no command that may have been obeyed.
+  const why = problem.code === 'unreachable' ? ['The server did not answer.', 'Is it still running?'] : [problem.detail, problem.remedy];
+  return [what, ...why].filter((part) => part !== null && part !== '').join(' ');
+}

@@ -1,0 +1,15 @@
+import { registry, rooms } from '../../app/registry.svelte';
+
+const ROOM = 'plan';
+
+registry.addRoom({
+  id: ROOM,
+  title: 'Plan',
+  icon: 'plan',
+  hint: 'Waypoint plans (W)',
+  order: 5,
+  withoutVehicle: true,
+  toolbar: true,
+  load: async () => (await import('./parts')).parts,
+});
+registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);

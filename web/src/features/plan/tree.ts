@@ -1,0 +1,62 @@
+/** The plan as one list: home, steps, geofence, rally points. Pure. */
+
+import { fixed } from '../../ui/format';
+import type { IconName } from '../../ui/icons';
+import type { FenceZone, Plan } from './document';
+import { altitudeText, detailOf, titleOf } from './items';
+
+export interface TreeEntry {
+  /** All points that it is made of: the corners of a fence. */
+  readonly ids: readonly string[];
+  /** Of an item. */
+  readonly row: number | null;
+  readonly mark: string;
+  readonly icon: IconName | null;
+  readonly tone: 'target' | 'caution' | 'danger' | 'actual' | 'dim';
+  readonly title: string;
+  readonly detail: string;
+}
+
+/** A fence zone's points. */
+export function zoneIds(zone: FenceZone, index: number): string[] {
+  return zone.shape === 'circle' ? [`circle:${index}`] : zone.polygon.map((_, corner) => `corner:${index}:${corner}`);
+}
+
+export function zoneText(zone: FenceZone): { title: string; detail: string } {
+  const title = zone.inclusion ? 'Geofence: stay inside' : 'Geofence: stay outside';
+  return { title, detail: zone.shape === 'circle' ? `circle, radius ${fixed(zone.radius_m, 0)} m` : `${zone.polygon.length} corners` };
+}
+
+export function treeOf(plan: Plan): TreeEntry[] {
+  const home = plan.planned_home;
+  const entry = { row: null, mark: '', icon: null };
+  return [
+    ...(home === null
+      ? []
+      : [{ ...entry, ids: ['home'], icon: 'home' as const, tone: 'dim' as const, title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }]),
+    ...plan.items.map((item, row) => ({
+      ...entry,
+      ids: [`item:${row}`],
+      row,
+      mark: String(row + 1),
+      tone: 'target' as const,
+      title: titleOf(item),
+      detail: detailOf(item),
+    })),
+    ...plan.fence.map((zone, index) => ({
+      ...entry,
+      ids: zoneIds(zone, index),
+      mark: '▱',
+      tone: zone.inclusion ? ('caution' as const) : ('danger' as const),
+      ...zoneText(zone),
+    })),
+    ...plan.rally_points.map((point, index) => ({
+      ...entry,
+      ids: [`rally:${index}`],
+      mark: 'R',
+      tone: 'actual' as const,
+      title: 'Rally point',
+      detail: altitudeText(point.altitude),
+    })),
+  ];
+}
