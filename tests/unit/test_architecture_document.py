@@ -1,0 +1,33 @@
+"""`docs/architecture.md` answers a newcomer's questions, each with a file that exists."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TEXT = (REPOSITORY / "docs" / "architecture.md").read_text(encoding="utf-8")
+QUESTIONS = TEXT.partition("## Questions")[2].partition("\n## ")[0]
+ROWS = [line.strip("| ").split(" | ") for line in QUESTIONS.splitlines() if line.startswith("| ")][1:]
+ROOTS = ("gcs_server", "missions", "vehicle_sim", "web/src", "tests", "tools")
+FILE = re.compile(r"\w[\w./-]*\.(?:py|ts|svelte)\b")
+
+
+def test_it_answers_at_least_twenty_questions() -> None:
+    assert len(ROWS) >= 20
+    assert len({row[0] for row in ROWS}) == len(ROWS)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+def test_an_answer_begins_with_one_file_that_exists(row: list[str]) -> None:
+    question, answer = row
+    assert question.endswith("?")
+    first = FILE.match(answer.removeprefix("`"))
+    assert first is not None
+    assert (REPOSITORY / first[0]).is_file()
+
+
+def test_every_file_that_it_names_exists() -> None:
+    there = [f"/{path.as_posix()}" for root in ROOTS for path in (REPOSITORY / root).rglob("*.*")]
+    missing = {name for name in FILE.findall(TEXT) if not any(path.endswith(f"/{name}") for path in there)}
+    assert not missing
