@@ -167,7 +167,7 @@ def shape(state: State, step: Orbit | FigureEight) -> None:
             climb_m=step.climb_m if isinstance(step, Helix | Spiral) else 0.0,
             end_radius_m=step.end_radius_m if isinstance(step, Spiral) else None,
         )  # fmt: skip
-    state.work.count(points=len(path.spans) // 8)
+    state.work.count(points=len(path.spans))
     curve = along(path, limits, heading_of(state, step))
     begin = curve.at(0.0)
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, limits)

@@ -19,7 +19,7 @@ from missions.setpoints import Estimate
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import VehicleModel
 
-MAX_SEGMENTS = 5000
+MAX_SEGMENTS = 2000
 MAX_STEPS = 10_000
 """Carried out, repeats counted each time, on all ways together."""
 MAX_POINTS = 50_000

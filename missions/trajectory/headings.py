@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from missions.frames import Vector3
 from missions.trajectory.pieces import Array, Pieces
 
-BEND_PARTS = 8
-"""Parts of a piece in which the heading is met at both ends."""
+PART_RAD = 0.2
+"""A piece is cut into parts over which the heading turns no more than this; it is met at the ends of each."""
+MAX_PARTS = 64
 NEAREST_M = 0.5
 """Over the ground; nearer to the point it looks at the vehicle keeps its heading."""
 TURN_RAD = 1e-6
@@ -63,8 +65,10 @@ def _steps(places: Array, values: Array, at: Array, side: str) -> tuple[Array, A
 
 def along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
     """The nose along the path; at stops it turns on the spot to the next direction."""
-    curved = np.abs(pieces.derivative(2)).max(axis=(1, 2)) > 1e-9
-    pieces = pieces.split(np.where(curved, BEND_PARTS, 1))
+    first = pieces.derivative(1)
+    level = (np.hypot(first[..., 0], first[..., 1]) > 1e-6 * np.abs(first[..., 2])).all(axis=1)
+    turns = np.where(level, _turned(np.arctan2(first[..., 1], first[..., 0])), 0.0)
+    pieces = pieces.split(_parts(turns))
     (left, left_rate), (right, right_rate) = (
         _direction(first, second) for first, second in zip(pieces.ends(1), pieces.ends(2), strict=True)
     )
@@ -73,8 +77,9 @@ def along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
 
 def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
     """The nose towards a place; where the path passes over the place the heading stays."""
-    parts = np.clip(np.ceil(_angles(pieces, heading) / 0.2), 1, 64).astype(np.int64)
-    pieces = pieces.split(parts)
+    north, east, _ = heading.position_ned_m
+    places = pieces.points
+    pieces = pieces.split(_parts(_turned(np.arctan2(east - places[..., 1], north - places[..., 0]))))
     (left, left_rate), (right, right_rate) = (
         _bearing(place, first, heading) for place, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
     )
@@ -98,14 +103,13 @@ def _bearing(place: Array, first: Array, heading: LookAt) -> tuple[Array, Array]
     return np.where(far, np.arctan2(e, n), np.nan), np.where(far, rate, 0.0)
 
 
-def _angles(pieces: Pieces, heading: LookAt) -> Array:
-    """How far the bearing turns over each piece [rad], at least."""
-    share = np.linspace(0.0, 1.0, 6)
-    places = pieces.points[:, np.rint(share * 5).astype(int), :2]
-    bearing = np.arctan2(
-        heading.position_ned_m[1] - places[..., 1], heading.position_ned_m[0] - places[..., 0]
-    )
-    return np.abs(np.diff(np.unwrap(bearing, axis=1), axis=1)).sum(axis=1)
+def _turned(bearings: Array) -> Array:
+    """How far a direction turns over each piece, from its control points (N, 6 or 5) [rad]."""
+    return np.abs(np.diff(np.unwrap(bearings, axis=1), axis=1)).sum(axis=1)
+
+
+def _parts(turns_rad: Array) -> NDArray[np.int64]:
+    return np.clip(np.ceil(turns_rad / PART_RAD), 1, MAX_PARTS).astype(np.int64)
 
 
 def _turning(

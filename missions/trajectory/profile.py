@@ -23,8 +23,8 @@ from missions.trajectory.pieces import Bounds, Pieces
 
 Array = NDArray[np.float64]
 WAYS = (
-    (1.0, 1.0, 2.0), (0.9, 0.8, 2.0), (0.6, 0.6, 2.0), (0.9, 0.8, 0.9), (0.8, 0.6, 0.75), (0.6, 0.4, 0.5),
-    (0.4, 0.3, 0.0),
+    (1.0, 1.0, 2.0), (0.9, 0.4, 2.0), (0.9, 0.8, 0.9), (0.8, 0.3, 0.95), (0.7, 0.3, 0.9), (0.8, 0.6, 0.75),
+    (0.6, 0.4, 0.5), (0.4, 0.3, 0.0),
 )  # fmt: skip
 """Share of acceleration and of jerk for bends, and how alike the ceilings of pieces in one zone are (2: a
 zone for each piece, 0: one zone from stop to stop)."""

@@ -2,72 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import pickle
-import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from missions.check_context import Limits
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
-from missions.items import Delay, Jump, Land, LoiterUnlimited, ReturnHome, Takeoff, Waypoint
 from missions.offboard.compiler import compile_mission
-from missions.offboard.document import OffboardMission
-from missions.offboard.findings import CODES
-from missions.offboard.from_plan import from_plan
 from missions.offboard.places import Start
 from missions.offboard.reader import read
-from missions.offboard.segments import CurveSegment, Segment, WaitSegment
-from missions.offboard.state import MissionVehicle
-from missions.offboard.timeline import Timeline
-from missions.plan import Plan
+from missions.offboard.segments import CurveSegment, WaitSegment
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
-from missions.trajectory.limits import MotionLimits
-from missions.values import Altitude, HomePosition
-from missions.vehicle import PowerModel, VehicleModel
-from tests.support.plan_strategies import RESOLVED, plans
+from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, kinds, mission, timeline, where
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = sorted((ROOT / "missions/examples").glob("*.yaml"))
-HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
-UP = "- {step: take_off, height_m: 10}\n"
-DOWN = "- {step: land}\n"
-
-
-def flown(*steps: str) -> str:
-    """Steps between take-off and landing."""
-    return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
-
-
-def mission(steps: str, **rest: Any) -> OffboardMission:
-    found = read(f"name: Test\nsteps:\n{steps}")
-    return found.model_copy(update=rest)
-
-
-def timeline(steps: str, start: Start | None = None, files: dict[str, bytes] | None = None) -> Timeline:
-    return compile_mission(mission(steps), start=start, files=files)
-
-
-def codes(found: Timeline) -> set[str]:
-    return {finding.code for finding in found.findings}
-
-
-def kinds(found: Timeline) -> list[str]:
-    return [segment.title for segment in found.segments]
-
-
-def where(segment: Segment, t_s: float) -> tuple[float, ...]:
-    setpoint = segment.at(t_s)
-    assert isinstance(setpoint, Trajectory | Position)
-    return tuple(axis or 0.0 for axis in setpoint.position_ned_m)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -364,107 +319,7 @@ def test_too_much_work_is_refused() -> None:
         timeline(UP + branches)
 
 
-@pytest.mark.parametrize(
-    ("steps", "code"),
-    [
-        ("- {step: hold, duration_s: 1}\n" + DOWN, "takeoff_missing"),
-        (UP + UP + DOWN, "takeoff_in_air"),
-        (UP, "landing_missing"),
-        (flown("step: table, file: x"), "step_invalid"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
-        (flown("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
-        (flown("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
-        (flown("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
-        (flown("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
-        (flown("step: fly, points: [{offset_ned_m: [900000, 0, -9]}]"), "length_exceeded"),
-        (flown("step: hold, duration_s: 86400"), "endurance_exceeded"),
-        (flown("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_is_found_with_its_step(steps: str, code: str) -> None:
-    limits = Limits(
-        length_max_m=50_000.0,
-        power=PowerModel(200.0, 100.0, 2.0),
-        vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
-    )
-    found = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits))
-    assert code in codes(found)
-    assert all(finding.message.endswith(".") for finding in found.findings)
-
-
-FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_deg: 8}, radius_m: 50}\n"
-
-
-def test_a_path_outside_the_geofence_is_found_with_its_place() -> None:
-    text = f"name: Test\n{FENCE}steps:\n{UP}- {{step: fly, points: [{{offset_ned_m: [60, 0, -10]}}]}}\n{DOWN}"
-    assert codes(compile_mission(read(text))) == {"fence_unknown"}
-    found = compile_mission(read(text).model_copy(update={"home": HOME}))
-    assert codes(found) == {"fence_crossed"}
-    assert found.findings[0].step == "step 2"
-    assert "north" in found.findings[0].message
-    inside = text.replace("60, 0", "40, 0")
-    assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
-
-
-def test_every_code_has_a_meaning_in_the_documentation() -> None:
-    text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (error|warning) \| `(\w+)` \| (.+) \|$", text, re.MULTILINE)
-    assert {code: (severity, meaning) for severity, code, meaning in rows} == CODES
-
-
 def test_the_examples_in_the_documentation_are_those_of_the_files() -> None:
     text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
     for path in EXAMPLES:
         assert f"missions/examples/{path.name}" in text
-
-
-M = 1.0 / 111_194.9
-
-
-def up(value_m: float) -> Altitude:
-    return Altitude(value_m=value_m, reference="home")
-
-
-def test_a_waypoint_plan_becomes_a_mission() -> None:
-    plan = Plan(
-        planned_home=HOME,
-        items=(
-            Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
-            Waypoint(lat_deg=47.0 + 50 * M, lon_deg=8.0, altitude=up(20.0)),
-            Waypoint(lat_deg=47.0 + 100 * M, lon_deg=8.0, altitude=up(30.0), hold_s=5.0),
-            Jump(target_index=1, repeat=1),
-            Delay(delay_s=3.0),
-            LoiterUnlimited(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
-        ),
-    )
-    converted = from_plan(plan, "From a plan")
-    found = compile_mission(converted.mission)
-    assert kinds(found)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
-    assert codes(found) <= {"landing_missing"}
-    assert [segment.kind for segment in found.segments if isinstance(segment, WaitSegment)] == [
-        "take_off",
-        "person",
-    ]
-    assert read(converted.mission.model_dump_json(exclude_none=True)) == converted.mission
-
-
-def test_a_return_and_a_landing_end_at_home() -> None:
-    places = (
-        Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
-        Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=up(20.0)),
-    )
-    for end in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=up(0.0))):
-        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*places, end)), "x").mission)
-        assert found.findings == ()
-        assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
-
-
-@settings(deadline=None, max_examples=60)
-@given(plan=plans(altitudes=RESOLVED))
-def test_any_plan_becomes_a_mission_or_a_plan_error(plan: Plan) -> None:
-    with contextlib.suppress(PlanError):
-        made = from_plan(plan, "Any plan").mission
-        assert read(made.model_dump_json(exclude_none=True)) == made

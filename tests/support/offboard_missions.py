@@ -1,0 +1,46 @@
+"""Offboard missions for tests: written in YAML, compiled, and looked at."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.places import Start
+from missions.offboard.reader import read
+from missions.offboard.segments import Segment
+from missions.offboard.timeline import Timeline
+from missions.setpoints import Position, Trajectory
+from missions.values import HomePosition
+
+HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
+UP = "- {step: take_off, height_m: 10}\n"
+DOWN = "- {step: land}\n"
+
+
+def flown(*steps: str) -> str:
+    """Steps between take-off and landing."""
+    return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
+
+
+def mission(steps: str, **rest: Any) -> OffboardMission:
+    found = read(f"name: Test\nsteps:\n{steps}")
+    return found.model_copy(update=rest)
+
+
+def timeline(steps: str, start: Start | None = None, files: dict[str, bytes] | None = None) -> Timeline:
+    return compile_mission(mission(steps), start=start, files=files)
+
+
+def codes(found: Timeline) -> set[str]:
+    return {finding.code for finding in found.findings}
+
+
+def kinds(found: Timeline) -> list[str]:
+    return [segment.title for segment in found.segments]
+
+
+def where(segment: Segment, t_s: float) -> tuple[float, ...]:
+    setpoint = segment.at(t_s)
+    assert isinstance(setpoint, Trajectory | Position)
+    return tuple(axis or 0.0 for axis in setpoint.position_ned_m)

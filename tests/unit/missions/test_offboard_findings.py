@@ -1,0 +1,70 @@
+"""What is wrong with an offboard mission is found, with its step."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from missions.check_context import Limits
+from missions.offboard.compiler import compile_mission
+from missions.offboard.findings import CODES
+from missions.offboard.reader import read
+from missions.offboard.state import MissionVehicle
+from missions.trajectory.limits import MotionLimits
+from missions.vehicle import PowerModel, VehicleModel
+from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, mission
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.parametrize(
+    ("steps", "code"),
+    [
+        ("- {step: hold, duration_s: 1}\n" + DOWN, "takeoff_missing"),
+        (UP + UP + DOWN, "takeoff_in_air"),
+        (UP, "landing_missing"),
+        (flown("step: table, file: x"), "step_invalid"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
+        (flown("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
+        (flown("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
+        (flown("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
+        (flown("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
+        (flown("step: fly, points: [{offset_ned_m: [900000, 0, -9]}]"), "length_exceeded"),
+        (flown("step: hold, duration_s: 86400"), "endurance_exceeded"),
+        (flown("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
+        (flown("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_found_with_its_step(steps: str, code: str) -> None:
+    limits = Limits(
+        length_max_m=50_000.0,
+        power=PowerModel(200.0, 100.0, 2.0),
+        vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
+    )
+    found = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits))
+    assert code in codes(found)
+    assert all(finding.message.endswith(".") for finding in found.findings)
+
+
+FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_deg: 8}, radius_m: 50}\n"
+
+
+def test_a_path_outside_the_geofence_is_found_with_its_place() -> None:
+    text = f"name: Test\n{FENCE}steps:\n{UP}- {{step: fly, points: [{{offset_ned_m: [60, 0, -10]}}]}}\n{DOWN}"
+    assert codes(compile_mission(read(text))) == {"fence_unknown"}
+    found = compile_mission(read(text).model_copy(update={"home": HOME}))
+    assert codes(found) == {"fence_crossed"}
+    assert found.findings[0].step == "step 2"
+    assert "north" in found.findings[0].message
+    inside = text.replace("60, 0", "40, 0")
+    assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
+
+
+def test_every_code_has_a_meaning_in_the_documentation() -> None:
+    text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (error|warning) \| `(\w+)` \| (.+) \|$", text, re.MULTILINE)
+    assert {code: (severity, meaning) for severity, code, meaning in rows} == CODES

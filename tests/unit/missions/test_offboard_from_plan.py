@@ -1,0 +1,67 @@
+"""A waypoint plan becomes an offboard mission that flies the same places."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+from hypothesis import given, settings
+
+from missions.errors import PlanError
+from missions.items import Delay, Jump, Land, LoiterUnlimited, ReturnHome, Takeoff, Waypoint
+from missions.offboard.compiler import compile_mission
+from missions.offboard.from_plan import from_plan
+from missions.offboard.reader import read
+from missions.offboard.segments import WaitSegment
+from missions.plan import Plan
+from missions.values import Altitude
+from tests.support.offboard_missions import HOME, codes, kinds
+from tests.support.plan_strategies import RESOLVED, plans
+
+M = 1.0 / 111_194.9
+
+
+def up(value_m: float) -> Altitude:
+    return Altitude(value_m=value_m, reference="home")
+
+
+def test_a_waypoint_plan_becomes_a_mission() -> None:
+    plan = Plan(
+        planned_home=HOME,
+        items=(
+            Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+            Waypoint(lat_deg=47.0 + 50 * M, lon_deg=8.0, altitude=up(20.0)),
+            Waypoint(lat_deg=47.0 + 100 * M, lon_deg=8.0, altitude=up(30.0), hold_s=5.0),
+            Jump(target_index=1, repeat=1),
+            Delay(delay_s=3.0),
+            LoiterUnlimited(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+        ),
+    )
+    converted = from_plan(plan, "From a plan")
+    found = compile_mission(converted.mission)
+    assert kinds(found)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
+    assert codes(found) <= {"landing_missing"}
+    assert [segment.kind for segment in found.segments if isinstance(segment, WaitSegment)] == [
+        "take_off",
+        "person",
+    ]
+    assert read(converted.mission.model_dump_json(exclude_none=True)) == converted.mission
+
+
+def test_a_return_and_a_landing_end_at_home() -> None:
+    places = (
+        Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+        Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=up(20.0)),
+    )
+    for end in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=up(0.0))):
+        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*places, end)), "x").mission)
+        assert found.findings == ()
+        assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
+
+
+@settings(deadline=None, max_examples=60)
+@given(plan=plans(altitudes=RESOLVED))
+def test_any_plan_becomes_a_mission_or_a_plan_error(plan: Plan) -> None:
+    with contextlib.suppress(PlanError):
+        made = from_plan(plan, "Any plan").mission
+        assert read(made.model_dump_json(exclude_none=True)) == made
