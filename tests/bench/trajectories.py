@@ -197,7 +197,8 @@ SOLVERS: dict[str, tuple[str | None, str, Callable[[np.ndarray], Flight]]] = {
 
 def table() -> Iterator[str]:
     """Rows of the table."""
-    yield "| solver | points | solve [ms of processor time] | flight [s] | speed, acceleration, jerk / limit | continuous to |"
+    limits = "speed, acceleration, jerk / limit"
+    yield f"| solver | points | processor time [ms] | flight [s] | {limits} | continuous to |"
     yield "|---|---|---|---|---|---|"
     for name, (library, order, solve) in SOLVERS.items():
         if library is not None and importlib.util.find_spec(library) is None:
