@@ -77,7 +77,7 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 airborne(drone, 25)  # so that it still sinks when a busy machine has the next server up
                 with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -25)) as stream:
-                    assert "lands where it is" in stream.started["if_stream_stops"]
+                    assert "lands at its current position" in stream.started["if_stream_stops"]
                     end(first, signal.SIGKILL)
         with running(command):
             wait_until(lambda: answers(url), "the second server")

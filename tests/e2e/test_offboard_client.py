@@ -49,7 +49,7 @@ async def flight(url: str) -> None:
                     assert answer["applied"]["type"] == "velocity_body", step
                     await asyncio.sleep(0.01)
                 assert math.hypot(*answer["applied"]["velocity_frd_m_s"]) == pytest.approx(6.0, abs=0.01)
-                assert "speed held to 6 m/s" in answer["limited"]
+                assert "speed limited to 6 m/s" in answer["limited"]
                 with pytest.raises(Invalid, match="length 1"):
                     await live.attitude(0.5, q_ned_frd=(1, 1, 0, 0))
                 begin = await drone.position_ned_m()

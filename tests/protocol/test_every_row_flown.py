@@ -218,7 +218,7 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
         )
         with pytest.raises(Refused, match="outside the operator's fence"):
             await vehicle.offboard.start(order(Position((40.0, 0.0, -8.0))))
-        with pytest.raises(Refused, match="limits of height"):
+        with pytest.raises(Refused, match="altitude limits"):
             await vehicle.offboard.start(order(Position((10.0, 0.0, -14.0))))
         await vehicle.offboard.start(order(Velocity((6.0, 0.0, -1.0), yaw_ned_rad=0.0)))
         farthest = highest = 0.0

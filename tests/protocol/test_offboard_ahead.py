@@ -139,7 +139,7 @@ def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(j
         await seconds(0.2)
         status = vehicle.offboard.status()
         assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
-        assert status.limited == ("speed held to 4 m/s",)
+        assert status.limited == ("speed limited to 4 m/s",)
         await vehicle.offboard.operator.set(
             OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0), by="me"
         )
@@ -187,7 +187,7 @@ def test_the_failsafe_is_told_before_the_start_and_set_verified(jump):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
         assert (before.action, before.after_s, before.transmitter) == ("position", 1.0, False)
-        assert "lands where it is" in before.words
+        assert "lands at its current position" in before.words
         after = await vehicle.offboard.set_failsafe("hold", 2.0)
         assert (after.action, after.after_s) == ("hold", 2.0)
         assert (pilot.params["COM_OBL_RC_ACT"][1], pilot.params["COM_OF_LOSS_T"][1]) == (5, 2.0)

@@ -237,7 +237,9 @@ class Groups:
         for vehicle_id, member in group.members.items():
             here = member.snapshot().position_at(self._clock.monotonic_s())
             if here is None:
-                raise NotTogether(f"Vehicle {vehicle_id} does not know where it is.", vehicles=(vehicle_id,))
+                raise NotTogether(
+                    f"Vehicle {vehicle_id} has no valid position estimate.", vehicles=(vehicle_id,)
+                )
             waits[vehicle_id] = Order(
                 Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key, "group"
             )

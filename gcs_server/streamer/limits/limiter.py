@@ -64,10 +64,14 @@ def apply_limits(
         dt_s: how long ago.
     """
     if not is_finite(wanted):
-        return LimitResult(None, stop="The setpoint is not a number")
+        return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
     limiter = _Limiter(bounds, here, before, dt_s)
     setpoint = limiter.limited(wanted)
-    stop = limiter.stop if limiter.stop or is_finite(setpoint) else "The setpoint is not a number"
+    stop = (
+        limiter.stop
+        if limiter.stop or is_finite(setpoint)
+        else "The setpoint contains a value that is not a finite number"
+    )
     return LimitResult(setpoint, tuple(dict.fromkeys(limiter.notes)), stop)
 
 
@@ -142,7 +146,7 @@ class _Limiter:
             n, e, d = self._limit_speed(s.velocity_frd_m_s)
             if self._bounds.region.is_limited_horizontally or self._bounds.region.is_limited_vertically:
                 self.notes.append(
-                    "stands still: its place and heading are not known, and the space is limited"
+                    "velocity set to zero: no valid position and heading estimate, and a fence is set"
                 )
                 n = e = d = 0.0
             return replace(s, velocity_frd_m_s=(n, e, d))
@@ -158,7 +162,7 @@ class _Limiter:
         self._region.require_stoppable()
         q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
-            self.notes.append(f"tilt held to {math.degrees(self._bounds.tilt_rad):.0f}°")
+            self.notes.append(f"tilt limited to {math.degrees(self._bounds.tilt_rad):.0f}°")
         last = self._before.q_ned_frd if isinstance(self._before, Attitude) else None
         if last is None and self._here is not None:
             last = self._here.q_ned_frd
@@ -166,7 +170,7 @@ class _Limiter:
             q, slewed = limit_rotation(last, q, self._bounds.slew_attitude_rad_s * self._dt_s)
             if slewed:
                 q, _ = limit_tilt(q, self._bounds.tilt_rad)
-                self.notes.append("attitude slewed")
+                self.notes.append("attitude change limited by the slew rate")
         return replace(self._yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
 
     def _rates(self, s: Rates) -> Rates:
@@ -174,14 +178,14 @@ class _Limiter:
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
         p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
         if (p, q, r) != s.rates_frd_rad_s:
-            self.notes.append("rates held to the vehicle's limits")
+            self.notes.append("body rates limited to the vehicle's limits")
         return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
 
     def _yaw_rate(self, s: S) -> S:
         rate, most = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]
         if rate is None or abs(rate) <= most:
             return s
-        self.notes.append("yaw rate held to the vehicle's limit")
+        self.notes.append("yaw rate limited to the vehicle's limit")
         return replace(s, yaw_rate_ned_rad_s=math.copysign(most, rate))
 
     # --- position, velocity, acceleration -----------------------------------------------------------
@@ -213,7 +217,7 @@ class _Limiter:
             most_up, most_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
             held = min(most_down, max(-most_up, lift))
             if held != lift:
-                self.notes.append(f"acceleration held to {abs(held):.1f} m/s²")
+                self.notes.append(f"acceleration limited to {abs(held):.1f} m/s²")
             lift = held
         return _joined(place, down), _joined(speed, velocity_down_m_s), _joined(acceleration_ne, lift)
 
@@ -229,7 +233,7 @@ class _Limiter:
         if asked <= most:
             return place, speed
         scale = most / asked
-        self.notes.append(f"speed held to {most:g} m/s")
+        self.notes.append(f"speed limited to {most:g} m/s")
         near = (here[0] + off[0] * scale, here[1] + off[1] * scale)
         return near, None if speed is None else (feed[0] * scale, feed[1] * scale)
 
@@ -242,7 +246,7 @@ class _Limiter:
         if abs(asked) <= most:
             return down_m, velocity_down_m_s
         scale = most / abs(asked)
-        self.notes.append(f"climbing and sinking held to {most:g} m/s")
+        self.notes.append(f"climb and descent limited to {most:g} m/s")
         feed = None if velocity_down_m_s is None else velocity_down_m_s * scale
         return self._here.position_ned_m[2] + off * scale, feed
 
@@ -253,14 +257,14 @@ class _Limiter:
     def _limit_climb(self, velocity_down_m_s: float) -> float:
         held = min(self._bounds.sink_m_s, max(-self._bounds.climb_m_s, velocity_down_m_s))
         if held != velocity_down_m_s:
-            self.notes.append(f"climbing and sinking held to {abs(held):g} m/s")
+            self.notes.append(f"climb and descent limited to {abs(held):g} m/s")
         return held
 
     def _scaled(self, vector: NorthEast, most: float, what: str) -> NorthEast:
         size = math.hypot(*vector)
         if size <= most:
             return vector
-        self.notes.append(f"{what} held to {most:g} m/s")
+        self.notes.append(f"{what} limited to {most:g} m/s")
         return (vector[0] * most / size, vector[1] * most / size)
 
     def _limit_acceleration_ne(self, acceleration_ne: NorthEast | None) -> NorthEast | None:
@@ -271,7 +275,7 @@ class _Limiter:
             most = min(most, GRAVITY_M_S2 * math.tan(self._bounds.tilt_rad))
         size = math.hypot(*acceleration_ne)
         if size > most:
-            self.notes.append(f"acceleration held to {most:.1f} m/s²")
+            self.notes.append(f"acceleration limited to {most:.1f} m/s²")
             acceleration_ne = (acceleration_ne[0] * most / size, acceleration_ne[1] * most / size)
         return acceleration_ne
 
@@ -286,7 +290,7 @@ class _Limiter:
         size = math.hypot(*step)
         if size <= most:
             return velocity
-        self.notes.append(f"velocity slewed at {self._bounds.slew_velocity_m_s2:g} m/s²")
+        self.notes.append(f"velocity change limited to {self._bounds.slew_velocity_m_s2:g} m/s²")
         n, e, d = (at + each * most / size for at, each in zip(last, step, strict=True))
         return (n, e, d)
 

@@ -64,18 +64,18 @@ class RegionLimiter:
             here = self._here.position_ned_m
             inside = region.last_inside((here[0], here[1]), target)
         if inside is None:
-            self.stop = "There is no way back into the allowed space"
+            self.stop = "No way back inside the fence was found"
             return target
         if inside != target:
-            breach = region.breach(target) or "the edge of the allowed space on the way"
-            self._notes.append(f"place held inside {breach}")
+            breach = region.breach(target) or "the fence on the way"
+            self._notes.append(f"position limited to stay inside {breach}")
         return inside
 
     def limit_down(self, down_m: float) -> float:
         """Inside the limits of height."""
         inside = self._bounds.region.clamp_down_m(down_m)
         if inside != down_m:
-            self._notes.append("height held inside its limits")
+            self._notes.append("altitude limited to the allowed range")
         return inside
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
@@ -85,7 +85,7 @@ class RegionLimiter:
         if not region.is_limited_horizontally or speed == 0.0:
             return (n, e)
         if self._here is None:
-            self._notes.append("stands still: where it is is not known, and the space is limited")
+            self._notes.append("velocity set to zero: no valid position estimate, and a fence is set")
             return (0.0, 0.0)
         here = (self._here.position_ned_m[0], self._here.position_ned_m[1])
         breach = region.breach(here)
@@ -93,7 +93,7 @@ class RegionLimiter:
             back = region.nearest_inside(here)
             if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
                 return (n, e)
-            self._notes.append(f"outside {breach}: only the way back is flown")
+            self._notes.append(f"outside {breach}: only the way back inside is flown")
             return (0.0, 0.0)
         way_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
         most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
@@ -101,7 +101,7 @@ class RegionLimiter:
             most = 0.0
         if speed <= most:
             return (n, e)
-        self._notes.append("speed cut to stop before the edge of the allowed space")
+        self._notes.append("speed reduced to stop before the fence")
         return (n * most / speed, e * most / speed)
 
     def keep_margin(self, velocity: NorthEast) -> NorthEast:
@@ -118,7 +118,7 @@ class RegionLimiter:
             if excess > 0.0:
                 n, e = n - excess * out[0], e - excess * out[1]
         if (n, e) != velocity:
-            self._notes.append("pushed back from the edge of the allowed space")
+            self._notes.append("moved back from the fence")
             size = math.hypot(n, e)
             scale = min(1.0, self._bounds.speed_m_s / size) if size > 0 else 1.0
             n, e = n * scale, e * scale
@@ -130,7 +130,9 @@ class RegionLimiter:
         if not region.is_limited_vertically:
             return velocity_down_m_s
         if self._here is None:
-            self._notes.append("keeps its height: it is not known, and limited")
+            self._notes.append(
+                "vertical velocity set to zero: no valid altitude estimate, and the altitude is limited"
+            )
             return 0.0
         down_m = self._here.position_ned_m[2]
         left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
@@ -139,7 +141,7 @@ class RegionLimiter:
         most_up = _height_speed(left_up_m, self._bounds.sink_m_s if keep_margin else 0.0)
         kept = max(min(velocity_down_m_s, most_down), -most_up)
         if kept != velocity_down_m_s:
-            self._notes.append("climbing or sinking cut to stay inside the limits of height")
+            self._notes.append("climb or descent reduced to stay inside the altitude limits")
         return kept
 
     def require_stoppable(self, *, ground: bool = True, height: bool = True) -> None:
@@ -148,13 +150,13 @@ class RegionLimiter:
         if not (ground and region.is_limited_horizontally) and not (height and region.is_limited_vertically):
             return
         if self._here is None:
-            self.stop = "Where the vehicle is is not known, and the space is limited"
+            self.stop = "No valid position estimate, and a fence or altitude limit is set"
             return
         n, e, d = self._here.position_ned_m
         if ground and region.is_limited_horizontally:
             breach = region.breach((n, e))
             if breach is not None or self._cannot_stop_inside((n, e)):
-                self.stop = f"The vehicle would leave {breach or 'the allowed space'}"
+                self.stop = f"The vehicle would leave {breach or 'the fence'}"
         velocity_down_m_s = self._here.velocity_ned_m_s[2]
         left_m = (region.down_max_m - d) if velocity_down_m_s > 0 else (d - region.down_min_m)
         if height and (
@@ -164,7 +166,7 @@ class RegionLimiter:
                 and abs(velocity_down_m_s) > braking_speed(left_m, GUARD_M_S2, GUARD_DELAY_S)
             )
         ):
-            self.stop = "The vehicle would leave its limits of height"
+            self.stop = "The vehicle would leave the altitude limits"
 
     def _cannot_stop_inside(self, here: NorthEast) -> bool:
         """Whether the vehicle as it moves now could only just be stopped inside."""

@@ -365,7 +365,7 @@ class OffboardControl:
         leader = self._leader(follow)
         if leader is None or (follow.offset_frd_m is not None and leader.yaw_ned_rad is None):
             raise Refused(
-                f"Vehicle {follow.vehicle} is not heard, or does not know where it is.",
+                f"Vehicle {follow.vehicle} is not connected, or has no valid global position.",
                 remedy="It needs a global position, fresh within a second, to be followed.",
             )
 

@@ -14,19 +14,19 @@ LARGEST_LOSS_T_S = 60.0
 # COM_OBL_RC_ACT: (with a transmitter, without one); the first line without one was seen on PX4 v1.16.
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
-        "is flown by the transmitter's sticks in Position mode",
-        "sinks and lands where it is, in Position mode",
+        "is flown by the RC pilot in Position mode",
+        "descends and lands at its current position, in Position mode",
     ),
     1: (
-        "is flown by the transmitter's sticks in Altitude mode",
-        "drifts and comes down, steered by nobody, in Altitude mode",
+        "is flown by the RC pilot in Altitude mode",
+        "drifts and descends without control, in Altitude mode",
     ),
     2: (
-        "is flown by the transmitter's sticks in Stabilized mode",
-        "drifts and comes down, steered by nobody, in Stabilized mode",
+        "is flown by the RC pilot in Stabilized mode",
+        "drifts and descends without control, in Stabilized mode",
     ),
     3: ("returns to launch and lands there", "returns to launch and lands there"),
-    4: ("lands where it is", "lands where it is"),
+    4: ("lands at its current position", "lands at its current position"),
     5: ("holds its position in Hold mode", "holds its position in Hold mode"),
     6: ("terminates the flight: motors stop, it falls", "terminates the flight: motors stop, it falls"),
     7: ("disarms: motors stop, it falls", "disarms: motors stop, it falls"),
@@ -51,16 +51,16 @@ class Failsafe:
 
     def words(self) -> str:
         """One sentence for people."""
-        who = "a transmitter is heard" if self.transmitter else "no transmitter is heard"
+        who = "RC connected" if self.transmitter else "no RC"
         if self.action is None:
             return (
-                "The vehicle did not tell what it does when the stream stops (COM_OBL_RC_ACT could not be "
-                f"read; {who}). PX4's default without a transmitter is to land where it is, after 1 s."
+                "Action when setpoints stop: unknown (COM_OBL_RC_ACT could not be read; "
+                f"{who}). PX4's default without RC is to land at the current position, after 1 s."
             )
         after_s = DEFAULT_COM_OF_LOSS_T_S if self.loss_timeout_s is None else self.loss_timeout_s
         options = _ACTIONS.get(self.action)
         what = (
-            f"does what COM_OBL_RC_ACT {self.action} means to it, which we do not know"
+            f"does what COM_OBL_RC_ACT {self.action} means, which is not known here"
             if options is None
             else options[0 if self.transmitter else 1]
         )

@@ -136,7 +136,7 @@ class Streamer:
             error = problem
         except TimeoutError:
             error = NoReply(
-                f"Vehicle {vehicle_id} did not report Hold before the server ended; it fails safe.",
+                f"Vehicle {vehicle_id} did not report Hold before the server ended; its failsafe takes over.",
                 deadline_s=STOP_ALL_S,
             )
         if error is not None:

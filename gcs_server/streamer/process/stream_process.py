@@ -28,8 +28,10 @@ SWITCH_INTERVAL_S = 0.0005
 the loop: Python's own 5 ms are a quarter of a stream's period."""
 LOOK_EVERY_S = 0.02
 """Whether the process has started is looked at so often."""
-NOT_UP = "The process that flies setpoint streams is being started again."
-ENDED = "The process that flies setpoint streams ended; nothing is sent any more, and the vehicle fails safe."
+NOT_UP = "The process that sends setpoints is being started again."
+ENDED = (
+    "The process that sends setpoints ended; nothing is sent any more, and the vehicle's failsafe takes over."
+)
 
 
 @dataclass(slots=True)

@@ -166,7 +166,7 @@ class VehicleStream:
             self.end(
                 "server_silent",
                 f"The server's event loop was silent for {self._silent_limit_s:g} s: the setpoint stream "
-                "was stopped so that the vehicle fails safe.",
+                "was stopped, and the vehicle's failsafe takes over.",
                 WARNING,
             )
             return []
@@ -275,9 +275,9 @@ class VehicleStream:
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
             self._engaged_s = now_s
         elif snapshot.lost and self.phase in ("streaming", "holding"):
-            self._end_flight(now_s, snapshot, "lost", "The vehicle is not heard any more")
+            self._end_flight(now_s, snapshot, "lost", "Connection to the vehicle lost")
         elif self.phase == "streaming" and self._pipeline.leader_is_gone(now_s, snapshot):
-            why = f"Vehicle {self._pipeline.follows}, which it follows, is not heard"
+            why = f"No connection to vehicle {self._pipeline.follows}, which it follows"
             self._fall_back(now_s, snapshot, "leader_lost", why)
         elif jumped_m is not None and self._pipeline.means_a_local_place():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
@@ -332,7 +332,7 @@ class VehicleStream:
         self._why = why
         action = self.order.on_expiry.action
         if action == "stop_stream":
-            self.end(code, f"{why}: the stream stopped, the vehicle fails safe.", WARNING)
+            self.end(code, f"{why}: the stream stopped; the vehicle's failsafe takes over.", WARNING)
             return
         self._hold_and_request_mode(now_s, snapshot, code, why, land=action == "land")
 
@@ -348,7 +348,7 @@ class VehicleStream:
             self._report(code, f"{why}: landing (no position estimate to hold).")
             self._request_mode("land", now_s)
         else:  # where it is may be known to itself, though not to us
-            self._report(code, f"{why}: asking for Hold mode.")
+            self._report(code, f"{why}: requesting Hold mode.")
             self._request_mode("hold", now_s)
 
     def _hold_position(self, now_s: float, snapshot: Snapshot) -> None:
@@ -368,7 +368,7 @@ class VehicleStream:
             self.end(
                 "not_confirmed",
                 f"The vehicle did not change to {self._requested_mode.capitalize()} when asked "
-                f"{MAX_MODE_REQUESTS} times: the stream stopped, the vehicle fails safe.",
+                f"{MAX_MODE_REQUESTS} times: the stream stopped; the vehicle's failsafe takes over.",
                 WARNING,
             )
             return

@@ -47,10 +47,10 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limite
     """
     bounds, here = snapshot.bounds, snapshot.position_at(now_s)
     if limited_place and (bounds.unknown is not None or here is None):
-        why = bounds.unknown or "the vehicle does not know where it is"
+        why = bounds.unknown or "the vehicle has no valid position estimate"
         raise Refused(
             f"The operator's limits cannot be kept: {why}.",
-            remedy="Wait for GPS and the estimator, or lift the limits of height, distance and fence.",
+            remedy="Wait for GPS and the estimator, or remove the limits of altitude, distance and fence.",
         )
     if here is None:
         return
@@ -85,7 +85,7 @@ def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
     breach = _breach(target, bounds)
     if breach is not None:
         raise Refused(
-            f"The target is outside {breach}.", remedy="Choose a place inside, or change the limit."
+            f"The target is outside {breach}.", remedy="Choose a position inside, or change the limit."
         )
     region, start, end = bounds.region, (here[0], here[1]), (target[0], target[1])
     far_m = math.dist(start, end)
@@ -94,15 +94,15 @@ def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
     direction = ((end[0] - start[0]) / far_m, (end[1] - start[1]) / far_m)
     if region.distance_to_edge_m(start, direction) < far_m:
         raise Refused(
-            "The straight way to the target leaves the allowed space.",
-            remedy="Fly around the corner: by a place in between, or by a path.",
+            "The straight line to the target leaves the fence.",
+            remedy="Fly around the corner: by a position in between, or by a path.",
         )
 
 
 def _breach(place: Vector3, bounds: Bounds) -> str | None:
     region = bounds.region
     if region.clamp_down_m(place[2]) != place[2]:
-        return "the limits of height"
+        return "the altitude limits"
     return region.breach((place[0], place[1]))
 
 
@@ -161,5 +161,7 @@ def _too_fast(velocity: Vector3, bounds: Bounds) -> str | None:
             f"the path climbs at {-velocity_down_m_s:.1f} m/s; at most {bounds.climb_m_s:g} m/s are allowed"
         )
     if velocity_down_m_s > bounds.sink_m_s * FASTER_THAN:
-        return f"the path sinks at {velocity_down_m_s:.1f} m/s; at most {bounds.sink_m_s:g} m/s are allowed"
+        return (
+            f"the path descends at {velocity_down_m_s:.1f} m/s; at most {bounds.sink_m_s:g} m/s are allowed"
+        )
     return None

@@ -118,7 +118,7 @@ def _region(
     if any(limit is not None for limit in (*heights, *distances)):
         home_ned = _home_ned(home, origin)
         if home_ned is None:
-            unknown = "its home position is not known, from which heights and distances are limited"
+            unknown = "there is no home position, from which altitude and distance limits count"
         else:
             down_min_m = home_ned[2] - _least(vehicle.height_max_m, operator.height_max_m)
             if operator.height_min_m is not None:
@@ -130,7 +130,7 @@ def _region(
     fence = operator.fence
     if fence is not None:
         if origin is None:
-            unknown = "it does not know where on the earth it is, where a fence is set"
+            unknown = "there is no valid global position, which a fence needs"
         elif isinstance(fence, CircleFence):
             circles.append(fence.to_local(origin, "the operator's fence"))
         else:

@@ -270,7 +270,7 @@ def test_a_far_place_is_approached_at_the_operators_speed():
     here = VehicleMotion((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))
     result = apply_limits(Position((100.0, 0.0, -10.0)), limits, here)
     assert result.setpoint.position_ned_m[0] == pytest.approx(3.0 / 0.95)
-    assert result.notes == ("speed held to 3 m/s",)
+    assert result.notes == ("speed limited to 3 m/s",)
     close = Position((102.0, 0.0, -10.0))
     assert apply_limits(close, limits, VehicleMotion((100.0, 0.0, -10.0), (0.0, 0.0, 0.0))).setpoint == close
 

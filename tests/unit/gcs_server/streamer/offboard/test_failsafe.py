@@ -8,13 +8,13 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
 @pytest.mark.parametrize(
     ("failsafe", "says"),
     [
-        (Failsafe(1.0, 0, False), "lands where it is"),
-        (Failsafe(1.0, 0, True), "sticks"),
+        (Failsafe(1.0, 0, False), "lands at its current position"),
+        (Failsafe(1.0, 0, True), "RC pilot"),
         (Failsafe(0.5, 3, False), "after 0.5 s the vehicle returns to launch"),
         (Failsafe(1.0, 5, False), "Hold"),
         (Failsafe(1.0, 7, False), "falls"),
-        (Failsafe(None, None, False), "did not tell"),
-        (Failsafe(1.0, 42, False), "do not know"),
+        (Failsafe(None, None, False), "unknown"),
+        (Failsafe(1.0, 42, False), "not known here"),
     ],
 )
 def test_what_the_vehicle_will_do_is_said_in_words(failsafe, says):

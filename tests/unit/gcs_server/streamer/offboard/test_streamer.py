@@ -120,7 +120,7 @@ def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means()
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
         assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 a second"
         assert (status.state, status.client) == ("streaming", "me")
-        assert "lands where it is" in status.if_stream_stops
+        assert "lands at its current position" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
             await vehicle.offboard.start(Order(UP, 60.0))
         await vehicle.offboard.stop()
