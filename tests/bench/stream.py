@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from playwright.sync_api import sync_playwright
 
-from gcs_server.client import SyncGcs
+from gcs_server.client import ApiError, SyncGcs
 from tests.station import free_port, running, server, vehicle
 from tools.ensure_browser import installed_chromium
 
@@ -168,7 +168,11 @@ def table() -> Iterator[str]:
     yield "| when | load average | setpoints | left out | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|"
     for scene in SCENES:
-        ours, mavsdk = measure(scene)
+        try:
+            ours, mavsdk = measure(scene)
+        except ApiError as error:  # the machine is too small for all of that
+            yield f"| {scene.words} | {load_average()} | – | – | not measured: {str(error).splitlines()[0]} |"
+            continue
         yield row(scene.words, ours, RATE_HZ)
         if scene.mavsdk:
             yield row("MAVSDK's streamer at its 20 Hz, beside all that", [mavsdk], MAVSDK_RATE_HZ)
