@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from gcs_server.links.base import Peer
 from gcs_server.mavlink import dialect as d
-from gcs_server.mavlink.codec import Frame, full_payload
+from gcs_server.mavlink.codec import Frame, encode_payload, full_payload
 from gcs_server.mavlink.connection import Connection
 from gcs_server.vehicle.identity import Version
 
@@ -36,6 +36,10 @@ SILENT_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
 """Radio delays included."""
 BOOT_TIME_EVERY_S = 0.5
+ASK_EVERY_S = 1.0
+ASK_TIMES = 5
+ASK_RARELY_S = 30.0
+"""Between requests for the version after the first `ASK_TIMES`."""
 BOOT_TIME_IDS = frozenset(
     {
         d.MAVLINK_MSG_ID_ATTITUDE,
@@ -84,6 +88,23 @@ class Endpoint:
         if own and self.heard_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
             self.boot_next_s = self.heard_s + BOOT_TIME_EVERY_S
             self.boot_at_s = self.heard_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
+
+    def ask_version(self, now_s: float) -> None:
+        """Requests AUTOPILOT_VERSION, which has the uid; a recording is asked nothing."""
+        if self.connection.link.replay:
+            self.ask_next_s = float("inf")
+            return
+        self.asked += 1
+        self.ask_next_s = now_s + (ASK_EVERY_S if self.asked < ASK_TIMES else ASK_RARELY_S)
+        request = d.MAVLink_command_long_message(
+            self.system_id,
+            self.component_id,
+            d.MAV_CMD_REQUEST_MESSAGE,
+            0,
+            d.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+            *(0.0,) * 6,
+        )
+        self.connection.sender.send(request.id, encode_payload(request), self.peer)
 
     @property
     def unique_uid(self) -> str | None:

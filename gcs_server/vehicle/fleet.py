@@ -9,7 +9,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused, UnknownVehicle
 from gcs_server.links.base import LinkInfo, Peer
 from gcs_server.mavlink import dialect as d
-from gcs_server.mavlink.codec import Frame, encode_payload, full_payload
+from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.router import FrameSink, Router
 from gcs_server.supervise import Supervisor
@@ -26,9 +26,6 @@ from gcs_server.vehicle.population import (
 from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
-ASK_EVERY_S = 1.0
-ASK_TIMES = 5
-ASK_RARELY_S = 30.0
 LOOK_AGAIN_S = 0.25
 """How seldom a full link is searched for somebody who makes room."""
 OTHER_MARK = "~"
@@ -192,7 +189,7 @@ class Fleet(FrameSink):
             if endpoint.vehicle is None:
                 self._place(endpoint)
             if endpoint.version is None and now_s >= endpoint.ask_next_s:
-                self._ask_version(endpoint, now_s)
+                endpoint.ask_version(now_s)
         for vehicle in list(self._vehicles.values()):
             vehicle.isolation.run("the regular work", vehicle.tick)
 
@@ -211,7 +208,7 @@ class Fleet(FrameSink):
             connection, peer, frame.system_id, frame.component_id, payload, first_heard_s=now_s, heard_s=now_s
         )
         self._endpoints[(connection, peer.name, frame.system_id)] = endpoint
-        self._ask_version(endpoint, now_s)
+        endpoint.ask_version(now_s)
         return endpoint
 
     def _may_have_endpoint(self, connection: Connection, now_s: float) -> bool:
@@ -363,22 +360,6 @@ class Fleet(FrameSink):
 
     def _forget(self, endpoint: Endpoint) -> None:
         self._endpoints.pop((endpoint.connection, endpoint.peer.name, endpoint.system_id), None)
-
-    def _ask_version(self, endpoint: Endpoint, now_s: float) -> None:
-        if endpoint.connection.link.replay:
-            endpoint.ask_next_s = float("inf")
-            return
-        endpoint.asked += 1
-        endpoint.ask_next_s = now_s + (ASK_EVERY_S if endpoint.asked < ASK_TIMES else ASK_RARELY_S)
-        request = d.MAVLink_command_long_message(
-            endpoint.system_id,
-            endpoint.component_id,
-            d.MAV_CMD_REQUEST_MESSAGE,
-            0,
-            d.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
-            *(0.0,) * 6,
-        )
-        endpoint.connection.sender.send(request.id, encode_payload(request), endpoint.peer)
 
     # --- telling --------------------------------------------------------------------------------
 

@@ -1,0 +1,55 @@
+"""A browser and two flying vehicles for the tests by keyboard: one of each a module."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import REPOSITORY, chromium
+from tests.e2e.fast_station import FAST, Station
+from tests.station import free_port, server, vehicle
+from tools import build_page
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def port() -> int:
+    """Where the vehicles send to."""
+    return free_port()
+
+
+@pytest.fixture(scope="module")
+def vehicles(port: int) -> Iterator[int]:
+    """The process group of two vehicles, so that the room for groups is there too; 101 is flown."""
+    with vehicle(port, instances=2, more=FAST) as process:
+        yield process.pid
+
+
+@pytest.fixture(scope="module")
+def field(port: int, vehicles: int) -> Iterator[Station]:
+    """One station for all."""
+    assert vehicles
+    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url, client="e2e") as gcs:
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
+        yield Station(url, gcs, drone)
+
+
+@pytest.fixture
+def flying(field: Station) -> Station:
+    """The station with its vehicle in Hold, in the air."""
+    if not field.drone.status()["armed"]:
+        field.drone.takeoff(6)
+    field.drone.hold()
+    field.drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold in the air")
+    return field

@@ -1,0 +1,172 @@
+"""A confirmation of the page, and what must hold for each; commands that are kept from the server."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+from playwright.sync_api import Locator, Page, Route, expect
+
+from tests.station import wait_until
+
+LONGER_THAN_A_GLANCE_MS = 150
+
+AT = """
+() => document.activeElement.dataset.stop ??= String(window.stops = (window.stops ?? 0) + 1)
+"""
+HAS_FOCUS = "(dialog) => dialog.contains(document.activeElement)"
+CONTROLS = """
+(dialog) => [...dialog.querySelectorAll('button, input, select, textarea, a[href], [tabindex]')]
+  .filter((one) => !one.disabled && one.tabIndex >= 0 && one.checkVisibility()).length
+"""
+BUTTONS = """
+() => [...new Set([...document.querySelectorAll('button')]
+  .filter((one) => !one.disabled && one.ariaDisabled !== 'true' && one.checkVisibility())
+  .map((one) => one.ariaLabel ?? one.textContent.replace(/\\s+/g, ' ').trim()))]
+"""
+DESCRIBED = """
+(dialog) => [dialog.getAttribute('aria-modal') === 'true' ? 'modal' : '',
+  ...['aria-labelledby', 'aria-describedby'].map((a) => document.getElementById(dialog.getAttribute(a)))
+    .map((one) => one?.innerText ?? '')]
+"""
+FOCUS_OUTSIDE = "() => [...document.querySelectorAll('.dock button')].at(-1).focus()"
+ELSEWHERE = ("body", "[role=alertdialog] [aria-label=Cancel]", ".dock button:last-child")
+HELD_ELSEWHERE = """
+([where, key, held_ms]) => new Promise((done) => {
+  const knob = document.querySelector('[role=alertdialog] [role=slider]');
+  const code = key === ' ' ? 'Space' : key;
+  const send = (on, type, key, repeat) =>
+    on?.dispatchEvent(new KeyboardEvent(type, { key, code, repeat, bubbles: true, cancelable: true }));
+  send(knob, 'keydown', 'Home', false);
+  send(document.querySelector(where), 'keydown', key, false);
+  setTimeout(() => {
+    send(document.querySelector(where), 'keydown', key, true);
+    requestAnimationFrame(() => done(knob.isConnected ? knob.ariaValueNow : 'closed'));
+  }, held_ms);
+})
+"""
+"""A key that goes down on what does not confirm, wherever the focus is, and is not let go."""
+
+
+def refuse_commands(page: Page) -> list[str]:
+    """From now on no command of the page reaches the server; answers those that it gave."""
+    commands: list[str] = []
+    asks_only = re.compile("/scene/|/readiness/check|/params/refresh")
+
+    def answer(route: Route) -> None:
+        if route.request.method == "GET" or asks_only.search(route.request.url):
+            route.fallback()
+            return
+        commands.append(route.request.url)
+        problem = {"title": "Not in this test", "detail": "No command is sent.", "code": "refused"}
+        route.fulfill(status=409, content_type="application/problem+json", json=problem)
+
+    page.route("**/api/v1/**", answer)
+    return commands
+
+
+class Question:
+    """An open confirmation, and what must hold for each."""
+
+    def __init__(self, page: Page, commands: list[str]) -> None:
+        self.page, self.commands = page, commands
+        self.dialog = page.get_by_role("alertdialog")
+        self.knob = self.dialog.get_by_role("slider")
+        self.title = self.dialog.get_by_role("heading").inner_text()
+        self._ask: Callable[[], None] = lambda: None
+
+    def check(self, ask: Callable[[], None]) -> None:
+        """Everything but its own slider leaves it unconfirmed; `ask` opens it again."""
+        self._ask = ask
+        self._announces_itself()
+        self._keeps_the_keyboard()
+        self._heeds_no_key_elsewhere()
+        self._is_cancelled_by_its_button_and_by_escape()
+        assert self.commands == [], f"{self.title}: sent without being confirmed"
+        self._is_confirmed_on_its_slider()
+
+    def open(self) -> None:
+        """Asks anew where it was cancelled or has expired; just after that a press counts as one too late."""
+
+        def asked() -> bool:
+            if not self.dialog.is_visible():
+                self._ask()
+            return self.dialog.is_visible()
+
+        wait_until(asked, f"the question {self.title!r}")
+
+    def _announces_itself(self) -> None:
+        self.open()
+        expect(self.knob, self.title).to_be_focused()
+        named = self.dialog.evaluate(DESCRIBED)
+        assert all(text.strip() for text in named), (self.title, named)
+
+    def _keeps_the_keyboard(self) -> None:
+        for key in ("Tab", "Shift+Tab"):
+            self.open()
+            controls = self.dialog.evaluate(CONTROLS)
+            reached: set[str] = set()
+            for _ in range(controls + 1):
+                self.page.keyboard.press(key)
+                assert self.dialog.evaluate(HAS_FOCUS), f"{self.title}: {key} leaves it"
+                reached.add(self.page.evaluate(AT))
+            assert len(reached) == controls, f"{self.title}: {key} goes round in it"
+        self.open()
+        self.page.evaluate(FOCUS_OUTSIDE)
+        wait_until(lambda: self.dialog.evaluate(HAS_FOCUS), "the keyboard's return into the question")
+
+    def _heeds_no_key_elsewhere(self) -> None:
+        for where in ELSEWHERE:
+            for key in (" ", "Enter"):
+                self.open()
+                now = self.page.evaluate(HELD_ELSEWHERE, [where, key, LONGER_THAN_A_GLANCE_MS])
+                assert now == "0", f"{self.title}: {key!r} held on {where} moves it to {now}"
+
+    def _is_cancelled_by_its_button_and_by_escape(self) -> None:
+        for key in ("Enter", "Space"):
+            self.open()
+            self.dialog.get_by_role("button", name="Cancel").focus()
+            self.page.keyboard.down(key)
+            self.page.wait_for_timeout(LONGER_THAN_A_GLANCE_MS)
+            self.page.keyboard.down(key)  # the keyboard repeats
+            self.page.keyboard.up(key)
+            expect(self.dialog, f"{self.title}: {key} on Cancel").to_be_hidden()
+        self.open()
+        for key in ("Space", "Enter", "End", "PageUp"):
+            self.knob.press(key)  # let go at once
+        expect(self.knob, self.title).to_have_attribute("aria-valuenow", "0")
+        self.page.keyboard.press("Escape")
+        expect(self.dialog, f"{self.title}: Escape").to_be_hidden()
+
+    def _is_confirmed_on_its_slider(self) -> None:
+        self.open()
+        expect(self.knob).to_be_focused()
+        self.page.keyboard.down("Space")
+        expect(self.dialog, f"{self.title}: Space held on its slider").to_be_hidden()
+        for _ in range(3):
+            self.page.keyboard.down("Space")  # the keyboard repeats, now with the focus on another button
+        self.page.keyboard.up("Space")
+        wait_until(lambda: self.commands, f"the command of {self.title!r}")
+        expect(self.dialog, f"{self.title}: asks again by the same press").to_be_hidden()
+        assert len(self.commands) == 1, (self.title, self.commands)
+        self.commands.clear()
+
+
+def press_new_buttons(page: Page, pressed: set[str], where: str) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Enter on each button in sight that was not pressed before; those that ask, and how they ask again."""
+    dialog = page.get_by_role("alertdialog")
+    for name in page.evaluate(BUTTONS):
+        named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some count
+        button = page.get_by_role("button", name=re.compile(f"^{named}")).first  # and what it adds later
+        if named in pressed or not button.is_visible() or button.is_disabled():
+            continue
+        pressed.add(named)
+
+        def ask(button: Locator = button) -> None:
+            button.focus()
+            page.keyboard.press("Enter")
+
+        ask()
+        page.wait_for_timeout(20)
+        if dialog.is_visible():
+            yield f"{name!r} in {where}", ask

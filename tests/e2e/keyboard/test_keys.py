@@ -1,0 +1,100 @@
+"""What single keys do: on Cancel, after a control was used, on the gimbal's pad."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from tests.e2e.browser import in_both_themes, opened
+from tests.e2e.fast_station import Station
+from tests.e2e.keyboard.question import refuse_commands
+from tests.station import wait_until
+
+pytestmark = pytest.mark.browser
+
+LONGER_THAN_ANY_HOLD_MS = 2_000
+
+
+@pytest.mark.parametrize("key", ["Space", "Enter"])
+def test_a_key_held_on_cancel_stops_no_motors(browser: Browser, flying: Station, key: str) -> None:
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        commands = refuse_commands(page)
+        page.keyboard.press("Shift+K")
+        dialog = page.get_by_role("alertdialog")
+        dialog.get_by_role("button", name="Cancel").focus()
+        for _ in range(5):  # the keyboard repeats
+            page.keyboard.down(key)
+            page.wait_for_timeout(LONGER_THAN_ANY_HOLD_MS / 5)
+        page.keyboard.up(key)
+        expect(dialog).to_be_hidden()
+        assert commands == []
+
+
+def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Browser, flying: Station) -> None:
+    drone = flying.drone
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        commands = refuse_commands(page)
+        page.keyboard.press("p")
+        room = page.get_by_role("region", name="Offboard room")
+        box = room.get_by_role("checkbox", name="Renew it while this page is open")
+        box.focus()
+        page.keyboard.press("Space")
+        page.keyboard.press("h")
+        wait_until(lambda: commands, "Hold after a checkbox")
+        assert commands.pop().endswith("/vehicles/101/hold")
+
+        room.locator("summary").first.press("Enter")
+        choice = room.get_by_label("It shall")
+        choice.focus()
+        before = choice.input_value()
+        page.keyboard.press("h")
+        wait_until(lambda: commands, "Hold on a list")
+        assert commands.pop().endswith("/vehicles/101/hold")
+        assert choice.input_value() == before
+
+        field = room.get_by_label("Good for, seconds")
+        field.press("h")
+        assert commands == []  # a text is typed there
+
+        # switched off there is no key but Escape; the page says so, and the setting outlives it
+        page.keyboard.press("Escape")
+        page.get_by_role("button", name="Fly", exact=True).press("Enter")
+        page.keyboard.press("?")
+        page.get_by_role("checkbox", name="Single-key shortcuts").press("Space")
+        expect(page.get_by_role("status").filter(has_text="H does not hold")).to_be_visible()
+        assert in_both_themes(page) == []
+        page.keyboard.press("Escape")
+        page.reload()
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        off = page.get_by_role("button", name="Keys off")
+        expect(off).to_contain_text("Keys off")
+        for key in ("h", "t", "Shift+K", "?", "1"):
+            page.keyboard.press(key)
+        expect(page.get_by_role("alertdialog")).to_have_count(0)
+        off.press("Enter")
+        page.get_by_role("checkbox", name="Single-key shortcuts").press("Space")
+        page.keyboard.press("h")
+        wait_until(lambda: commands, "Hold, switched on again")
+    assert drone.status()["armed"]
+
+
+def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) -> None:
+    with opened(browser, flying.url, scene=False) as page:
+        card = page.get_by_label("Gimbal", exact=True)
+        card.get_by_role("button", name="Take").press("Enter")
+        pad = card.get_by_role("slider", name="Gimbal pad")
+        pad.press("Home")
+        expect(pad).to_have_attribute("aria-valuetext", "0° up, 0° right")
+        for key in ("PageDown", "PageDown", "ArrowDown", "ArrowRight"):
+            pad.press(key)
+        expect(pad).to_have_attribute("aria-valuetext", "21° down, 1° right")
+        expect(pad).to_have_attribute("aria-valuenow", "-21")
+
+        def pitch_rad() -> float:
+            gimbal = flying.drone.topic("gimbal")
+            return 0.0 if gimbal is None else float(gimbal["pitch_rad"])
+
+        wait_until(lambda: pitch_rad() < -0.3, "the camera turned by keys")
+        card.get_by_role("button", name="Release").press("Enter")

@@ -1,0 +1,78 @@
+"""Each control of each room is reached by keyboard; nothing that only counts is said aloud."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from tests.e2e.browser import opened
+from tests.e2e.fast_station import Station
+from tests.e2e.keyboard.walk import close_all, rooms, walk
+
+pytestmark = pytest.mark.browser
+
+A_FEW_SECONDS_MS = 2_500
+TICKING = """
+(wait_ms) => new Promise((done) => {
+  const said = [];
+  const live = ['status', 'alert', 'log', 'timer'].map((role) => `[role="${role}"]`)
+    .concat('[aria-live="polite"]', '[aria-live="assertive"]').join();
+  const watcher = new MutationObserver((changes) => {
+    for (const change of changes) {
+      const at = change.target.nodeType === 3 ? change.target.parentElement : change.target;
+      const region = at?.closest(live);
+      if (!region || at.closest('[aria-live="off"]') || at.closest('[aria-hidden="true"]')) continue;
+      if (region.getAttribute('aria-relevant') === 'additions' && change.type === 'characterData') continue;
+      said.push(region.outerHTML.slice(0, 160));
+    }
+  });
+  watcher.observe(document.body, { subtree: true, childList: true, characterData: true });
+  setTimeout(() => { watcher.disconnect(); done([...new Set(said)]); }, wait_ms);
+})
+"""
+
+
+def test_every_control_of_every_room_is_reached_by_tab_and_has_a_name(
+    browser: Browser, flying: Station
+) -> None:
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        for name, open_it in rooms(page):
+            open_it()
+            page.wait_for_timeout(50)
+            try:
+                walk(page, "Shift+Tab" if name == "fly" else "Tab")
+            except AssertionError as error:
+                raise AssertionError(f"in {name}: {error}") from error
+            if not name.startswith("room"):
+                close_all(page)
+
+
+def test_nothing_that_only_counts_is_said_aloud(browser: Browser, flying: Station, vehicles: int) -> None:
+    drone = flying.drone
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        start: dict[str, object] = {
+            "setpoint": {"type": "position", "position_ned_m": [0, 0, -6]},
+            "valid_for_s": 60,
+        }
+        drone.request("POST", "/offboard/start", start)
+        expect(page.locator(".pill b")).to_have_text("Offboard")
+        for open_it in (lambda: None, lambda: page.keyboard.press("p"), lambda: page.keyboard.press("y")):
+            open_it()
+            page.wait_for_timeout(500)
+            assert page.evaluate(TICKING, A_FEW_SECONDS_MS) == []
+        drone.hold()
+        os.killpg(vehicles, signal.SIGSTOP)
+        try:
+            expect(page.locator(".pill b")).to_have_text("Connection lost")
+            expect(page.get_by_role("button", name=re.compile("^101"))).to_contain_text("lost")
+            page.wait_for_timeout(500)
+            assert page.evaluate(TICKING, A_FEW_SECONDS_MS) == []
+        finally:
+            os.killpg(vehicles, signal.SIGCONT)
+        expect(page.locator(".pill b")).not_to_have_text("Connection lost")

@@ -1,0 +1,99 @@
+"""Through the page by Tab: what is reached, and how each room and panel is opened by keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.station import wait_until
+
+MOST_STOPS = 300
+STOPS_AT_ONCE = 20
+MOST_PANELS = 6
+
+WALK = """
+() => {
+  if (!window.walked) document.addEventListener('focusin', (e) => window.walked.add(e.target));
+  window.walked = new Set();
+  document.activeElement.blur();
+}
+"""
+UNREACHED = """
+() => [...document.querySelectorAll(
+    'a[href], button, input, select, textarea, summary, [tabindex], [role="slider"], [role="button"]')]
+  .filter((one) => !one.disabled && one.tabIndex >= 0 && one.checkVisibility({ visibilityProperty: true })
+    && one.closest('[aria-hidden="true"], [inert]') === null && !window.walked.has(one)
+    && !(one.type === 'radio'))
+  .map((one) => one.outerHTML.slice(0, 140))
+"""
+WITHOUT_A_NAME = """
+() => [...window.walked].filter((one) => one.isConnected && one !== document.body && one.tabIndex >= 0
+    && !(one.ariaLabel || one.textContent.trim() || one.title || one.labels?.length))
+  .map((one) => one.outerHTML.slice(0, 140))
+"""
+
+
+def walk(page: Page, way: str) -> None:
+    """Tab through all of the page; every control that is seen is reached and has a name."""
+    page.evaluate(WALK)
+    for _ in range(0, MOST_STOPS, STOPS_AT_ONCE):
+        before = page.evaluate("() => window.walked.size")
+        for _ in range(STOPS_AT_ONCE):
+            page.keyboard.press(way)
+        if page.evaluate("() => window.walked.size") == before:
+            break  # it has come round
+    else:
+        pytest.fail(f"{MOST_STOPS} times {way} do not come round")
+    assert page.evaluate(UNREACHED) == []
+    assert page.evaluate(WITHOUT_A_NAME) == []
+
+
+def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
+    """Every room and panel, and how it is opened by keys."""
+
+    def way(name: str) -> Callable[[], None]:
+        def choose() -> None:
+            page.get_by_label("How setpoints are given").get_by_role("button", name=name, exact=True).focus()
+            page.keyboard.press("Enter")
+
+        return choose
+
+    def flights() -> None:
+        page.get_by_role("button", name="Recorded flights", exact=True).focus()
+        page.keyboard.press("Enter")
+        flights = page.get_by_role("region", name="Recorded flights")
+        flights.get_by_role("list").or_(flights.get_by_text("Nothing is recorded")).first.wait_for()
+
+    def menu() -> None:
+        place = page.get_by_role("dialog", name="At this place")
+
+        def opened_here() -> bool:
+            page.get_by_role("application", name="Map from above").focus()
+            page.keyboard.press("Shift+ArrowUp")  # not on a vehicle
+            page.keyboard.press("Enter")
+            return place.is_visible()
+
+        wait_until(opened_here, "the menu at a place")
+
+    def key(character: str) -> Callable[[], None]:
+        return lambda: page.keyboard.press(character)
+
+    keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
+    keys["vehicles"] = "j"
+    parts = [(f"room: {name}", way(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
+    return [
+        ("fly", lambda: None),
+        *((name, key(character)) for name, character in keys.items()),
+        ("flights", flights),
+        ("spot menu", menu),
+        ("room", key("p")),
+        *parts,
+    ]
+
+
+def close_all(page: Page) -> None:
+    """Escape closes one after the other."""
+    for _ in range(MOST_PANELS):
+        page.keyboard.press("Escape")

@@ -1,0 +1,116 @@
+import { describe, expect, it } from 'vitest';
+import { call, question, unavailable, type ActionFacts, type ActionName } from './actions';
+import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
+
+const facts: ActionFacts = {
+  vehicleId: '1',
+  vehicleName: '1 Quad',
+  armed: true,
+  inAir: true,
+  alt_home_m: 12.44,
+  fromHome_m: 48.2,
+  mode: 'offboard',
+  streaming: true,
+  takeoffAlt_home_m: 10,
+  battery_percent: 82,
+};
+
+describe('actions', () => {
+  it('name vehicle, action and effect with numbers', () => {
+    expect(question('rtl', facts)).toMatchObject({ title: 'Return 1 Quad', effect: expect.stringContaining('48.2 m back') });
+    expect(question('rtl', facts)?.effect).toContain('Offboard ends.');
+    expect(question('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
+    expect(question('land', { ...facts, fromHome_m: null })?.effect).toContain('an unknown distance');
+  });
+  it('say that the vehicle falls, and confirm in the words the server wants', () => {
+    expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
+    expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
+    expect(call('kill', { ...facts, vehicleId: '1~2' })).toEqual({ path: '/vehicles/1~2/kill', body: { confirm: 'motors stop, vehicle 1~2 falls' } });
+  });
+  it('never ask before Hold and never disable it or Stop motors for a vehicle', () => {
+    expect(question('hold', facts)).toBeNull();
+    const worst = { ...facts, lost: true, replayed: false };
+    for (const action of ['hold', 'kill'] as ActionName[]) expect(unavailable(action, worst)).toBeNull();
+    expect(unavailable('land', worst)).not.toBeNull();
+    expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('It is in the air.');
+  });
+
+  it('say of a recording that it takes no commands, whatever is pressed', () => {
+    for (const action of ['arm', 'takeoff', 'land', 'rtl', 'hold', 'kill', 'offboard_start'] as ActionName[]) {
+      expect(unavailable(action, { ...facts, lost: false, replayed: true })).toBe('A recording takes no commands.');
+    }
+  });
+});
+
+/** Looks once per frame, as the page does while it is painted. */
+function look(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
+  for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) c.tick(at_s);
+  return c.tick(to_s);
+}
+
+describe('confirmation', () => {
+  it('expires after five seconds untouched', () => {
+    const c = new Confirmation(false, 100);
+    expect(c.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
+    expect(c.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
+  });
+  it('needs the key held to its end, longer for what is dangerous', () => {
+    const c = new Confirmation(false, 0);
+    c.press(1);
+    c.press(1.5); // the keyboard repeats
+    expect(look(c, 1, 1 + HOLD_S - 0.01)).toBe('asking');
+    expect(look(c, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
+    const kill = new Confirmation(true, 0);
+    kill.press(0);
+    expect(look(kill, 0, HOLD_S)).toBe('asking');
+    expect(look(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
+  });
+  it('starts over when let go early, and does not expire under the finger', () => {
+    const c = new Confirmation(true, 0);
+    c.press(4.5);
+    expect(look(c, 4.5, 5.5)).toBe('asking');
+    c.release(5.6);
+    expect(c.progress()).toBe(0);
+    expect(c.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
+    const dropped = new Confirmation(false, 0);
+    dropped.press(0);
+    dropped.release(10);
+    expect(dropped.tick(10.1)).toBe('asking');
+  });
+  it('does not take a page that stood still for a key that was held', () => {
+    const kill = new Confirmation(true, 0);
+    kill.press(0);
+    expect(kill.tick(0.02)).toBe('asking');
+    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been let go after a tenth
+    kill.release(4.01);
+    expect(look(kill, 4.02, 6)).toBe('asking');
+  });
+  it('is done by the arrow keys step by step, each a press, and goes back when the knob loses the keyboard', () => {
+    const c = new Confirmation(true, 0);
+    for (let i = 1; i < KNOB_STEPS; i++) c.step(1, i * 0.2);
+    expect([c.tick(2), c.progress()]).toEqual(['asking', 0.9]);
+    c.step(-1, 2);
+    expect(c.progress()).toBe(0.8);
+    c.release(2.1);
+    expect(c.progress()).toBe(0);
+    for (let i = 0; i < 3; i++) c.step(1, 3);
+    c.step(-Infinity, 3);
+    expect(c.progress()).toBe(0);
+    for (let i = 0; i < KNOB_STEPS; i++) c.step(1, 4);
+    expect(c.tick(4)).toBe('confirmed');
+    const expires = new Confirmation(true, 0);
+    expires.step(1, 1);
+    expect(expires.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
+  });
+  it('is done only by the whole way of the knob', () => {
+    const c = new Confirmation(false, 0);
+    c.slide(0.98, 1);
+    c.letGo(1.1);
+    expect(c.tick(1.2)).toBe('asking');
+    expect(c.progress()).toBe(0);
+    c.slide(1.2, 2);
+    expect(c.tick(2)).toBe('confirmed');
+    c.cancel();
+    expect(c.phase).toBe('confirmed');
+  });
+});

@@ -1,0 +1,10 @@
+import { expect, it } from 'vitest';
+import { severityWord } from '../../ui/severity';
+import { shown } from './messages';
+
+it('gives what matters a word, and leaves debug out', () => {
+  expect(severityWord(2)).toMatchObject({ word: 'Critical', tone: 'danger' });
+  expect(severityWord(6).word).toBe('');
+  const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });
+  expect(shown([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
+});

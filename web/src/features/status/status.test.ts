@@ -1,0 +1,132 @@
+import { describe, expect, it } from 'vitest';
+import type { Status } from '../../live/topics';
+import { batteryIndicator, gpsIndicator } from './indicators';
+import { linkDetails, recordingIndicator, type LinkLine } from './links';
+import { statusWords, type StatusFacts } from './status-words';
+
+const status = (over: Partial<Status> = {}): Status => ({
+  armed: true,
+  mode: 'hold',
+  mode_label: 'Hold',
+  custom_mode: 1,
+  intended_custom_mode: null,
+  landed_state: 'in_air',
+  system_status: 4,
+  link_lost: false,
+  last_heartbeat_age_s: 0.2,
+  ...over,
+});
+const words = (over: Partial<StatusFacts>) => statusWords({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
+
+describe('status words', () => {
+  it('says who makes it fly', () => {
+    expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
+      title: 'Offboard',
+      who: 'server streams position, 50 Hz for a',
+      tone: 'target',
+    });
+    expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
+    expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
+    expect(words({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
+  });
+  it('does not call ready what has not said so', () => {
+    const down = status({ armed: false, landed_state: 'on_ground' });
+    expect(words({ status: down, ready: true }).title).toBe('Ready');
+    expect(words({ status: down, ready: false })).toMatchObject({ title: 'Not ready', tone: 'caution' });
+    expect(words({ status: down }).title).toBe('Disarmed');
+    expect(words({ status: null }).title).toBe('No vehicle state');
+  });
+  it('puts lost, replay and failsafe before the mode', () => {
+    expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
+    expect(words({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
+    expect(words({ replayed: true }).title).toBe('Replay');
+    expect(words({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
+  });
+});
+
+it('shows severity with a word, and unknown as unknown', () => {
+  const reading = (remaining_percent: number | null) => ({
+    value: {
+      remaining_percent,
+      voltage_v: null,
+      current_a: null,
+      consumed_mah: null,
+      time_remaining_s: null,
+      cell_voltages_v: null,
+      battery_id: 0,
+      batteries: [],
+    },
+    age_s: 0,
+    stale: false,
+  });
+  expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: 'empty', text: '9 %' });
+  expect(batteryIndicator(reading(null)).text).toBe('–');
+  expect(batteryIndicator(null).text).toBe('–');
+  expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({
+    text: '3 · no fix',
+    severity: 'danger',
+  });
+});
+
+it('says that a recording stopped, and does not claim one that nobody told of', () => {
+  const link: LinkLine = {
+    name: 'a',
+    url: 'udpin://x',
+    state: 'open',
+    detail: '',
+    replay: false,
+    forward: false,
+    peers: [],
+    bytes_received: 5,
+    bytes_sent: 0,
+    bytes_dropped: 0,
+    recording: { file: 'a.tlog', bytes: 2_000_000, started_unix_s: 1000, stopped: null },
+    frames_received: 3,
+    frames_unknown: 0,
+    frames_lost: 0,
+    crc_errors: 0,
+    bytes_skipped: 0,
+    handler_errors: 0,
+    frames_sent: 0,
+    frames_waiting: 0,
+    frames_replaced: 0,
+    frames_expired: 0,
+    frames_dropped: 0,
+    frames_refused: 0,
+    frames_unverified: 0,
+    signing: null,
+  };
+  const recorded = (change: object): LinkLine => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
+  expect(recordingIndicator([], false, 1221).text).toBe('–');
+  expect(recordingIndicator([link], true, 1221)).toMatchObject({ text: '03:41', severity: 'none' });
+  expect(recordingIndicator([link], true, 1221).details[0]?.[1]).toContain('a.tlog · 2.0 MB');
+  expect(recordingIndicator([recorded({ file: null, started_unix_s: null })], true, 1221).text).toBe('Waiting');
+  expect(recordingIndicator([{ ...link, replay: true, recording: null }], true, 1221).text).toBe('None');
+  expect(recordingIndicator([{ ...link, recording: null }], true, 1221)).toMatchObject({ text: 'Off', severity: 'caution' });
+  const stopped = recordingIndicator([link, recorded({ stopped: 'disk full' })], true, 1221);
+  expect(stopped).toMatchObject({ text: 'Stopped', severity: 'danger' });
+  expect(stopped.details[1]?.[1]).toBe('disk full');
+  const two = linkDetails(
+    [
+      { ...link, frames_received: 98, frames_lost: 2, crc_errors: 1 },
+      { ...link, name: 'b', state: 'waiting', detail: 'port taken' },
+    ],
+    null,
+  ).details;
+  expect(two.filter(([name]) => name === '').map(([, value]) => value)).toEqual(['a', 'b']);
+  expect(two).toContainEqual(['Frames', '98 in, 2 lost (2.0 %)']);
+  expect(two).toContainEqual(['CRC errors', '1']);
+  expect(two.some(([, value]) => value.includes('port taken'))).toBe(true);
+  expect(two.some(([name]) => name === 'Signing')).toBe(false);
+  const signing = { key: 'field', mode: 'required', link_id: 0, unsigned: 2, wrong_signature: 1, replayed: 0, too_old: 0, too_many_streams: 0 };
+  const signed = linkDetails(
+    [
+      { ...link, signing, frames_refused: 3 },
+      { ...link, frames_unverified: 4 },
+    ],
+    null,
+  ).details;
+  expect(signed).toContainEqual(['Signing', 'key field, required; 3 frames refused']);
+  expect(signed).toContainEqual(['Not verified', '4 signed frames (this link has no key)']);
+  expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
+});
