@@ -83,6 +83,12 @@ def same_client(client_id: str) -> str:
     return f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}"
 
 
+def press(control: Locator, key: str) -> None:
+    """Presses a key on a control once it can be used; on a disabled one the press would be lost."""
+    expect(control).to_be_enabled()
+    control.press(key)
+
+
 class Watched:
     """Everything a page asked for and complained of."""
 

@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, serious_violations
+from tests.e2e.browser import (
+    REPOSITORY,
+    chromium,
+    hold_space,
+    in_both_themes,
+    opened,
+    press,
+    serious_violations,
+)
 from tests.e2e.fast_station import Station
 from tools import build_page
 
@@ -47,7 +55,7 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         refusal.get_by_role("button", name="Why, for every mode").click()
         expect(panel).to_contain_text("Cannot arm in Position")
         expect(panel).to_contain_text("The vehicle is in Position and cannot be armed in it. Choose Hold.")
-        panel.get_by_role("button", name="Switch to Hold").press("Enter")
+        press(panel.get_by_role("button", name="Switch to Hold"), "Enter")
         expect(panel).to_contain_text("Ready to arm in Hold")  # as it changes, with nothing pressed
 
         start = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -2]}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import in_both_themes, opened
+from tests.e2e.browser import in_both_themes, opened, press
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.question import refuse_commands
 from tests.station import wait_until
@@ -60,9 +60,9 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
 
         # switched off there is no key but Escape; the page says so, and the setting outlives it
         page.keyboard.press("Escape")
-        page.get_by_role("button", name="Fly", exact=True).press("Enter")
+        press(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")
-        page.get_by_role("checkbox", name="Single-key shortcuts").press("Space")
+        press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         expect(page.get_by_role("status").filter(has_text="H does not hold")).to_be_visible()
         assert in_both_themes(page) == []
         page.keyboard.press("Escape")
@@ -73,8 +73,8 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         for key in ("h", "t", "Shift+K", "?", "1"):
             page.keyboard.press(key)
         expect(page.get_by_role("alertdialog")).to_have_count(0)
-        off.press("Enter")
-        page.get_by_role("checkbox", name="Single-key shortcuts").press("Space")
+        press(off, "Enter")
+        press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         page.keyboard.press("h")
         wait_until(lambda: commands, "Hold, switched on again")
     assert drone.status()["armed"]
@@ -83,7 +83,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
 def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) -> None:
     with opened(browser, flying.url, scene=False) as page:
         card = page.get_by_label("Gimbal", exact=True)
-        card.get_by_role("button", name="Take").press("Enter")
+        press(card.get_by_role("button", name="Take"), "Enter")
         pad = card.get_by_role("slider", name="Gimbal pad")
         pad.press("Home")
         expect(pad).to_have_attribute("aria-valuetext", "0° up, 0° right")
@@ -97,4 +97,4 @@ def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) 
             return 0.0 if gimbal is None else float(gimbal["pitch_rad"])
 
         wait_until(lambda: pitch_rad() < -0.3, "the camera turned by keys")
-        card.get_by_role("button", name="Release").press("Enter")
+        press(card.get_by_role("button", name="Release"), "Enter")
