@@ -43,6 +43,8 @@ SENT_WAITING = 20_000
 """So many frames wait for a server that stands still; more are missing from its recording."""
 UPDATE_EVERY_S = 0.05
 """How the streams stand is told so often while there are any, and at once when a phase changes."""
+AWAKE_ANYWAY_S = 0.01
+"""So much earlier where the process is awake for a setpoint: what wakes for an update delays the next one."""
 MOST_WAITING_BYTES = 8_000_000
 """For a server that stands still; answers alone wait, so that this is never reached by one that lives."""
 LONGEST_RUN_US = 1_000_000
@@ -64,9 +66,9 @@ class WorkerReports:
         self._told_s = 0.0
 
     @property
-    def waits(self) -> bool:
-        """Whether something is yet to be told."""
-        return bool(self._sent)
+    def due_s(self) -> float:
+        """When what waits is to be told; infinity where nothing does."""
+        return self._told_s + SENT_EVERY_S if self._sent else float("inf")
 
     def sent(self, what: Sent) -> None:
         """A frame went out."""
@@ -82,7 +84,7 @@ class WorkerReports:
 
     def tell(self, now_s: float) -> None:
         """Tells what went out, unless it did so just now."""
-        if now_s - self._told_s < SENT_EVERY_S:
+        if now_s < self.due_s:
             return
         self._told_s = now_s
         while self._sent:
@@ -175,9 +177,7 @@ class Worker:
                 if self._updates.is_due(now_s) and not self._messages.waits:
                     self._messages.send((self._updates.update(now_s),))
                 news_due_s = float("inf") if self._messages.waits else self._updates.due_s
-                wait_s = min(due_s, news_due_s) - now_s
-                if self.reports.waits:
-                    wait_s = min(wait_s, SENT_EVERY_S)
+                wait_s = min(due_s, news_due_s, self.reports.due_s) - now_s
                 if now_s - rested_s > LONGEST_SPELL_S:
                     wait_s = max(wait_s, REST_S)
                 if wait_s > 0:
@@ -264,7 +264,7 @@ class StreamUpdates:
             or scheduler.has_news
             or (self._handled != self._told_handled and not going)  # else the next one says so
         )
-        return changed or now_s >= self.due_s
+        return changed or now_s >= self.due_s - AWAKE_ANYWAY_S
 
     def update(self, now_s: float, only: tuple[str, ...] | None = None) -> Update:
         """Of these vehicles, or of all that are streamed to or have just ended."""

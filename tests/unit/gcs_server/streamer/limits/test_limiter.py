@@ -175,7 +175,7 @@ def test_what_is_not_a_number_never_goes_out(wanted, limits, poison):
         broken = Position((0.0, 0.0, poison))
     result = apply_limits(broken, limits, None)
     assert result.setpoint is None
-    assert "not a number" in result.stop
+    assert "not a finite number" in result.stop
 
 
 @given(vector, bounds())
@@ -258,9 +258,10 @@ def test_kinds_that_steer_no_place_are_taken_over_in_time(wanted):
     assert "leave" in apply_limits(wanted, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
     assert "leave" in apply_limits(wanted, limits, VehicleMotion((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop
     assert (
-        "height" in apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
+        "altitude"
+        in apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
     )
-    assert "not known" in apply_limits(wanted, limits, None).stop
+    assert "No valid position" in apply_limits(wanted, limits, None).stop
     assert apply_limits(wanted, Bounds(), None).stop is None
 
 
