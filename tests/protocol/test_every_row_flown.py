@@ -229,7 +229,7 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
         assert 20 < farthest < 25.2
         assert 10.5 < highest < 12.2
         status = vehicle.offboard.status()
-        assert any("before the edge" in words for words in status.limited)
+        assert any("before the fence" in words for words in status.limited)
         assert math.hypot(*local(vehicle).velocity_ned_m_s[:2]) < 0.4
         assert "limited" in codes(vehicle)
         # back, then by attitude, which steers no place: taken over in time
