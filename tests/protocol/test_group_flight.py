@@ -255,6 +255,6 @@ def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_abov
         assert finding["held"] == ["1", "2"]
         assert finding["distance_m"] > nearest_m
         said = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
-        assert any("Vehicles 1 and 2 are" in text and "asking for Hold mode" in text for text in said)
+        assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in said)
 
     sky(jump, story)

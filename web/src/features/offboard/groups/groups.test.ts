@@ -3,7 +3,22 @@ import { ApiClient } from '../../../api/client';
 import { Turns } from '../../../api/turns';
 import type { Refusal } from '../../../app/actions/controller.svelte';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
-import { commandable, distanceTone, findingsShown, listed, memberWords, nearestNow, newestOver, readGroup, stateWords, validLeft_s, withGroup, keyOf, type Group, type Heard } from './group';
+import {
+  commandable,
+  distanceTone,
+  findingsShown,
+  listed,
+  memberWords,
+  nearestNow,
+  newestOver,
+  readGroup,
+  stateWords,
+  validLeft_s,
+  withGroup,
+  keyOf,
+  type Group,
+  type Heard,
+} from './group';
 import { GroupDesk } from './groups.svelte';
 import { GroupKeeper, type Said } from './keeper';
 import { flownHow } from './order';
