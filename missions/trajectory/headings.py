@@ -16,6 +16,7 @@ from missions.trajectory.pieces import Array, Pieces
 PART_RAD = 0.2
 """A piece is cut into parts over which the heading turns no more than this; it is met at the ends of each."""
 MAX_PARTS = 64
+MAX_HALVINGS = 16
 NEAREST_M = 0.5
 """Over the ground; nearer to the point it looks at the vehicle keeps its heading."""
 TURN_RAD = 1e-6
@@ -76,10 +77,15 @@ def along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
 
 
 def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
-    """The nose towards a place; where the path passes over the place the heading stays."""
+    """The nose towards a place; where the path passes over the place the nose turns within a metre or so."""
     north, east, _ = heading.position_ned_m
-    places = pieces.points
-    pieces = pieces.split(_parts(_turned(np.arctan2(east - places[..., 1], north - places[..., 0]))))
+    for _ in range(MAX_HALVINGS):
+        n, e = north - pieces.points[..., 0], east - pieces.points[..., 1]
+        over = np.minimum(np.hypot(n, e)[:, 0], np.hypot(n, e)[:, -1]) < NEAREST_M
+        wide = ((_turned(np.arctan2(e, n)) > PART_RAD) | over) & (pieces.spans > 2.0 * NEAREST_M)
+        if not wide.any():
+            break
+        pieces = pieces.split(np.where(wide, 2, 1))
     (left, left_rate), (right, right_rate) = (
         _bearing(place, first, heading) for place, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
     )

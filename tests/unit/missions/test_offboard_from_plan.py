@@ -59,7 +59,7 @@ def test_a_return_and_a_landing_end_at_home() -> None:
         assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED))
 def test_any_plan_becomes_a_mission_or_a_plan_error(plan: Plan) -> None:
     with contextlib.suppress(PlanError):

@@ -294,7 +294,7 @@ STEPS = (
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.sampled_from(STEPS), st.tuples(*[st.sampled_from(EDGES)] * 6)), max_size=3))
 def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, tuple[float, ...]]]) -> None:
     steps: list[str] = []

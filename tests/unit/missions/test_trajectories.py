@@ -135,6 +135,17 @@ def test_the_nose_follows_the_path_and_turns_at_stops() -> None:
         assert abs(off) < math.radians(0.5)
 
 
+def test_a_path_over_the_place_it_looks_at_turns_there() -> None:
+    curve = through(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
+    found = curve.many(np.linspace(0.0, curve.duration_s, 20_000))
+    turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
+    assert np.abs(found.position_ned_m[turning, 0]).max() < 2.0
+    assert np.abs(np.diff(found.yaw_ned_rad)).max() < 0.01
+    assert abs(math.remainder(found.yaw_ned_rad[0] - found.yaw_ned_rad[-1], math.tau)) == pytest.approx(
+        math.pi
+    )
+
+
 def test_an_orbit_keeps_its_radius_and_looks_at_its_middle() -> None:
     curve = along(arc((10, 20, -30), 15.0, 2.0), LIMITS, LookAt((10.0, 20.0, 0.0)))
     assert curve.length_m == pytest.approx(math.tau * 15.0 * 2.0, rel=1e-6)
