@@ -15,6 +15,7 @@
     ├── Refused                  not sent: our own check says no, with the reason and the remedy
     │   ├── NotVerified          this autopilot or airframe is shown, not commanded
     │   ├── NotInControl         another client holds control of the vehicle
+    │   ├── PlanFindings         a plan has errors that the caller does not accept by name
     │   └── NotTogether          a group does not fly: one of its vehicles cannot, or they would come too near
     ├── Rejected                 the vehicle said no, in its own words
     ├── NoReply                  nothing came back within the deadline
@@ -205,6 +206,27 @@ class NotInControl(Refused):
 
     def details(self) -> dict[str, object]:
         return {"holder": self.holder, "holder_key": self.holder_key}
+
+
+class PlanFindings(Refused):
+    """A plan is not flown: it has error findings that the caller does not name."""
+
+    code = "plan_findings"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        codes: tuple[str, ...],
+        reasons: tuple[str, ...] = (),
+        remedy: str | None = None,
+    ) -> None:
+        super().__init__(f"{message} Nothing was sent.", remedy=remedy)
+        self.codes = codes
+        self.reasons = bounded_reasons(reasons)
+
+    def details(self) -> dict[str, object]:
+        return {"codes": list(self.codes), "reasons": list(self.reasons) or None}
 
 
 class NotTogether(Refused):

@@ -14,7 +14,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
-from gcs_server.api.station import StationDep
+from gcs_server.api.station import Station, StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.plans.files import PlanVersion
 from gcs_server.vehicle.samples import Home
@@ -67,10 +67,7 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     it does not know, and PX4's defaults and the plan's own home are taken instead.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    parameters, home, not_known = _known_of(vehicle)
-    arguments = {"plan": _text(body.plan), "parameters": parameters, "home": home}
-    found = await station.plan_work.run("check", arguments, small=_is_small(body.plan))
-    return answer({**found, "vehicle": body.vehicle, "not_known": not_known})
+    return answer(await check_for(station, body.plan, vehicle))
 
 
 @router.post(
@@ -200,6 +197,14 @@ async def delete_plan(
     with authorized_command(station, principal, "plans/delete", None, arguments):
         await station.plans.delete(plan, base_version=base_version, by=(principal.name, principal.key))
     return Response(status_code=204)
+
+
+async def check_for(station: Station, plan: Plan, vehicle: Vehicle | None) -> dict[str, Any]:
+    """Findings and estimates of a plan, by what is known of a vehicle; as `PlanCheck`."""
+    parameters, home, not_known = _known_of(vehicle)
+    arguments = {"plan": _text(plan), "parameters": parameters, "home": home}
+    found = await station.plan_work.run("check", arguments, small=_is_small(plan))
+    return {**found, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
 
 
 def _kept(head: PlanVersion, document: bytes, status: int = 200) -> Response:

@@ -107,6 +107,9 @@ class Problem(BaseModel):
     changed_unix_s: float | None = Field(
         default=None, description="With `conflict`: when it was saved [s since 1970 UTC]."
     )
+    codes: list[str] | None = Field(
+        default=None, description="With `plan_findings`: what `despite` would have to name."
+    )
     deadline_s: float | None = Field(default=None, description="With 504: how long was waited [s].")
 
 

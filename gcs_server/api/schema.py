@@ -15,6 +15,7 @@ from gcs_server.api import (
     gimbal_routes,
     group_routes,
     map_routes,
+    mission_routes,
     offboard_routes,
     operation_routes,
     param_routes,
@@ -49,6 +50,7 @@ def api_router() -> APIRouter:
         recording_routes,
         operation_routes,
         plan_routes,
+        mission_routes,
     ):
         router.include_router(part.router)
     return router

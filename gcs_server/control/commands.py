@@ -101,8 +101,10 @@ def _views(name: str, *calls: str) -> Command:
     return Command(name, "view", calls, journaled=False)
 
 
-def _flies(name: str, *calls: str, vehicles: str = "the vehicle", confirmed: bool = False) -> Command:
-    return Command(name, "fly", calls, "lease", vehicles, confirmed)
+def _flies(
+    name: str, *calls: str, vehicles: str = "the vehicle", confirmed: bool = False, words: str | None = None
+) -> Command:
+    return Command(name, "fly", calls, "lease", vehicles, confirmed, words)
 
 
 def _stops(name: str, label: str, *calls: str, words: str | None = None) -> Command:
@@ -137,6 +139,20 @@ ALL: tuple[Command, ...] = (
     _flies("rtl", "POST /vehicles/{v}/rtl", confirmed=True),
     _flies("mode", "POST /vehicles/{v}/mode"),
     _flies("goto", "POST /vehicles/{v}/goto", confirmed=True),
+    _flies(
+        "mission/upload",
+        "POST /vehicles/{v}/mission/upload",
+        confirmed=True,
+        words="vehicle {vehicle} flies the new mission at once",
+    ),
+    _flies(
+        "mission/clear",
+        "DELETE /vehicles/{v}/mission",
+        confirmed=True,
+        words="vehicle {vehicle} loses the mission that it flies",
+    ),
+    _flies("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True),
+    _flies("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True),
     _flies("offboard/start", "POST /vehicles/{v}/offboard/start", confirmed=True),
     _flies(
         "offboard/setpoint",
@@ -159,6 +175,7 @@ ALL: tuple[Command, ...] = (
     _configures("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),
     _configures("offboard/failsafe", "PUT /vehicles/{v}/offboard/failsafe"),
     Command("params/refresh", "configure", ("POST /vehicles/{v}/params/refresh",), journaled=False),
+    Command("mission/download", "configure", ("POST /vehicles/{v}/mission/download",), journaled=False),
     Command("readiness/check", "configure", ("POST /vehicles/{v}/readiness/check",), journaled=False),
     # control
     _control("take", confirmed=True),
@@ -207,6 +224,8 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/offboard",
         "GET /vehicles/{v}/offboard/limits",
         "GET /vehicles/{v}/gimbal",
+        "GET /vehicles/{v}/mission",
+        "GET /vehicles/{v}/mission/plan",
         "GET /vehicles/{v}/readiness",
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
@@ -222,6 +241,7 @@ ALL: tuple[Command, ...] = (
         "POST /plans/import",
         "POST /plans/export",
         "POST /plans/pattern",
+        "POST /vehicles/{v}/mission/compare",
     ),
     _views("operations", "GET /operations", "GET /operations/{o}"),
     _views("telemetry", "WS /telemetry", "WS /telemetry subscribe"),

@@ -34,6 +34,9 @@ _target_attitude = struct.Struct("<I4f3ff")
 _hud = struct.Struct("<4fhH")
 _estimator = struct.Struct("<Q8fH")
 
+_mission_current = struct.Struct("<HHBBIII")
+_mission_reached = struct.Struct("<H")
+
 FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
     d.MAVLINK_MSG_ID_ATTITUDE: _attitude,
@@ -48,6 +51,8 @@ FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_ATTITUDE_TARGET: _target_attitude,
     d.MAVLINK_MSG_ID_VFR_HUD: _hud,
     d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
+    d.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
+    d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: _mission_reached,
     **gimbal_decoder.FORMATS,
 }
 
@@ -270,6 +275,22 @@ def estimator(payloads: Payloads) -> Decoded:
     return samples.Estimator(values[9], number(values[7]), number(values[8])), values[0] / 1e6
 
 
+def mission(payloads: Payloads) -> Decoded | None:
+    """MISSION_CURRENT with the newest MISSION_ITEM_REACHED; nothing before the first MISSION_CURRENT."""
+    payload = payloads.get(d.MAVLINK_MSG_ID_MISSION_CURRENT)
+    if payload is None:
+        return None
+    current, total, _state, _mode, mission_id, fence_id, rally_id = _mission_current.unpack_from(payload)
+    passed = payloads.get(d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED)
+    reached = None if passed is None else _mission_reached.unpack_from(passed)[0]
+    return samples.Mission(current, item_count(total), reached, mission_id, fence_id, rally_id), None
+
+
+def item_count(total: int) -> int | None:
+    """MISSION_CURRENT.total: 65535 is no mission, 0 not told."""
+    return 0 if total == 0xFFFF else total or None
+
+
 Decoder = Callable[[Payloads], Decoded | None]
 GIMBAL_IDS = gimbal_decoder.IDS
 
@@ -285,6 +306,7 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "target_attitude": ((d.MAVLINK_MSG_ID_ATTITUDE_TARGET,), target_attitude),
     "hud": ((d.MAVLINK_MSG_ID_VFR_HUD,), hud),
     "health": ((d.MAVLINK_MSG_ID_SYS_STATUS,), health),
+    "mission": ((d.MAVLINK_MSG_ID_MISSION_CURRENT, d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED), mission),
     "estimator": ((d.MAVLINK_MSG_ID_ESTIMATOR_STATUS,), estimator),
 }
 """Topic → messages it is made of, and how. Attitude is chosen by `vehicle/state.py`: the newer of two."""

@@ -197,6 +197,25 @@ class Estimator:
 
 
 @dataclass(frozen=True, slots=True)
+class Mission:
+    """MISSION_CURRENT, and MISSION_ITEM_REACHED: what the vehicle holds, and where in it it is."""
+
+    current: int
+    """Index of the item that is flown, or would be flown next, from 0."""
+    count: int | None
+    """Items of its mission; None where it does not say."""
+    reached: int | None
+    """Index of the item that it reported last as reached, from 0, of whichever mission it flew then; None:
+    none."""
+    mission_id: int
+    """The vehicle's own sum over its mission; 0: none, or not told."""
+    fence_id: int
+    """The same of its geofence."""
+    rally_points_id: int
+    """The same of its rally points."""
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """What the vehicle is doing: HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE together."""
 
@@ -233,6 +252,7 @@ TOPICS: dict[str, type] = {
     "hud": Hud,
     "health": Health,
     "estimator": Estimator,
+    "mission": Mission,
 }
 
 

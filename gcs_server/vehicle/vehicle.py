@@ -30,6 +30,7 @@ from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.metadata import MetadataService
+from gcs_server.vehicle.services.mission import MissionService
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import MADE_OF, VehicleState
 
@@ -93,6 +94,7 @@ class Vehicle:
         """Messages that do more than become the newest of their kind."""
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
+        self.mission = MissionService(self)
         self.ftp = FtpService(self)
         self.metadata = MetadataService(self, self.ftp)
         self.params = ParamService(self, self.metadata)

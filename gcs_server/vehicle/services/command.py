@@ -116,7 +116,7 @@ class CommandService:
             try:
                 await self._arm(token, progress)
             except GcsError:
-                await self._leave_takeoff(token)
+                await self._into_hold_disarmed(token)
                 raise
             # once more: a height that was given to a disarmed vehicle may be forgotten when it arms
             again = Goal("take off to that height", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
@@ -130,6 +130,22 @@ class CommandService:
         if progress is not None:
             progress("Armed, waiting for lift-off", None)
         await self._run(token, None, lifted, progress)
+
+    async def start_mission(self, *, by: str | None = None, progress: Progress | None = None) -> None:
+        """Flies the mission that the vehicle holds, from its current item; arms where needed.
+
+        Returns once the vehicle is armed in Mission. Both requests name a state: sent again, they do nothing.
+        """
+        mission = BY_NAME["mission"]
+        self._vehicle.require_commandable()
+        token = self._begin("start the mission", mission, by)
+        await self._set_mode(token, mission, progress)
+        if not self._vehicle.facts.armed:
+            try:
+                await self._arm(token, progress)
+            except GcsError:
+                await self._into_hold_disarmed(token)
+                raise
 
     async def land(self, *, by: str | None = None, progress: Progress | None = None) -> None:
         """Lands where it is; returns once it is landing (or is down and disarmed already)."""
@@ -258,8 +274,8 @@ class CommandService:
                 await self._run(token, None, known, None)
         return home_of(vehicle).alt_amsl_m
 
-    async def _leave_takeoff(self, token: int) -> None:
-        """Left in Take off, arming later would start the climb."""
+    async def _into_hold_disarmed(self, token: int) -> None:
+        """Left in Take off or Mission, arming later would start the climb."""
         if token == self._newest and not self._vehicle.facts.armed:
             with suppress(GcsError):
                 await self._set_mode(token, BY_NAME["hold"], None)

@@ -1,0 +1,334 @@
+"""What a vehicle flies by itself: which plan it holds, uploading, downloading, comparing, starting it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Query, Response
+from msgspec import Raw
+
+from gcs_server.api import mission_models as m
+from gcs_server.api import responses
+from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.operation_routes import OperationModel, operation_view
+from gcs_server.api.plan_routes import check_for
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.api.vehicle_routes import carry_out
+from gcs_server.control.commands import API, BY_NAME
+from gcs_server.errors import InvalidRequest, PlanFindings, Refused
+from gcs_server.operations.operations import Operation, Report
+from gcs_server.vehicle.services.mission_compare import differences
+from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
+from gcs_server.vehicle.services.mission_held import Held, Items, PlanName
+from gcs_server.vehicle.vehicle import Vehicle
+from missions import plan as plan_document
+from missions.errors import PlanError
+from missions.formats import mavlink_items
+from missions.plan import Plan
+
+router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
+
+NOT_KNOWN = "plan_not_known"
+"""In `despite`: the server does not know what the vehicle holds."""
+CONFIRM = "Where the vehicle flies Mission: `vehicle {id} loses the mission that it flies`."
+
+
+@router.get("", response_model=m.MissionView)
+async def show_mission(vehicle: VehicleDep) -> Response:
+    """Where the vehicle is in its mission, and which plan it holds, without asking the vehicle."""
+    held = vehicle.mission.held
+    sample = vehicle.topic("mission")
+    return answer(
+        {
+            "vehicle": vehicle.id,
+            "mission": sample.value if sample is not None else None,
+            "holds": {
+                "state": vehicle.mission.holds(),
+                "plan": None if held is None else held.plan,
+                "known_unix_s": None if held is None else held.at_unix_s,
+            },
+            "transfer": vehicle.mission.doing,
+        }
+    )
+
+
+@router.post(
+    "/upload",
+    response_model=OperationModel,
+    status_code=202,
+    responses={200: {"model": OperationModel, "description": "With `wait`: done."}},
+)
+async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: PrincipalDep) -> Response:
+    """Replaces mission, geofence and rally points by those of a plan, and reads them back to verify.
+
+    An operation with progress, to be cancelled by `DELETE /operations/{id}`. Its `result` has the number of
+    items and `not_kept`, the parameters that the vehicle does not keep. A part that the plan does not have
+    is cleared. It starts nothing; but a vehicle that flies Mission flies the new one at once: then `confirm`
+    must say so.
+    """
+    arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True)
+    with authorized_command(station, principal, "mission/upload", v, arguments):
+        vehicle = station.fleet.get(v)
+        _confirmed(vehicle, "mission/upload", body.confirm)
+        name, plan = await _chosen(station, body)
+        items = _items(plan)
+
+        async def work(report: Report) -> dict[str, object]:
+            uploaded = await vehicle.mission.upload(items, name, progress=report)
+            not_kept = [each.words() for each in uploaded.not_kept]
+            counts = {part: len(items[part]) for part in PARTS}
+            return {"items": counts, "not_kept": not_kept[:20]}
+
+        subject = f"{name.id}@{name.version}" if name.id is not None else None
+        operation = _begin(station, vehicle, "mission/upload", work, subject, (principal.name, principal.key))
+        return await _operation_answer(station, operation, body.wait)
+
+
+@router.post(
+    "/download",
+    response_model=OperationModel,
+    status_code=202,
+    responses={200: {"model": OperationModel, "description": "With `wait`: done."}},
+)
+async def download(
+    vehicle: VehicleDep,
+    station: StationDep,
+    principal: PrincipalDep,
+    body: Annotated[m.DownloadRequest | None, Body()] = None,
+) -> Response:
+    """Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` then has them."""
+
+    async def work(report: Report) -> dict[str, object]:
+        held = await vehicle.mission.download(progress=report)
+        return {"items": {part: len(held.items[part]) for part in PARTS}}
+
+    operation = _begin(station, vehicle, "mission/download", work, None, (principal.name, principal.key))
+    return await _operation_answer(station, operation, body is not None and body.wait)
+
+
+@router.get("/plan", response_model=m.DownloadedPlan)
+async def downloaded_plan(vehicle: VehicleDep) -> Response:
+    """What the vehicle held when it was last read or verified, as a plan."""
+    held = _held(vehicle)
+    plan, notes = plan_of(held)
+    return answer(
+        {
+            "vehicle": vehicle.id,
+            "plan": Raw(plan_document.write(plan)),
+            "plan_name": held.plan,
+            "read_unix_s": held.at_unix_s,
+            "still_held": _still_held(vehicle, held),
+            "notes": notes,
+        }
+    )
+
+
+@router.post("/compare", response_model=m.MissionComparison)
+async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -> Response:
+    """What differs between a plan and what the vehicle held when it was last read."""
+    held = _held(vehicle)
+    _, plan = await _chosen(station, body)
+    items = _items(plan)
+    found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
+    return answer(
+        {
+            "vehicle": vehicle.id,
+            "equal": not any(each.essential for each in found),
+            "differences": found,
+            "read_unix_s": held.at_unix_s,
+            "still_held": _still_held(vehicle, held),
+        }
+    )
+
+
+@router.delete("", response_model=responses.CommandDone)
+async def clear(
+    v: str,
+    station: StationDep,
+    principal: PrincipalDep,
+    confirm: Annotated[str | None, Query(max_length=100, description=CONFIRM)] = None,
+) -> Response:
+    """Has the vehicle forget mission, geofence and rally points."""
+
+    async def work(vehicle: Vehicle) -> None:
+        _confirmed(vehicle, "mission/clear", confirm)
+        await vehicle.mission.clear()
+
+    return await carry_out(station, principal, "mission/clear", v, {}, work)
+
+
+@router.post("/start", response_model=responses.CommandDone)
+async def start(
+    v: str,
+    station: StationDep,
+    principal: PrincipalDep,
+    body: Annotated[m.StartRequest | None, Body()] = None,
+) -> Response:
+    """Flies the mission that the vehicle holds, from an item or the current one; arms where needed.
+
+    Answers once the vehicle is armed in Mission. 409 `plan_findings` where the plan has error findings, or is
+    not known, unless `despite` names their codes. Hold pauses it.
+    """
+    request = body or m.StartRequest()
+    arguments = request.model_dump(exclude_none=True)
+
+    async def work(vehicle: Vehicle) -> None:
+        vehicle.require_commandable()
+        if vehicle.mission.doing is not None:
+            raise Refused(
+                f"Vehicle {vehicle.id} has {vehicle.mission.doing} under way.",
+                remedy="Wait until it is done.",
+            )
+        await _check_start(station, vehicle, request.despite)
+        if request.item is not None:
+            await vehicle.mission.set_current(request.item)
+        progress = progress_to(vehicle, principal, "mission/start")
+        await vehicle.command.start_mission(by=principal.name, progress=progress)
+
+    return await carry_out(station, principal, "mission/start", v, arguments, work)
+
+
+@router.post("/resume", response_model=responses.CommandDone)
+async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Goes on with the mission from its current item; for a vehicle in flight."""
+
+    async def work(vehicle: Vehicle) -> None:
+        vehicle.require_commandable()
+        if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
+            raise Refused(
+                f"Vehicle {vehicle.id} is not flying.",
+                remedy="Start the mission at the item where it is to go on.",
+            )
+        progress = progress_to(vehicle, principal, "mission/resume")
+        await vehicle.command.set_mode("mission", by=principal.name, progress=progress)
+
+    return await carry_out(station, principal, "mission/resume", v, {}, work)
+
+
+# --- the parts ----------------------------------------------------------------------------------------
+
+
+def plan_of(held: Held) -> tuple[Plan, list[str]]:
+    """What a vehicle held, as a plan; what cannot be one is left out and said."""
+    notes: list[str] = []
+    mission = mavlink_items.items_from_wire(held.items["mission"])
+    fence = rally = ()
+    try:
+        fence = mavlink_items.fence_from_wire(held.items["fence"])
+    except PlanError as error:
+        notes.append(f"The geofence is left out. {error}")
+    try:
+        rally = mavlink_items.rally_from_wire(held.items["rally"])
+    except PlanError as error:
+        notes.append(f"The rally points are left out. {error}")
+    return Plan(items=mission, fence=fence, rally_points=rally), notes
+
+
+async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -> None:
+    """Refuses a plan with error findings that the caller does not name."""
+    held = vehicle.mission.held
+    if held is None or _still_held(vehicle, held) is False:
+        if NOT_KNOWN not in despite:
+            raise PlanFindings(
+                f"The server does not know which plan vehicle {vehicle.id} holds, so it is not checked.",
+                codes=(NOT_KNOWN,),
+                remedy="Download or upload it first, or name plan_not_known in `despite`.",
+            )
+        return
+    plan, _ = plan_of(held)
+    found = await check_for(station, plan, vehicle)
+    errors = [each for each in found["findings"] if each["severity"] == "error"]
+    wrong = [each for each in errors if each["code"] not in despite]
+    if wrong:
+        raise PlanFindings(
+            f"The plan that vehicle {vehicle.id} holds has errors: {wrong[0]['text']}",
+            codes=tuple(dict.fromkeys(each["code"] for each in wrong)),
+            reasons=tuple(each["text"] for each in wrong),
+            remedy="Correct the plan and upload it, or name the codes in `despite` if they are meant.",
+        )
+
+
+def _begin(
+    station: Station, vehicle: Vehicle, kind: str, work: Any, subject: str | None, by: tuple[str, str]
+) -> Operation:
+    """Begins a transfer; another one of the same vehicle is refused, not joined."""
+    vehicle.require_commandable()
+    if vehicle.mission.doing is not None or any(
+        each.state == "running" and each.vehicle == vehicle.id and each.kind.startswith("mission/")
+        for each in station.operations.all()
+    ):
+        raise Refused(
+            f"Vehicle {vehicle.id} has a mission transfer under way; two at once are not possible.",
+            remedy="Wait until it is done, or cancel it (DELETE /operations/{id}).",
+        )
+    verb = "Uploading to" if kind == "mission/upload" else "Downloading from"
+    text = f"{verb} vehicle {vehicle.id}."
+    return station.operations.start(
+        kind, work, text=text, vehicle=vehicle.id, subject=subject, by=by, needs_vehicle=True
+    )
+
+
+async def _operation_answer(station: Station, operation: Operation, wait: bool) -> Response:
+    if wait:
+        ended = await station.operations.wait(operation.id)
+        if ended.state == "cancelled":
+            raise Refused(f"{operation.text.rstrip('.')} was cancelled.")
+        return answer(operation_view(ended))
+    response = answer(operation_view(operation), 202)
+    response.headers["Location"] = f"{API}/operations/{operation.id}"
+    return response
+
+
+def _confirmed(vehicle: Vehicle, command: str, said: str | None) -> None:
+    """A vehicle that flies Mission flies what changes: the request must say so."""
+    if vehicle.facts.armed and vehicle.status.mode == "mission":
+        BY_NAME[command].require_words(said or "", vehicle=vehicle.id)
+
+
+async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
+    if body.plan is not None:
+        return PlanName(None, None, None), body.plan
+    assert body.plan_id is not None
+    head, document = await station.plans.get(body.plan_id, body.version)
+    try:
+        return PlanName(head.id, head.version, head.name), plan_document.read(document)
+    except PlanError as error:
+        raise Refused(f"Plan {head.name!r} cannot be read: {error}") from error
+
+
+def _items(plan: Plan) -> Items:
+    """What goes over the wire.
+
+    Raises:
+        InvalidRequest: the protocol cannot carry it.
+    """
+    try:
+        items: dict[Part, tuple[mavlink_items.WireItem, ...]] = {
+            "mission": mavlink_items.mission_items(plan),
+            "fence": mavlink_items.fence_items(plan),
+            "rally": mavlink_items.rally_items(plan),
+        }
+    except PlanError as error:
+        raise InvalidRequest("plan", f"{error.place}: {error.reason}.", remedy=error.fix) from error
+    return items
+
+
+def _held(vehicle: Vehicle) -> Held:
+    held = vehicle.mission.held
+    if held is None:
+        raise Refused(
+            f"What vehicle {vehicle.id} holds has not been read.",
+            remedy="Download it first (POST …/mission/download).",
+        )
+    return held
+
+
+def _still_held(vehicle: Vehicle, held: Held) -> bool | None:
+    """Whether the vehicle reports the ids of that transfer; None: it reports none."""
+    ids = vehicle.mission.ids()
+    if ids is None or not any((*ids.values(), *held.ids.values())):
+        return None
+    return ids == held.ids

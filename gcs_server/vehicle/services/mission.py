@@ -1,0 +1,336 @@
+"""What a vehicle flies by itself (mission, geofence, rally points): uploaded, verified, downloaded, cleared.
+
+An upload is done when what the vehicle then gives back is what was sent. PX4's ids (MISSION_CURRENT) alone
+would not do: they are the vehicle's own sums over what it received, so they say that nothing changed since,
+not what it is. The ids that a verified transfer ended with are kept; while the vehicle reports them, it holds
+that plan.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Literal
+
+from gcs_server.errors import Disconnected, GcsError, NoReply, Refused, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.mavlink.mailbox import Reply, Waiter
+from gcs_server.vehicle.samples import Mission
+from gcs_server.vehicle.services.mission_compare import differences
+from gcs_server.vehicle.services.mission_dialogue import (
+    NAME_OF,
+    PARTS,
+    Clear,
+    Dialogue,
+    Download,
+    Part,
+    Target,
+    Upload,
+)
+from gcs_server.vehicle.services.mission_held import (
+    Held,
+    Ids,
+    Items,
+    PlanName,
+    Uploaded,
+    current_of,
+    holding_words,
+    ids_of,
+)
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import Request
+from missions.formats.mavlink_items import WireItem
+
+Progress = Callable[[str, float | None], None]
+CANCEL_LISTEN_S = 1.0
+"""After a cancel: where the vehicle still asks, the cancel was lost and is sent again."""
+IDS_DEADLINE_S = 4.0
+ASK_IDS_S = 0.5
+SET_CURRENT_S = 6.0
+_MESSAGES = (
+    d.MAVLINK_MSG_ID_MISSION_COUNT,
+    d.MAVLINK_MSG_ID_MISSION_REQUEST,
+    d.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+    d.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+    d.MAVLINK_MSG_ID_MISSION_ACK,
+)
+
+
+class MissionService:
+    """Transfers with one vehicle, one at a time.
+
+    Every method raises Refused without sending, Rejected with the vehicle's reasons, NoReply, Disconnected.
+    """
+
+    def __init__(self, vehicle: VehiclePort) -> None:
+        self._vehicle = vehicle
+        self._doing: str | None = None
+        self.held: Held | None = None
+        """What the vehicle held after the last transfer that is known to its end."""
+
+    @property
+    def doing(self) -> str | None:
+        """What transfer runs now, for people."""
+        return self._doing
+
+    def ids(self) -> Ids | None:
+        """What the vehicle says of what it holds; None: it does not."""
+        sample = self._vehicle.topic("mission")
+        if sample is None or not isinstance(sample.value, Mission):
+            return None
+        return ids_of(sample.value)
+
+    def holds(self) -> Literal["plan", "another", "not_known"]:
+        """Whether the vehicle holds the plan of the last transfer (`held`)."""
+        held, ids = self.held, self.ids()
+        if (
+            held is None
+            or held.plan is None
+            or ids is None
+            or not (any(ids.values()) or any(held.ids.values()))
+        ):
+            return "not_known"
+        return "plan" if ids == held.ids else "another"
+
+    async def upload(self, items: Items, plan: PlanName, *, progress: Progress | None = None) -> Uploaded:
+        """Replaces mission, geofence and rally points, and reads them back.
+
+        A part without items is cleared. Cancelled, the vehicle keeps what it had of the part under way.
+
+        Raises:
+            Rejected: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+        """
+        with self._transfer("an upload"):
+            tell = _Shares(progress, 2 * sum(len(items[part]) for part in PARTS))
+            done: list[Part] = []
+            before = await self._fresh_ids()
+            try:
+                for part in PARTS:
+                    await self._send_part(part, items[part], tell)
+                    done.append(part)
+                held = await self._read(tell, "Verifying")
+            except GcsError as error:
+                after = None if isinstance(error, Disconnected) else await self._fresh_ids()
+                error.message += " " + holding_words(done, before, after)
+                error.args = (error.message,)
+                raise
+            self.held = held
+            found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
+            if wrong := [each for each in found if each.essential]:
+                raise Rejected(
+                    f"Vehicle {self._vehicle.id} holds something else than was sent: {wrong[0].words()}.",
+                    reasons=tuple(each.words() for each in wrong),
+                    remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
+                )
+            self.held = Held(held.items, held.ids, plan, held.at_unix_s)
+            return Uploaded(self.held, found)
+
+    async def download(self, *, progress: Progress | None = None) -> Held:
+        """Reads mission, geofence and rally points."""
+        with self._transfer("a download"):
+            read = await self._read(_Shares(progress, 0), "Downloading")
+            known = self.held
+            same = known is not None and not any(
+                differences(part, known.items[part], read.items[part]) for part in PARTS
+            )
+            self.held = Held(read.items, read.ids, known.plan if known and same else None, read.at_unix_s)
+            return self.held
+
+    async def clear(self) -> None:
+        """Has the vehicle forget mission, geofence and rally points."""
+        with self._transfer("clearing"):
+            for part in PARTS:
+                await self._talk(Clear(self._target(), part), None)
+            ids = await self._fresh_ids()
+            empty: Items = {part: () for part in PARTS}
+            self.held = Held(empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s())
+            if ids is not None and any(ids.values()):
+                raise Rejected(
+                    f"Vehicle {self._vehicle.id} acknowledged, but still holds items.",
+                    remedy="Another station may have uploaded meanwhile.",
+                )
+
+    async def set_current(self, seq: int) -> None:
+        """Which item of the mission is flown next; returns once the vehicle reports it.
+
+        Raises:
+            NoReply: it does not; PX4 is silent about items that there are not.
+        """
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        identity = vehicle.identity
+        request = d.MAVLink_mission_set_current_message(identity.system_id, identity.component_id, seq)
+        reached = await self._ask_current(lambda m: m.seq == seq, SET_CURRENT_S, request)
+        if reached is None:
+            raise NoReply(
+                f"Vehicle {vehicle.id} did not make item {seq + 1} the current one "
+                f"within {SET_CURRENT_S:g} s.",
+                deadline_s=SET_CURRENT_S,
+                remedy="Check that its mission has this item, and the link.",
+            )
+
+    # --- the parts ------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _transfer(self, what: str) -> Generator[None]:
+        """While one runs, no other begins."""
+        self._vehicle.require_commandable()
+        if self._doing is not None:
+            raise Refused(
+                f"Vehicle {self._vehicle.id} has {self._doing} under way; two at once are not possible.",
+                remedy="Wait until it is done, or cancel it.",
+            )
+        self._doing = what
+        try:
+            yield
+        finally:
+            self._doing = None
+
+    async def _send_part(self, part: Part, items: Sequence[WireItem], tell: _Shares) -> None:
+        if not items:
+            await self._talk(Clear(self._target(), part), None)
+            return
+        upload = Upload(self._target(), part, items)
+        await self._talk(upload, tell.of(f"Sending the {NAME_OF[part]}"))
+        tell.add(len(items))
+
+    async def _read(self, tell: _Shares, doing: str) -> Held:
+        """All three parts, of one moment: read again where the vehicle's ids changed meanwhile."""
+        for _ in range(2):
+            items: dict[Part, Sequence[WireItem]] = {}
+            ids: Ids = {}
+            for part in PARTS:
+                download = Download(self._target(), part)
+                await self._talk(download, tell.of(f"{doing} the {NAME_OF[part]}"))
+                tell.add(len(download.items))
+                items[part], ids[part] = tuple(download.items), download.opaque_id or 0
+            after = await self._fresh_ids()
+            tells_ids = any(ids.values()) or not any(items.values())
+            if after is None or after == ids or not tells_ids:
+                return Held(items, after or ids, None, self._vehicle.clock.unix_s())
+            tell.restart()
+        raise Rejected(
+            f"What vehicle {self._vehicle.id} holds changed twice while it was read.",
+            remedy="Another station is uploading: wait until it is done.",
+        )
+
+    async def _talk(self, dialogue: Dialogue, tell: Callable[[Dialogue], None] | None) -> None:
+        vehicle = self._vehicle
+        with vehicle.mailbox.expect(*_MESSAGES, matches=self._concerns(dialogue.kind)) as waiter:
+            try:
+                self._send(dialogue.start(vehicle.clock.monotonic_s()))
+                while not dialogue.done:
+                    left_s = dialogue.wake_s - vehicle.clock.monotonic_s()
+                    try:
+                        async with asyncio.timeout(max(0.0, left_s)):
+                            message = await waiter.next()
+                    except TimeoutError:
+                        self._send(dialogue.tick(vehicle.clock.monotonic_s()))
+                        continue
+                    self._send(dialogue.take(message, vehicle.clock.monotonic_s()))
+                    if tell is not None:
+                        tell(dialogue)
+            except (NoReply, asyncio.CancelledError):
+                await self._cancel(dialogue, waiter)
+                raise
+
+    async def _cancel(self, dialogue: Dialogue, waiter: Waiter) -> None:
+        """PX4 does not answer a cancel: it is sent again while the vehicle still asks."""
+        self._send(dialogue.cancel())
+        end_s = self._vehicle.clock.monotonic_s() + CANCEL_LISTEN_S
+        with suppress(TimeoutError, GcsError):
+            while (left_s := end_s - self._vehicle.clock.monotonic_s()) > 0:
+                async with asyncio.timeout(left_s):
+                    await waiter.next()
+                self._send(dialogue.cancel())
+
+    async def _fresh_ids(self) -> Ids | None:
+        """As the vehicle says now; None: it says none."""
+        found = await self._ask_current(lambda _: True, IDS_DEADLINE_S, None)
+        return None if found is None else ids_of(found)
+
+    async def _ask_current(
+        self, good: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None
+    ) -> Mission | None:
+        """MISSION_CURRENT as the vehicle now has it; None within the deadline."""
+        vehicle = self._vehicle
+        identity = vehicle.identity
+        ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_MISSION_CURRENT), 0, 0, 0, 0, 0, 0))
+        end_s = vehicle.clock.monotonic_s() + deadline_s
+        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_MISSION_CURRENT, matches=self._is_its) as waiter:
+            while (left_s := end_s - vehicle.clock.monotonic_s()) > 0:
+                if request is not None:
+                    vehicle.send(request)
+                vehicle.send(ask.message(identity.system_id, identity.component_id, 0, False))
+                try:
+                    async with asyncio.timeout(min(ASK_IDS_S, left_s)):
+                        while not good(message := await waiter.next()):
+                            pass
+                        return current_of(message)
+                except TimeoutError:
+                    continue
+        return None
+
+    def _target(self) -> Target:
+        identity = self._vehicle.identity
+        return Target(self._vehicle.id, identity.system_id, identity.component_id)
+
+    def _send(self, messages: Sequence[MAVLink_message]) -> None:
+        for message in messages:
+            self._vehicle.send(message)
+
+    def _is_its(self, message: Reply) -> bool:
+        identity = self._vehicle.identity
+        return (message.get_srcSystem(), message.get_srcComponent()) == (
+            identity.system_id,
+            identity.component_id,
+        )
+
+    def _concerns(self, kind: int) -> Callable[[Reply], bool]:
+        ours = self._vehicle.own_ids
+
+        def matches(message: Reply) -> bool:
+            target = (message.target_system, message.target_component)
+            return self._is_its(message) and target == ours and message.mission_type == kind
+
+        return matches
+
+
+class _Shares:
+    """Progress of several dialogues as one.
+
+    Args:
+        total: items of all of them; 0: not known, then each dialogue's own share is told.
+    """
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress = progress
+        self._total = total
+        self._before = 0
+
+    def of(self, text: str) -> Callable[[Dialogue], None]:
+        """What is told of one dialogue."""
+
+        def tell(dialogue: Dialogue) -> None:
+            if self._progress is None:
+                return
+            count = dialogue.count
+            share = None
+            if self._total:
+                share = (self._before + dialogue.moved) / self._total
+            elif count:
+                share = dialogue.moved / count
+            words = text if count is None else f"{text}: item {min(dialogue.moved + 1, count)} of {count}"
+            self._progress(words, share)
+
+        return tell
+
+    def add(self, count: int) -> None:
+        """So many items are done."""
+        self._before += count
+
+    def restart(self) -> None:
+        """The total is not known any more."""
+        self._total = 0

@@ -1,0 +1,72 @@
+"""Whether what a vehicle holds is what was sent, item by item; pure.
+
+PX4 gives items back in its own form: frames with _INT, and `current` where its mission stands. A parameter
+that it does not keep comes back as 0 or not at all: that is told, not refused. Whatever else differs is
+another plan.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gcs_server.vehicle.services.mission_dialogue import NAME_OF, Part
+from missions.formats.mavlink_items import WireItem
+
+INT_FRAMES = {0: 5, 3: 6, 10: 11}
+"""MAV_FRAME → the same with _INT."""
+MAX_DIFFERENCES = 50
+_FIELDS = ("command", "frame", "x", "y", "z", "autocontinue", "param1", "param2", "param3", "param4")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One value that is another on the vehicle."""
+
+    part: Part
+    seq: int | None
+    """Index of the item in its part, from 0; None: the number of items."""
+    field: str
+    """count, command, frame, x, y, z, param1 … param4, autocontinue: as MISSION_ITEM_INT has them."""
+    planned: float | None
+    """None: no number."""
+    held: float | None
+    """What the vehicle has; None: no number."""
+    essential: bool
+    """The vehicle would fly something else; false: a parameter that it does not keep."""
+
+    def words(self) -> str:
+        """A sentence without its full stop."""
+        if self.seq is None:
+            return f"the {NAME_OF[self.part]} has {self.held:g} items, the plan {self.planned:g}"
+        return (
+            f"item {self.seq + 1} of the {NAME_OF[self.part]}, {self.field}: {_word(self.planned)} in the "
+            f"plan, {_word(self.held)} on the vehicle"
+        )
+
+
+def differences(part: Part, planned: Sequence[WireItem], held: Sequence[WireItem]) -> list[Difference]:
+    """All differences of one part, at most `MAX_DIFFERENCES`; those that matter first."""
+    if len(planned) != len(held):
+        return [Difference(part, None, "count", len(planned), len(held), essential=True)]
+    found: list[Difference] = []
+    for seq, (ours, theirs) in enumerate(zip(planned, held, strict=True)):
+        for name in _FIELDS:
+            a, b = _value(ours, name), _value(theirs, name)
+            if a != b:
+                dropped = name.startswith("param") and b in (0.0, None)
+                found.append(Difference(part, seq, name, a, b, essential=not dropped))
+    found.sort(key=lambda each: not each.essential)
+    return found[:MAX_DIFFERENCES]
+
+
+def _value(item: WireItem, name: str) -> float | None:
+    value = getattr(item, name)
+    if name == "frame":
+        return INT_FRAMES.get(value, value)
+    return float(value) if math.isfinite(value) else None
+
+
+def _word(value: float | None) -> str:
+    return "not set" if value is None else f"{value:.9g}"

@@ -1,0 +1,387 @@
+"""The mission protocol as pure state machines: messages and time in, messages out. No link, no waiting.
+
+One dialogue moves one part of a plan (mission, fence or rally points) in one direction. PX4 asks for each
+item of an upload itself, again every 0.25 s, and gives a transfer up after 5 s of silence, with a text but no
+acknowledgement. It stores an upload when the last item has come: until then it keeps what it had.
+https://mavlink.io/en/services/mission.html
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from gcs_server.errors import NoReply, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.mavlink.mailbox import Reply
+from missions.formats.mavlink_items import WireItem
+
+Part = Literal["mission", "fence", "rally"]
+PARTS: tuple[Part, ...] = ("fence", "rally", "mission")
+"""In the order of an upload: a mission is not flown in an older fence."""
+TYPE_OF: dict[Part, int] = {
+    "mission": d.MAV_MISSION_TYPE_MISSION,
+    "fence": d.MAV_MISSION_TYPE_FENCE,
+    "rally": d.MAV_MISSION_TYPE_RALLY,
+}
+NAME_OF: dict[Part, str] = {"mission": "mission", "fence": "geofence", "rally": "rally points"}
+"""For people."""
+
+RESEND_S = 0.5
+"""Until the vehicle has answered the first message of a dialogue."""
+ITEM_RESEND_S = 0.3
+"""Of a download; the protocol's own is 0.25 s."""
+FIRST_ITEM_S = 1.5
+"""Where the first item does not come, the vehicle may have taken a late message for this download's end."""
+BUSY_RETRIES_S = (1.0, 1.0, 6.0)
+"""Waits after "busy". The last is longer than PX4's timeout: a transfer whose station went is over then."""
+SILENT_S = 8.0
+"""Longer than PX4's timeout of 5 s: a dialogue that is this silent is over on both sides."""
+ACK_S = 3.0
+"""After the last item: the acknowledgement was lost. PX4 would have asked for the item again ten times."""
+MAX_RESTARTS = 3
+MAX_ITEMS = 10_000
+"""A vehicle that says that it has more is not believed."""
+
+RESULT_WORDS = {
+    d.MAV_MISSION_ERROR: "not accepted",
+    d.MAV_MISSION_UNSUPPORTED_FRAME: "its altitude reference (frame) is not supported",
+    d.MAV_MISSION_UNSUPPORTED: "this command is not supported in a mission",
+    d.MAV_MISSION_NO_SPACE: "there is no room for so many items",
+    d.MAV_MISSION_INVALID: "a value is invalid",
+    d.MAV_MISSION_INVALID_SEQUENCE: "out of sequence",
+    d.MAV_MISSION_DENIED: "denied",
+    d.MAV_MISSION_OPERATION_CANCELLED: "the vehicle cancelled the transfer",
+    **{
+        getattr(d, f"MAV_MISSION_INVALID_PARAM{name}"): f"parameter {name[0]} is invalid"
+        for name in ("1", "2", "3", "4", "5_X", "6_Y", "7")
+    },
+}
+_float32 = struct.Struct("<f")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Whom a dialogue is with."""
+
+    vehicle_id: str
+    system_id: int
+    component_id: int
+
+
+class Dialogue:
+    """What upload, download and clearing have in common."""
+
+    def __init__(self, target: Target, part: Part) -> None:
+        self.target = target
+        self.part: Part = part
+        self.kind = TYPE_OF[part]
+        self.done = False
+        self.wake_s = float("inf")
+        """When `tick` is due [s, monotonic]."""
+        self.opaque_id: int | None = None
+        """The vehicle's own id of what it holds, where it said one."""
+        self._heard_s = float("-inf")
+        self._began_s = float("-inf")
+
+    @property
+    def count(self) -> int | None:
+        """How many items there are; None: not known yet."""
+        raise NotImplementedError
+
+    @property
+    def moved(self) -> int:
+        """How many items have been transferred."""
+        raise NotImplementedError
+
+    def start(self, now_s: float) -> list[MAVLink_message]:
+        """The first messages."""
+        self._began_s = self._heard_s = now_s
+        return self.tick(now_s)
+
+    def tick(self, now_s: float) -> list[MAVLink_message]:
+        """What is to be sent again.
+
+        Raises:
+            NoReply: the vehicle has been silent for too long.
+            Rejected: it is busy for too long.
+        """
+        raise NotImplementedError
+
+    def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        """What to send after a message of the vehicle about this part.
+
+        Raises:
+            Rejected: the vehicle refuses.
+        """
+        raise NotImplementedError
+
+    def cancel(self) -> list[MAVLink_message]:
+        """Ends the transfer on the vehicle, too; PX4 does not answer."""
+        return [self._ack(d.MAV_MISSION_OPERATION_CANCELLED)]
+
+    def _ack(self, result: int) -> MAVLink_message:
+        return d.MAVLink_mission_ack_message(*self._to(), result, self.kind)
+
+    def _to(self) -> tuple[int, int]:
+        return self.target.system_id, self.target.component_id
+
+    def _silent(self, what: str) -> NoReply:
+        return NoReply(
+            f"Vehicle {self.target.vehicle_id} did not answer for {SILENT_S:g} s {what}.",
+            deadline_s=SILENT_S,
+            remedy="Check the link, then try again.",
+        )
+
+
+class Upload(Dialogue):
+    """Sends one part's items as the vehicle asks for them; at least one."""
+
+    def __init__(self, target: Target, part: Part, items: Sequence[WireItem]) -> None:
+        super().__init__(target, part)
+        self._items = items
+        self._asked = -1
+        """The highest item that the vehicle has asked for."""
+        self._busy = 0
+        self.confirmed = False
+        """The vehicle acknowledged it; else only what it then holds tells."""
+
+    @property
+    def count(self) -> int:
+        return len(self._items)
+
+    @property
+    def moved(self) -> int:
+        return max(0, self._asked)
+
+    @property
+    def _all_sent(self) -> bool:
+        return self._asked == len(self._items) - 1
+
+    def tick(self, now_s: float) -> list[MAVLink_message]:
+        silent_s = now_s - self._heard_s
+        if self._all_sent:
+            self.done = silent_s >= ACK_S
+            self.wake_s = self._heard_s + ACK_S
+            return []
+        if silent_s >= SILENT_S:
+            after = f"after item {self._asked + 1} of {self.count}" if self._asked >= 0 else "to the upload"
+            raise self._silent(f"{after} of the {NAME_OF[self.part]}")
+        if self._asked >= 0:
+            self.wake_s = self._heard_s + SILENT_S
+            return []
+        self.wake_s = now_s + RESEND_S
+        begin = d.MAVLink_mission_count_message(*self._to(), len(self._items), self.kind)
+        # A transfer of our own whose last message was lost may keep the vehicle busy: end it.
+        return [*self.cancel(), begin] if self._busy else [begin]
+
+    def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        if message.get_msgId() == d.MAVLINK_MSG_ID_MISSION_ACK:
+            self._take_ack(message, now_s)
+            return []
+        seq: int = message.seq
+        if seq >= len(self._items) or seq > self._asked + 1:
+            return []
+        self._heard_s, self._asked = now_s, max(self._asked, seq)
+        self.wake_s = now_s + (ACK_S if self._all_sent else SILENT_S)
+        return [item_message(self._items[seq], self._to(), self.kind)]
+
+    def _take_ack(self, message: Reply, now_s: float) -> None:
+        result: int = message.type
+        if result == d.MAV_MISSION_ACCEPTED:
+            if self._all_sent:
+                self.done = self.confirmed = True
+                self.opaque_id = message.opaque_id or None
+            return  # before: of an older dialogue
+        if result == d.MAV_MISSION_ERROR and self._asked < 0:
+            self._take_busy(now_s)
+        elif result == d.MAV_MISSION_ERROR and self._all_sent:
+            self.done = True  # the item came twice, or it was refused: what the vehicle holds tells
+        elif result != d.MAV_MISSION_INVALID_SEQUENCE:  # after which the vehicle asks for the right one
+            raise self._refused(result)
+
+    def _take_busy(self, now_s: float) -> None:
+        if self._busy >= len(BUSY_RETRIES_S):
+            raise Rejected(
+                f"Vehicle {self.target.vehicle_id} is busy with another transfer and takes no "
+                f"{NAME_OF[self.part]}.",
+                remedy="Another ground station may be uploading: wait until it is done.",
+            )
+        self._heard_s = now_s
+        self.wake_s = now_s + BUSY_RETRIES_S[self._busy]
+        self._busy += 1
+
+    def _refused(self, result: int) -> Rejected:
+        words = RESULT_WORDS.get(result, f"result {result}")
+        vehicle, name = self.target.vehicle_id, NAME_OF[self.part]
+        if self._asked < 0:
+            return Rejected(f"Vehicle {vehicle} refused the {name}: {words}.", reasons=(words,))
+        return Rejected(
+            f"Vehicle {vehicle} refused item {self._asked + 1} of the {name} "
+            f"(command {self._items[self._asked].command}): {words}.",
+            reasons=(words,),
+            remedy="Change or remove the item; the vehicle keeps what it held before.",
+        )
+
+
+class Download(Dialogue):
+    """Asks for one part's items, one after the other."""
+
+    def __init__(self, target: Target, part: Part) -> None:
+        super().__init__(target, part)
+        self.items: list[WireItem] = []
+        self._count: int | None = None
+        self._restarts = 0
+
+    @property
+    def count(self) -> int | None:
+        return self._count
+
+    @property
+    def moved(self) -> int:
+        return len(self.items)
+
+    def tick(self, now_s: float) -> list[MAVLink_message]:
+        silent_s = now_s - self._heard_s
+        if silent_s >= SILENT_S:
+            if not self.items or self._restarts >= MAX_RESTARTS:
+                where = "" if self._count is None else f" after item {len(self.items)} of {self._count}"
+                raise self._silent(f"to the download of the {NAME_OF[self.part]}{where}")
+            self._restart(now_s)
+        elif self._count is not None and not self.items and silent_s >= FIRST_ITEM_S:
+            self._count = None
+        again = self._count is None and now_s > self._began_s
+        self.wake_s = now_s + (RESEND_S if self._count is None else ITEM_RESEND_S)
+        # A transfer of our own whose last message was lost may keep the vehicle busy: end it.
+        return [*self.cancel(), self._request()] if again else [self._request()]
+
+    def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        match message.get_msgId():
+            case d.MAVLINK_MSG_ID_MISSION_COUNT:
+                return self._take_count(message, now_s)
+            case d.MAVLINK_MSG_ID_MISSION_ITEM_INT:
+                return self._take_item(message, now_s)
+            case d.MAVLINK_MSG_ID_MISSION_ACK if message.type != d.MAV_MISSION_ACCEPTED:
+                return self._take_refusal(message, now_s)
+            case _:
+                return []
+
+    def _request(self) -> MAVLink_message:
+        if self._count is None:
+            return d.MAVLink_mission_request_list_message(*self._to(), self.kind)
+        return d.MAVLink_mission_request_int_message(*self._to(), len(self.items), self.kind)
+
+    def _next(self, now_s: float) -> list[MAVLink_message]:
+        self._heard_s = now_s
+        if len(self.items) == self._count:
+            self.done = True
+            return [self._ack(d.MAV_MISSION_ACCEPTED)] if self._count else []
+        self.wake_s = now_s + ITEM_RESEND_S
+        return [self._request()]
+
+    def _take_count(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        if self._count is not None:
+            return []
+        if message.count > MAX_ITEMS:
+            raise Rejected(
+                f"Vehicle {self.target.vehicle_id} says that its {NAME_OF[self.part]} has {message.count} "
+                f"items; more than {MAX_ITEMS} are not read."
+            )
+        self._count, self.opaque_id = message.count, message.opaque_id or None
+        return self._next(now_s)
+
+    def _take_item(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        if self._count is None or self.done or message.seq != len(self.items):
+            return []
+        self.items.append(wire_item(message))
+        return self._next(now_s)
+
+    def _take_refusal(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        """The vehicle's transfer has ended, or its mission has changed: from the beginning."""
+        if self._restarts >= MAX_RESTARTS:
+            words = RESULT_WORDS.get(message.type, f"result {message.type}")
+            raise Rejected(
+                f"Vehicle {self.target.vehicle_id} ended the download of the {NAME_OF[self.part]}: {words}.",
+                reasons=(words,),
+            )
+        self._restart(now_s)
+        self.wake_s = now_s + RESEND_S
+        return []
+
+    def _restart(self, now_s: float) -> None:
+        self._restarts += 1
+        self.items, self._count = [], None
+        self._heard_s = now_s
+
+
+class Clear(Dialogue):
+    """Has the vehicle forget one part; asked again, it does nothing more."""
+
+    @property
+    def count(self) -> int:
+        return 0
+
+    @property
+    def moved(self) -> int:
+        return 0
+
+    def tick(self, now_s: float) -> list[MAVLink_message]:
+        if now_s - self._began_s >= SILENT_S:
+            raise self._silent(f"to the request to clear the {NAME_OF[self.part]}")
+        self.wake_s = now_s + RESEND_S
+        # A transfer of our own whose last message was lost may keep the vehicle busy: end it.
+        again = self.cancel() if now_s > self._began_s else []
+        return [*again, d.MAVLink_mission_clear_all_message(*self._to(), self.kind)]
+
+    def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
+        if message.get_msgId() == d.MAVLINK_MSG_ID_MISSION_ACK:
+            if message.type == d.MAV_MISSION_ACCEPTED:
+                self.done = True
+            elif message.type != d.MAV_MISSION_ERROR:
+                words = RESULT_WORDS.get(message.type, f"result {message.type}")
+                raise Rejected(
+                    f"Vehicle {self.target.vehicle_id} did not clear its {NAME_OF[self.part]}: {words}.",
+                    reasons=(words,),
+                )
+        return []
+
+
+def item_message(item: WireItem, to: tuple[int, int], kind: int) -> MAVLink_message:
+    """MISSION_ITEM_INT of an item."""
+    return d.MAVLink_mission_item_int_message(
+        *to,
+        item.seq,
+        item.frame,
+        item.command,
+        int(item.current),
+        int(item.autocontinue),
+        item.param1,
+        item.param2,
+        item.param3,
+        item.param4,
+        item.x,
+        item.y,
+        item.z,
+        kind,
+    )
+
+
+def wire_item(message: Reply) -> WireItem:
+    """The item in a MISSION_ITEM_INT."""
+    return WireItem(
+        message.seq,
+        message.frame,
+        message.command,
+        message.param1,
+        message.param2,
+        message.param3,
+        message.param4,
+        message.x,
+        message.y,
+        message.z,
+        bool(message.autocontinue),
+        bool(message.current),
+    )

@@ -1,0 +1,105 @@
+"""The simulator's mission service without the rest of the vehicle: thousands of items in a moment."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+from tests.protocol.fake_autopilot import LATENCY_S, FakeAutopilot
+from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.mavlink.services.mission import MissionService
+
+REQUEST_MESSAGE, MISSION_CURRENT = 512, 42
+
+
+class Flight:
+    """Stands for the navigator's mission, which nothing flies here."""
+
+    def __init__(self) -> None:
+        self.current, self.reached, self.reached_count = 0, None, 0
+
+    def set_current(self, seq: int) -> None:
+        self.current = seq
+
+
+class MissionPilot(FakeAutopilot):
+    """A scripted autopilot whose missions the simulator's own service keeps."""
+
+    def __init__(self, link: Any, **options: Any) -> None:
+        super().__init__(link, **options)
+        loop = self.loop
+
+        class View:
+            @property
+            def time_s(self) -> float:
+                return loop.time()
+
+        self.texts: list[str] = []
+        self.heard_at_s = 0.0
+        self.flight = Flight()
+        self.wire = SimpleNamespace(name="gcs", send=self.send_named)
+        announcer = SimpleNamespace(both=lambda _severity, text, _event: self.texts.append(text))
+        self.autopilot_parts = SimpleNamespace(
+            navigator=SimpleNamespace(mission=self.flight),
+            plans=SimpleNamespace(store=lambda _kind, _items: None),
+            announcer=announcer,
+        )
+        context = SimpleNamespace(
+            autopilot=self.autopilot_parts,
+            view=View(),
+            links=[self.wire],
+            is_for_me=lambda message: message.target_system == self.system,
+            broadcast=self.send_named,
+        )
+        self.service = MissionService(context)  # type: ignore[arg-type]
+        self._every(0.02, self.service.step)
+        self._every(1.0, lambda: self.service.send_current(self.wire))  # type: ignore[arg-type]
+
+    def send_named(self, name: str, /, **fields: Any) -> None:
+        self.send(getattr(sim, f"MAVLink_{name.lower()}_message")(**fields))
+
+    def receive(self, data: bytes) -> None:
+        """Packets keep their order."""
+        if self.random.random() >= self.loss:
+            for message in self.parser.parse_buffer(data) or []:
+                self.heard_at_s = max(self.loop.time() + LATENCY_S, self.heard_at_s + 1e-6)
+                self.loop.call_at(self.heard_at_s, self.handle, message)
+
+    def handle(self, message: Any) -> None:
+        name = message.get_type()
+        if name in self.service.handlers:
+            self.take(message, (message.get_srcSystem(), message.get_srcComponent()))
+        elif name == "COMMAND_LONG" and (message.command, message.param1) == (
+            REQUEST_MESSAGE,
+            MISSION_CURRENT,
+        ):
+            self.service.send_current(self.wire)  # type: ignore[arg-type]
+        else:
+            super().handle(message)
+
+    def take(self, message: Any, sender: tuple[int, int]) -> None:
+        """A mission message of any station."""
+        fields = {name: getattr(message, name) for name in message.fieldnames}
+        name = message.get_type()
+        known = SimpleNamespace(
+            name=name, sender=sender, system_id=sender[0], component_id=sender[1], values=fields, **fields
+        )
+        self.service.handlers[name](self.wire, known)  # type: ignore[arg-type]
+
+
+class OtherStation:
+    """Another ground station on the same link, which the vehicle hears without loss."""
+
+    def __init__(self, pilot: MissionPilot) -> None:
+        self._pilot = pilot
+
+    async def upload(self, items: Any, pause_s: float = 0.05) -> None:
+        """Sends all items whether they are asked for or not."""
+        self._pilot.take(sim.MAVLink_mission_count_message(1, 1, len(items), 0), (254, 190))
+        for i in items:
+            await asyncio.sleep(pause_s)
+            values = (i.param1, i.param2, i.param3, i.param4, i.x, i.y, i.z)
+            message = sim.MAVLink_mission_item_int_message(1, 1, i.seq, i.frame, i.command, 0, 1, *values, 0)
+            self._pilot.take(message, (254, 190))
+        await asyncio.sleep(pause_s)

@@ -1,0 +1,251 @@
+"""A vehicle's mission through the server's routes: who may, what is confirmed, checked, said."""
+
+import asyncio
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import control_routes, mission_models, mission_routes, operation_routes
+from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused, Rejected
+from gcs_server.plans.store import PlanStore
+from tests.protocol.api_calls import ANNA, BOB, MISSION, lines, station_of, view
+from tests.protocol.mission_world import MissionPilot, OtherStation
+from tests.protocol.offboard_world import OffboardWorld, seconds
+
+AT_20_M = {"value_m": 20, "reference": "home"}
+PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+PLAN = {
+    "items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {"kind": "return_home"}],
+    "fence": [
+        {
+            "shape": "circle",
+            "inclusion": True,
+            "center": {"lat_deg": 47.397742, "lon_deg": 8.545594},
+            "radius_m": 200,
+        }
+    ],
+}
+OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **PLACE, "lat_deg": 47.41}]}
+
+
+def story(jump, tmp_path, work, **pilot_options):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilot = link.pilots["peer"] = MissionPilot(link, **pilot_options)
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            station = station_of(world)
+            station.plans = PlanStore(tmp_path / "plans", world.clock)
+            await work(SimpleNamespace(world=world, vehicle=vehicle, pilot=pilot, station=station))
+            station.plans.close()
+        finally:
+            pilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+async def upload(at, plan=PLAN, *, by=ANNA, wait=True, **more):
+    body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": wait, **more})
+    return await mission_routes.upload("1", body, at.station, by)
+
+
+async def shown(at):
+    return view(await mission_routes.show_mission(at.vehicle))
+
+
+def start(at, by=ANNA, **body):
+    return mission_routes.start("1", at.station, by, mission_models.StartRequest.model_validate(body))
+
+
+def test_an_upload_is_an_operation_whose_end_says_what_the_vehicle_holds(jump, tmp_path):
+    async def work(at):
+        kept = await at.station.plans.create(
+            "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
+        )
+        body = mission_models.UploadRequest.model_validate({"plan_id": kept.id})
+        begun = await mission_routes.upload("1", body, at.station, ANNA)
+        assert begun.status_code == 202
+        operation = view(begun)
+        assert begun.headers["Location"] == f"/api/v1/operations/{operation['id']}"
+        assert (operation["kind"], operation["vehicle"], operation["state"]) == (
+            "mission/upload",
+            "1",
+            "running",
+        )
+        assert (await shown(at))["holds"]["state"] == "not_known"
+        with pytest.raises(Refused, match="two at once"):
+            await upload(at)
+        ended = await at.station.operations.wait(operation["id"])
+        assert ended.result == {"items": {"fence": 1, "rally": 0, "mission": 3}, "not_kept": []}
+        now = await shown(at)
+        assert now["holds"]["state"] == "plan"
+        assert now["holds"]["plan"] == {"id": kept.id, "version": 1, "name": "Tower"}
+        assert (now["mission"]["count"], now["mission"]["current"], now["transfer"]) == (3, 0, None)
+        assert ("anna", "mission/upload", "1", "ok") in lines(at.station)
+        read = view(await mission_routes.downloaded_plan(at.vehicle))
+        assert [item["kind"] for item in read["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
+        assert (read["still_held"], read["notes"], read["plan"]["fence"][0]["radius_m"]) == (True, [], 200)
+
+    story(jump, tmp_path, work)
+
+
+def test_a_cancelled_upload_leaves_the_vehicle_what_it_held(jump, tmp_path):
+    async def work(at):
+        await upload(at)
+        many = {**PLAN, "items": PLAN["items"][:2] * 20}
+        begun = view(await upload(at, many, wait=False))
+        await seconds(0.15)
+        ended = view(await operation_routes.cancel_operation(begun["id"], at.station, ANNA))
+        assert ended["state"] == "cancelled"
+        await seconds(2)
+        assert ((await shown(at))["holds"]["state"], (await shown(at))["mission"]["count"]) == ("plan", 3)
+
+    story(jump, tmp_path, work)
+
+
+def test_who_has_no_control_uploads_clears_and_starts_nothing(jump, tmp_path):
+    async def work(at):
+        await control_routes.take("1", at.station, BOB)
+        for attempt in (
+            upload(at),
+            mission_routes.clear("1", at.station, ANNA),
+            start(at),
+            mission_routes.resume("1", at.station, ANNA),
+        ):
+            with pytest.raises(NotInControl):
+                await attempt
+        assert at.pilot.service._plans[0] == []
+
+    story(jump, tmp_path, work)
+
+
+def test_a_vehicle_that_flies_mission_needs_words_before_its_mission_changes(jump, tmp_path):
+    async def work(at):
+        await upload(at)
+        at.pilot.armed, at.pilot.mode, at.pilot.landed = True, MISSION, 2
+        await seconds(2.5)
+        for attempt in (upload(at), upload(at, confirm="yes"), mission_routes.clear("1", at.station, ANNA)):
+            with pytest.raises(InvalidRequest, match="nothing was sent") as raised:
+                await attempt
+            assert raised.value.field == "confirm"
+        assert len(at.pilot.service._plans[0]) == 3
+        shorter = {**PLAN, "items": PLAN["items"][:2]}
+        await upload(at, shorter, confirm="vehicle 1 flies the new mission at once")
+        assert len(at.pilot.service._plans[0]) == 2
+        await mission_routes.clear("1", at.station, ANNA, "vehicle 1 loses the mission that it flies")
+        assert at.pilot.service._plans[0] == []
+
+    story(jump, tmp_path, work)
+
+
+def test_a_plan_with_errors_is_started_only_by_who_names_them(jump, tmp_path):
+    async def work(at):
+        with pytest.raises(PlanFindings) as unknown:
+            await start(at)
+        assert unknown.value.codes == ("plan_not_known",)
+        await upload(at, OUTSIDE)
+        with pytest.raises(PlanFindings, match="has errors") as raised:
+            await start(at)
+        codes = set(raised.value.codes)
+        assert "fence_violation" in codes
+        with pytest.raises(PlanFindings):
+            await start(at, despite=["plan_not_known"])
+        assert not at.pilot.armed
+        done = view(await start(at, despite=sorted(codes)))
+        assert (done["status"]["armed"], done["status"]["mode"]) == (True, "mission")
+        await OtherStation(at.pilot).upload([])
+        await seconds(2)
+
+    story(jump, tmp_path, work)
+
+
+def test_a_mission_starts_at_an_item_and_goes_on_after_hold(jump, tmp_path):
+    async def work(at):
+        await upload(at)
+        with pytest.raises(Refused, match="not flying"):
+            await mission_routes.resume("1", at.station, ANNA)
+        await start(at, item=1)
+        assert (at.pilot.armed, at.pilot.mode, at.pilot.flight.current) == (True, MISSION, 1)
+        at.pilot.landed = 2
+        await at.vehicle.command.hold()
+        await seconds(1.5)
+        await mission_routes.resume("1", at.station, ANNA)
+        assert (at.pilot.mode, at.pilot.flight.current) == (MISSION, 1)
+
+    story(jump, tmp_path, work)
+
+
+def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission(jump, tmp_path):
+    async def work(at):
+        await upload(at)
+        at.pilot.arm_denied = True
+        with pytest.raises(Rejected):
+            await start(at)
+        await seconds(1)
+        assert (at.pilot.armed, at.vehicle.status.mode) == (False, "hold")
+
+    story(jump, tmp_path, work)
+
+
+def test_differences_to_a_plan_are_named_item_by_item(jump, tmp_path):
+    async def work(at):
+        await upload(at)
+        body = mission_models.WhichPlan.model_validate({"plan": PLAN})
+        same = view(await mission_routes.compare(at.vehicle, body, at.station))
+        assert (same["equal"], same["differences"], same["still_held"]) == (True, [], True)
+        other = json.loads(json.dumps(PLAN))
+        other["items"][1]["altitude"]["value_m"] = 35
+        body = mission_models.WhichPlan.model_validate({"plan": other})
+        found = view(await mission_routes.compare(at.vehicle, body, at.station))
+        assert not found["equal"]
+        (one,) = found["differences"]
+        assert (one["part"], one["seq"], one["field"], one["planned"], one["held"]) == (
+            "mission",
+            1,
+            "z",
+            35,
+            20,
+        )
+
+    story(jump, tmp_path, work)
+
+
+def test_a_download_finds_what_another_station_left(jump, tmp_path):
+    async def work(at):
+        with pytest.raises(Refused, match="has not been read"):
+            await mission_routes.downloaded_plan(at.vehicle)
+        await upload(at)
+        item = at.vehicle.mission.held.items["mission"][1]
+        theirs = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
+        await OtherStation(at.pilot).upload([theirs])
+        await seconds(2)
+        assert (await shown(at))["holds"]["state"] == "another"
+        body = mission_models.DownloadRequest(wait=True)
+        done = view(await mission_routes.download(at.vehicle, at.station, BOB, body))
+        assert done["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
+        read = view(await mission_routes.downloaded_plan(at.vehicle))
+        assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
+
+    story(jump, tmp_path, work)
+
+
+@pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
+def test_exactly_one_plan_is_named(body):
+    with pytest.raises(ValueError, match=r"exactly one|belongs to"):
+        mission_models.WhichPlan.model_validate(body)
+
+
+def test_an_operation_of_a_lost_vehicle_fails_in_words(jump, tmp_path):
+    async def work(at):
+        uploading = asyncio.ensure_future(upload(at, {**PLAN, "items": PLAN["items"][:2] * 50}))
+        await seconds(0.2)
+        at.pilot.alive = False
+        result = (await asyncio.gather(uploading, return_exceptions=True))[0]
+        assert "lost" in str(result)
+        assert at.vehicle.mission.doing is None
+
+    story(jump, tmp_path, work)

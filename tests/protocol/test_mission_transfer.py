@@ -1,0 +1,247 @@
+"""Plans up and down over a link that loses packets, against the simulated PX4's own mission service."""
+
+import asyncio
+import random
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.errors import GcsError, NoReply, Refused, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.services.mission_dialogue import PARTS
+from gcs_server.vehicle.services.mission_held import PlanName
+from missions.formats.mavlink_items import WireItem
+from tests.protocol.mission_world import MissionPilot, OtherStation
+from tests.protocol.offboard_world import OffboardWorld, seconds
+
+PLAN = PlanName("abc", 3, "Tower")
+LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
+"""The share of packets lost each way, and a seed for which ones."""
+NAN = float("nan")
+
+
+def story(jump, work, *, loss=0.0, seed=0):
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        pilot = link.pilots["peer"] = MissionPilot(link, seed=seed)
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            pilot.loss = loss
+            at = SimpleNamespace(
+                world=world, vehicle=vehicle, pilot=pilot, link=link, mission=vehicle.mission
+            )
+            await work(at)
+        finally:
+            pilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+def waypoint(seq, rng=None, command=16):
+    rng = rng or random.Random(seq)
+    params = (float(rng.randrange(0, 60)), 0.0, 0.0, rng.choice([NAN, 90.0, -45.5]))
+    x, y = 473977420 + rng.randrange(-50_000, 50_000), 85455940 + rng.randrange(-50_000, 50_000)
+    return WireItem(seq, rng.choice([5, 6]), command, *params, x, y, float(rng.randrange(10, 100)))
+
+
+def mission(count, seed=0):
+    rng = random.Random(seed)
+    first = WireItem(0, 6, 22, 0.0, 0.0, 0.0, NAN, 473977420, 85455940, 20.0)
+    speed = WireItem(1, 2, 178, 1.0, 4.5, -1.0, 0.0, 0, 0, 0.0)
+    return (first, speed, *(waypoint(seq, rng) for seq in range(2, count)))[:count]
+
+
+def square(side=20_000):
+    corners = [(-side, -side), (-side, side), (side, side), (side, -side)]
+    return tuple(
+        WireItem(n, 6, 5001, 4.0, 0.0, 0.0, 0.0, 473977420 + x, 85455940 + y, 0.0)
+        for n, (x, y) in enumerate(corners)
+    )
+
+
+def rally(count=2):
+    return tuple(
+        WireItem(n, 3, 5100, 0.0, 0.0, 0.0, 0.0, 473977420 + 100 * n, 85455940, 25.0) for n in range(count)
+    )
+
+
+def plan(count=5, seed=0):
+    return {"mission": mission(count, seed), "fence": square(), "rally": rally()}
+
+
+def bytes_of(items):
+    """As MISSION_ITEM_INT has them but for `current`, which the vehicle moves, and the frames with _INT."""
+    frames = {0: 5, 3: 6}
+    return [
+        d.MAVLink_mission_item_int_message(
+            0, 0, i.seq, frames.get(i.frame, i.frame), i.command, 0, int(i.autocontinue),
+            i.param1, i.param2, i.param3, i.param4, i.x, i.y, i.z, 0,
+        ).pack(d.MAVLink(None))[10:-2]
+        for i in items
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
+def test_a_thousand_items_come_back_byte_for_byte_however_many_packets_are_lost(jump, loss, seed):
+    sent = plan(1000, seed)
+
+    async def work(at):
+        shares = []
+        uploaded = await at.mission.upload(sent, PLAN, progress=lambda _, share: shares.append(share))
+        assert at.mission.holds() == "plan"
+        assert uploaded.not_kept == []
+        assert shares == sorted(shares)
+        assert shares[-1] > 0.99
+        for part in PARTS:
+            assert bytes_of(uploaded.held.items[part]) == bytes_of(sent[part])
+
+    story(jump, work, loss=loss, seed=seed)
+
+
+@pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
+def test_small_plans_replace_each_other_and_what_is_empty_is_cleared(jump, loss, seed):
+    async def work(at):
+        await at.mission.upload(plan(4), PLAN)
+        other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
+        await at.mission.upload(other, PlanName("def", 1, "Barn"))
+        assert (at.mission.holds(), at.mission.held.plan.id) == ("plan", "def")
+        read = await at.mission.download()
+        assert [len(read.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
+        assert read.plan.id == "def", "what was read is what was uploaded"
+        await at.mission.clear()
+        await seconds(3)
+        assert at.vehicle.topic("mission").value.count == 0
+        assert at.mission.held.plan is None
+
+    story(jump, work, loss=loss, seed=seed)
+
+
+def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_stays(jump):
+    async def work(at):
+        await at.mission.upload(plan(4), PLAN)
+        for index in (0, 3, 6):
+            items = list(mission(7, seed=2))
+            items[index] = waypoint(index, command=212)
+            with pytest.raises(Rejected, match=f"refused item {index + 1} of the mission") as raised:
+                await at.mission.upload({**plan(), "mission": tuple(items)}, PlanName("bad", 1, "Bad"))
+            assert "not supported in a mission" in str(raised.value)
+            assert "still holds what it held before" in str(raised.value)
+            assert (at.mission.holds(), at.mission.held.plan) == ("plan", PLAN)
+        read = await at.mission.download()
+        assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
+
+    story(jump, work)
+
+
+def test_a_part_that_arrived_before_the_refusal_is_said(jump):
+    async def work(at):
+        await at.mission.upload(plan(4), PLAN)
+        bad = {"mission": (waypoint(0, command=212),), "fence": square(9_000), "rally": rally()}
+        with pytest.raises(Rejected, match=r"now holds a new geofence\. Its rally points and mission are as"):
+            await at.mission.upload(bad, PlanName("bad", 1, "Bad"))
+        await seconds(1.5)
+        assert at.mission.holds() == "another"
+
+    story(jump, work)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+@pytest.mark.parametrize("after_s", [0.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
+def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_says_which(jump, after_s, loss):
+    async def work(at):
+        old, new = plan(5), plan(60, seed=4)
+        await at.mission.upload(old, PLAN)
+        uploading = asyncio.ensure_future(at.mission.upload(new, PlanName("new", 1, "New")))
+        await seconds(after_s)
+        uploading.cancel()  # at 3 s without loss it is done already
+        await asyncio.wait([uploading])
+        assert at.mission.doing is None
+        done = not uploading.cancelled()
+        at.pilot.loss = 0.0
+        read = await at.mission.download()
+        assert bytes_of(read.items["mission"]) in (bytes_of(old["mission"]), bytes_of(new["mission"]))
+        is_old = all(bytes_of(read.items[part]) == bytes_of(old[part]) for part in PARTS)
+        assert not (done and is_old)
+        holds = "plan" if is_old or done else "not_known"
+        assert (at.mission.holds(), at.mission.held.plan is not None) == (holds, holds == "plan")
+
+    story(jump, work, loss=loss, seed=int(after_s * 100) + 1)
+
+
+def test_another_station_that_uploads_afterwards_makes_it_another_plan(jump):
+    async def work(at):
+        await at.mission.upload(plan(4), PLAN)
+        await OtherStation(at.pilot).upload([waypoint(n) for n in range(3)])
+        await seconds(2)
+        assert at.mission.holds() == "another"
+        read = await at.mission.download()
+        assert (len(read.items["mission"]), read.plan, at.mission.holds()) == (3, None, "not_known")
+        await at.mission.upload(plan(4), PLAN)
+        assert at.mission.holds() == "plan"
+
+    story(jump, work)
+
+
+@pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
+def test_what_another_station_sends_meanwhile_is_never_taken_for_ours(jump, after_s):
+    """PX4 takes items from any station: one that sends them unasked may spoil an upload, and that is said."""
+
+    async def work(at):
+        ours, theirs = plan(12, seed=5), [waypoint(n) for n in range(8)]
+        uploading = asyncio.ensure_future(at.mission.upload(ours, PLAN))
+        await seconds(after_s)
+        await OtherStation(at.pilot).upload(theirs)
+        result = (await asyncio.gather(uploading, return_exceptions=True))[0]
+        assert isinstance(result, GcsError) or result.held.plan == PLAN
+        await seconds(2)
+        claimed = at.mission.holds() == "plan"
+        read = await at.mission.download()
+        is_ours = bytes_of(read.items["mission"]) == bytes_of(ours["mission"])
+        assert claimed == is_ours
+
+    story(jump, work)
+
+
+def test_a_vehicle_that_another_station_keeps_busy_is_waited_for_and_then_told(jump):
+    async def work(at):
+        short = asyncio.ensure_future(OtherStation(at.pilot).upload([waypoint(n) for n in range(40)]))
+        await seconds(0.3)
+        await at.mission.upload(plan(3), PLAN)
+        await short
+        assert at.mission.holds() == "plan"
+        long = asyncio.ensure_future(OtherStation(at.pilot).upload([waypoint(n) for n in range(60)], 0.5))
+        await seconds(1.1)
+        with pytest.raises(Rejected, match="busy with another transfer"):
+            await at.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
+        long.cancel()
+
+    story(jump, work)
+
+
+def test_two_transfers_at_once_are_refused_and_one_after_the_other_is_not(jump):
+    async def work(at):
+        first = asyncio.ensure_future(at.mission.upload(plan(30), PLAN))
+        await seconds(0.05)
+        for second in (at.mission.download(), at.mission.clear(), at.mission.upload(plan(2), PLAN)):
+            with pytest.raises(Refused, match="under way"):
+                await second
+        await first
+        await at.mission.download()
+
+    story(jump, work)
+
+
+def test_a_vehicle_that_is_silent_about_missions_is_told_so(jump):
+    async def work(at):
+        at.pilot.receive = lambda _: None
+        with pytest.raises(NoReply, match="did not answer for 8 s"):
+            await at.mission.download()
+        with pytest.raises(NoReply, match="still holds what it held before"):
+            await at.mission.upload(plan(3), PLAN)
+        with pytest.raises(NoReply, match="clear the geofence"):
+            await at.mission.clear()
+
+    story(jump, work)
