@@ -103,4 +103,12 @@ export const FIELDS = {
     horizontal_accuracy_m: 'number',
     vertical_accuracy_m: 'number',
   },
+  mission: {
+    current: 'number',
+    count: 'number',
+    reached: 'number',
+    mission_id: 'number',
+    fence_id: 'number',
+    rally_points_id: 'number',
+  },
 } as const;

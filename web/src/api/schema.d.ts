@@ -1471,6 +1471,158 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{v}/mission": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Mission
+         * @description Where the vehicle is in its mission, and which plan it holds, without asking the vehicle.
+         */
+        get: operations["show_mission_api_v1_vehicles__v__mission_get"];
+        put?: never;
+        post?: never;
+        /**
+         * Clear
+         * @description Has the vehicle forget mission, geofence and rally points.
+         */
+        delete: operations["clear_api_v1_vehicles__v__mission_delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/mission/upload": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Upload
+         * @description Replaces mission, geofence and rally points by those of a plan, and reads them back to verify.
+         *
+         *     An operation with progress, to be cancelled by `DELETE /operations/{id}`. Its `result` has the number of
+         *     items and `not_kept`, the parameters that the vehicle does not keep. A part that the plan does not have
+         *     is cleared. It starts nothing; but a vehicle that flies Mission flies the new one at once: then `confirm`
+         *     must say so.
+         */
+        post: operations["upload_api_v1_vehicles__v__mission_upload_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/mission/download": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Download
+         * @description Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` then has them.
+         */
+        post: operations["download_api_v1_vehicles__v__mission_download_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/mission/plan": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Downloaded Plan
+         * @description What the vehicle held when it was last read or verified, as a plan.
+         */
+        get: operations["downloaded_plan_api_v1_vehicles__v__mission_plan_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/mission/compare": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Compare
+         * @description What differs between a plan and what the vehicle held when it was last read.
+         */
+        post: operations["compare_api_v1_vehicles__v__mission_compare_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/mission/start": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Start
+         * @description Flies the mission that the vehicle holds, from an item or the current one; arms where needed.
+         *
+         *     Answers once the vehicle is armed in Mission. 409 `plan_findings` where the plan has error findings, or is
+         *     not known, unless `despite` names their codes. Hold pauses it.
+         */
+        post: operations["start_api_v1_vehicles__v__mission_start_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/mission/resume": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Resume
+         * @description Goes on with the mission from its current item; for a vehicle in flight.
+         */
+        post: operations["resume_api_v1_vehicles__v__mission_resume_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -2749,6 +2901,48 @@ export interface components {
             shot_id: number | null;
         };
         /**
+         * DownloadRequest
+         * @description How to download.
+         */
+        DownloadRequest: {
+            /**
+             * Wait
+             * @description Answer once it is there.
+             * @default false
+             */
+            wait: boolean;
+        };
+        /**
+         * DownloadedPlan
+         * @description What a vehicle held when it was last read.
+         */
+        DownloadedPlan: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /** @description Its mission, geofence and rally points. */
+            plan: components["schemas"]["Plan"];
+            /** @description The plan that it is, where it was uploaded from here. */
+            plan_name: components["schemas"]["HeldPlanName"] | null;
+            /**
+             * Read Unix S
+             * @description When it was read [s since 1970 UTC].
+             */
+            read_unix_s: number;
+            /**
+             * Still Held
+             * @description Whether the vehicle still reports the same ids; null: it reports none.
+             */
+            still_held: boolean | null;
+            /**
+             * Notes
+             * @description What could not be put into the plan; sentences.
+             */
+            notes: string[];
+        };
+        /**
          * Echo
          * @description The target that the vehicle's controllers say they follow.
          */
@@ -4001,6 +4195,46 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["gcs_server__api__reflect__Health"];
+        };
+        /**
+         * HeldPlanName
+         * @description Which plan a transfer was about.
+         */
+        HeldPlanName: {
+            /**
+             * Id
+             * @description The plan's id on this server; null: it is not kept here.
+             */
+            id: string | null;
+            /**
+             * Version
+             * @description Version.
+             */
+            version: number | null;
+            /**
+             * Name
+             * @description Name.
+             */
+            name: string | null;
+        };
+        /**
+         * HeldView
+         * @description Which plan the vehicle holds.
+         */
+        HeldView: {
+            /**
+             * State
+             * @description plan: the one named here; another: not the one that was uploaded last; not_known: the server has not uploaded or compared one, or the vehicle does not report what it holds.
+             * @enum {string}
+             */
+            state: "plan" | "another" | "not_known";
+            /** @description The plan that was uploaded last and verified; what `state` is about. */
+            plan: components["schemas"]["HeldPlanName"] | null;
+            /**
+             * Known Unix S
+             * @description When it was last transferred, whole and verified [s since 1970 UTC].
+             */
+            known_unix_s: number | null;
         };
         /**
          * History
@@ -5258,6 +5492,112 @@ export interface components {
              * @description The last thousand at most.
              */
             messages: components["schemas"]["Message"][];
+        };
+        /**
+         * Mission
+         * @description MISSION_CURRENT, and MISSION_ITEM_REACHED: what the vehicle holds, and where in it it is.
+         */
+        Mission: {
+            /**
+             * Current
+             * @description Index of the item that is flown, or would be flown next, from 0.
+             */
+            current: number;
+            /**
+             * Count
+             * @description Items of its mission; None where it does not say.
+             */
+            count: number | null;
+            /**
+             * Reached
+             * @description Index of the item that it reported last as reached, from 0, of whichever mission it flew then; None:
+             *     none.
+             */
+            reached: number | null;
+            /**
+             * Mission Id
+             * @description The vehicle's own sum over its mission; 0: none, or not told.
+             */
+            mission_id: number;
+            /**
+             * Fence Id
+             * @description The same of its geofence.
+             */
+            fence_id: number;
+            /**
+             * Rally Points Id
+             * @description The same of its rally points.
+             */
+            rally_points_id: number;
+        };
+        /**
+         * MissionComparison
+         * @description What differs between a plan and what the vehicle held when it was last read.
+         */
+        MissionComparison: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /**
+             * Equal
+             * @description No difference that changes the flight.
+             */
+            equal: boolean;
+            /**
+             * Differences
+             * @description At most 50 of each part.
+             */
+            differences: components["schemas"]["PlanDifference"][];
+            /**
+             * Read Unix S
+             * @description When the vehicle's plan was read [s since 1970 UTC].
+             */
+            read_unix_s: number;
+            /**
+             * Still Held
+             * @description Whether the vehicle still reports the same ids.
+             */
+            still_held: boolean | null;
+        };
+        /**
+         * MissionSample
+         * @description The newest `mission` and the two clocks it is judged by.
+         */
+        MissionSample: {
+            /**
+             * Vehicle Time Boot S
+             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             */
+            vehicle_time_boot_s: number | null;
+            /**
+             * Received Unix S
+             * @description When the server received it [s since 1970 UTC].
+             */
+            received_unix_s: number;
+            /** @description The sample itself. */
+            value: components["schemas"]["Mission"];
+        };
+        /**
+         * MissionView
+         * @description What a vehicle flies by itself.
+         */
+        MissionView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /** @description As the topic `mission`; null: the vehicle has not reported. */
+            mission: components["schemas"]["Mission"] | null;
+            /** @description Which plan it holds. */
+            holds: components["schemas"]["HeldView"];
+            /**
+             * Transfer
+             * @description What transfer is under way; null: none.
+             */
+            transfer: string | null;
         };
         /**
          * ModeCause
@@ -6814,6 +7154,43 @@ export interface components {
             not_known: string[];
         };
         /**
+         * PlanDifference
+         * @description One value that is another on the vehicle.
+         */
+        PlanDifference: {
+            /**
+             * Part
+             * @description Part.
+             * @enum {string}
+             */
+            part: "mission" | "fence" | "rally";
+            /**
+             * Seq
+             * @description Index of the item in its part, from 0; None: the number of items.
+             */
+            seq: number | null;
+            /**
+             * Field
+             * @description count, command, frame, x, y, z, param1 … param4, autocontinue: as MISSION_ITEM_INT has them.
+             */
+            field: string;
+            /**
+             * Planned
+             * @description None: no number.
+             */
+            planned: number | null;
+            /**
+             * Held
+             * @description What the vehicle has; None: no number.
+             */
+            held: number | null;
+            /**
+             * Essential
+             * @description The vehicle would fly something else; false: a parameter that it does not keep.
+             */
+            essential: boolean;
+        };
+        /**
          * PlanEstimates
          * @description What a flight takes; lengths in metres, times in seconds.
          */
@@ -7354,6 +7731,11 @@ export interface components {
              * @description With `conflict`: when it was saved [s since 1970 UTC].
              */
             changed_unix_s?: number | null;
+            /**
+             * Codes
+             * @description With `plan_findings`: what `despite` would have to name.
+             */
+            codes?: string[] | null;
             /**
              * Deadline S
              * @description With 504: how long was waited [s].
@@ -8275,35 +8657,6 @@ export interface components {
             others_go_on: boolean;
         };
         /**
-         * StartRequest
-         * @description The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed.
-         */
-        StartRequest: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /** Setpoint */
-            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
-            /**
-             * Rate Hz
-             * @description Setpoints a second [Hz].
-             * @default 50
-             */
-            rate_hz: number;
-        };
-        /**
          * Status
          * @description What the vehicle is doing: HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE together.
          */
@@ -8948,6 +9301,8 @@ export interface components {
             health?: components["schemas"]["HealthSample"] | null;
             /** @description Newest `estimator`. */
             estimator?: components["schemas"]["EstimatorSample"] | null;
+            /** @description Newest `mission`. */
+            mission?: components["schemas"]["MissionSample"] | null;
         };
         /**
          * TrajectoryOrder
@@ -9275,6 +9630,35 @@ export interface components {
              * @default 0
              */
             camera: number | null;
+        };
+        /**
+         * UploadRequest
+         * @description What to upload.
+         */
+        UploadRequest: {
+            /**
+             * Plan Id
+             * @description Of a plan that the server keeps.
+             */
+            plan_id?: string | null;
+            /**
+             * Version
+             * @description Of that plan; the newest unless named.
+             */
+            version?: number | null;
+            /** @description A plan that is not kept on the server. */
+            plan?: components["schemas"]["Plan"] | null;
+            /**
+             * Confirm
+             * @description While the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+             */
+            confirm?: string | null;
+            /**
+             * Wait
+             * @description Answer once it is there and verified.
+             * @default false
+             */
+            wait: boolean;
         };
         /**
          * Vehicle
@@ -9849,6 +10233,24 @@ export interface components {
             yaw_ned_deg?: number | null;
         };
         /**
+         * WhichPlan
+         * @description A plan that the server keeps, or one that is sent.
+         */
+        WhichPlan: {
+            /**
+             * Plan Id
+             * @description Of a plan that the server keeps.
+             */
+            plan_id?: string | null;
+            /**
+             * Version
+             * @description Of that plan; the newest unless named.
+             */
+            version?: number | null;
+            /** @description A plan that is not kept on the server. */
+            plan?: components["schemas"]["Plan"] | null;
+        };
+        /**
          * Winch
          * @description Move a winch: `action` is MAVLink's WINCH_ACTIONS; line in metres, rate in m/s.
          */
@@ -9900,6 +10302,52 @@ export interface components {
              * @default 0
              */
             rate_m_s: number | null;
+        };
+        /**
+         * StartRequest
+         * @description Where to begin, and what the caller knows to be wrong.
+         */
+        gcs_server__api__mission_models__StartRequest: {
+            /**
+             * Item
+             * @description Index of the item to begin at, from 0; null: the current.
+             */
+            item?: number | null;
+            /**
+             * Despite
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` where the server does not know what the vehicle holds.
+             * @default []
+             */
+            despite: string[];
+        };
+        /**
+         * StartRequest
+         * @description The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed.
+         */
+        gcs_server__api__offboard_models__StartRequest: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description What the server does by itself when the setpoint has become too old.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /** Setpoint */
+            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+            /**
+             * Rate Hz
+             * @description Setpoints a second [Hz].
+             * @default 50
+             */
+            rate_hz: number;
         };
         /**
          * Health
@@ -11850,7 +12298,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["StartRequest"];
+                "application/json": components["schemas"]["gcs_server__api__offboard_models__StartRequest"];
             };
         };
         responses: {
@@ -14692,6 +15140,515 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["PlanVersions"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_mission_api_v1_vehicles__v__mission_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    clear_api_v1_vehicles__v__mission_delete: {
+        parameters: {
+            query?: {
+                /** @description Where the vehicle flies Mission: `vehicle {id} loses the mission that it flies`. */
+                confirm?: string | null;
+            };
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    upload_api_v1_vehicles__v__mission_upload_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["UploadRequest"];
+            };
+        };
+        responses: {
+            /** @description With `wait`: done. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    download_api_v1_vehicles__v__mission_download_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["DownloadRequest"] | null;
+            };
+        };
+        responses: {
+            /** @description With `wait`: done. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    downloaded_plan_api_v1_vehicles__v__mission_plan_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DownloadedPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    compare_api_v1_vehicles__v__mission_compare_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["WhichPlan"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MissionComparison"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_api_v1_vehicles__v__mission_start_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["gcs_server__api__mission_models__StartRequest"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    resume_api_v1_vehicles__v__mission_resume_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandDone"];
                 };
             };
             400: components["responses"]["Refused400"];
