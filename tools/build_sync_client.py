@@ -16,8 +16,11 @@ from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
 TARGET = CLIENT / "blocking.py"
-MODULES = ("aio", "control", "gimbal", "group", "offboard", "operations")
-CLASSES = ("Gcs", "Vehicle", "Control", "Gimbal", "Group", "Offboard", "LiveOffboard", "Operations")
+MODULES = ("aio", "control", "gimbal", "group", "mission", "offboard", "operations", "plans")
+CLASSES = (
+    "Gcs", "Vehicle", "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard", "Operations",
+    "Plans",
+)  # fmt: skip
 ROOT = "Gcs"
 """The one that a program makes itself; it owns the loop's thread."""
 STEERING = ("Offboard", "LiveOffboard")
@@ -39,10 +42,12 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, gimbal, group, offboard, operations
+from gcs_server.client import aio, control, gimbal, group, mission, offboard, operations, plans
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
+from gcs_server.client.mission import TRANSFER_S
 from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
 '''

@@ -230,7 +230,10 @@ def plan_of(held: Held) -> tuple[Plan, list[str]]:
 async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -> None:
     """Refuses a plan with error findings that the caller does not name."""
     held = vehicle.mission.held
-    if held is None or _still_held(vehicle, held) is False:
+    still_held = None if held is None else _still_held(vehicle, held)
+    if held is not None and not held.items["mission"] and still_held is not False:
+        raise Refused(f"Vehicle {vehicle.id} has no mission.", remedy="Upload a plan first.")
+    if held is None or not still_held:
         if NOT_KNOWN not in despite:
             raise PlanFindings(
                 f"The server does not know which plan vehicle {vehicle.id} holds, so it is not checked.",

@@ -17,8 +17,10 @@ from gcs_server.client.blocking import (
     SyncGimbal,
     SyncGroup,
     SyncLiveOffboard,
+    SyncMission,
     SyncOffboard,
     SyncOperations,
+    SyncPlans,
     SyncVehicle,
 )
 from gcs_server.client.control import Control
@@ -35,8 +37,10 @@ from gcs_server.client.errors import (
 )
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group
+from gcs_server.client.mission import Mission
 from gcs_server.client.offboard import LiveOffboard, Offboard
 from gcs_server.client.operations import Operations
+from gcs_server.client.plans import Plans
 
 __all__ = [
     "ApiError",
@@ -46,19 +50,23 @@ __all__ = [
     "Group",
     "Invalid",
     "LiveOffboard",
+    "Mission",
     "NoReply",
     "NotAllowed",
     "NotInControl",
     "Offboard",
     "Operations",
+    "Plans",
     "Refused",
     "SyncControl",
     "SyncGcs",
     "SyncGimbal",
     "SyncGroup",
     "SyncLiveOffboard",
+    "SyncMission",
     "SyncOffboard",
     "SyncOperations",
+    "SyncPlans",
     "SyncVehicle",
     "Timeout",
     "Unknown",

@@ -22,8 +22,10 @@ from gcs_server.client.control import Control
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group, Setpoints, members_of
+from gcs_server.client.mission import Mission
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.operations import Operations
+from gcs_server.client.plans import Plans
 from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
 
 T = TypeVar("T")
@@ -81,13 +83,20 @@ class Gcs:
             ApiError: the server or the vehicle said no.
             Unreachable: the server did not answer.
         """
+        content = await self.raw(method, path, body=body)
+        return json.loads(content) if content else None
+
+    async def raw(
+        self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None
+    ) -> bytes:
+        """One call below `/api/v1` that sends or answers a file; errors as `request`."""
         self._has_commanded = self._has_commanded or method != "GET"
         try:
-            response = await self._http.request(method, path, json=body)
+            response = await self._http.request(method, path, json=body, content=content)
         except httpx.TransportError as error:
             raise Unreachable(f"No answer from {self.url}: {error or type(error).__name__}.") from error
         raise_for(response)
-        return response.json() if response.content else None
+        return response.content
 
     async def vehicles(self) -> list[Vehicle]:
         """All vehicles that the server has heard."""
@@ -100,6 +109,10 @@ class Gcs:
     def operations(self) -> Operations:
         """Long work of the server: what runs, waiting for its end, cancelling it."""
         return Operations(self)
+
+    def plans(self) -> Plans:
+        """The waypoint plans that the server keeps."""
+        return Plans(self)
 
     async def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
@@ -208,6 +221,7 @@ class Vehicle:
         self.id = vehicle_id
         self.gimbal = Gimbal(self)
         self.control = Control(self)
+        self.mission = Mission(self, gcs.operations())
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""

@@ -12,10 +12,12 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, gimbal, group, offboard, operations
+from gcs_server.client import aio, control, gimbal, group, mission, offboard, operations, plans
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
+from gcs_server.client.mission import TRANSFER_S
 from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
 
@@ -55,6 +57,10 @@ class SyncGcs(LoopThread):
         """
         return self._portal.call(lambda: self._inner.request(method, path, body))
 
+    def raw(self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None) -> bytes:
+        """One call below `/api/v1` that sends or answers a file; errors as `request`."""
+        return self._portal.call(lambda: self._inner.raw(method, path, body=body, content=content))
+
     def vehicles(self) -> list[SyncVehicle]:
         """All vehicles that the server has heard."""
         return [
@@ -68,6 +74,10 @@ class SyncGcs(LoopThread):
     def operations(self) -> SyncOperations:
         """Long work of the server: what runs, waiting for its end, cancelling it."""
         return SyncOperations(self._inner.operations(), self._portal)
+
+    def plans(self) -> SyncPlans:
+        """The waypoint plans that the server keeps."""
+        return SyncPlans(self._inner.plans(), self._portal)
 
     def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
@@ -144,6 +154,7 @@ class SyncVehicle:
         self.id = self._inner.id
         self.gimbal = SyncGimbal(self._inner.gimbal, self._portal)
         self.control = SyncControl(self._inner.control, self._portal)
+        self.mission = SyncMission(self._inner.mission, self._portal)
 
     def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
@@ -418,6 +429,70 @@ class SyncGroup:
         return self._portal.call(lambda: self._inner.hold())
 
 
+class SyncMission:
+    """The mission, geofence and rally points of a vehicle."""
+
+    def __init__(self, inner: mission.Mission, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def state(self) -> dict[str, Any]:
+        """Where the vehicle is in its mission, and which plan it `holds`."""
+        return self._portal.call(lambda: self._inner.state())
+
+    def upload(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        confirm: str | None = None,
+        timeout_s: float = TRANSFER_S,
+    ) -> dict[str, Any]:
+        """Uploads a plan, or one that the server keeps, and verifies it; returns what came of it.
+
+        `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+
+        Raises:
+            Refused: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+        """
+        return self._portal.call(
+            lambda: self._inner.upload(
+                plan, plan_id=plan_id, version=version, confirm=confirm, timeout_s=timeout_s
+            )
+        )
+
+    def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
+        """Reads what the vehicle holds; as `plan`."""
+        return self._portal.call(lambda: self._inner.download(timeout_s=timeout_s))
+
+    def plan(self) -> dict[str, Any]:
+        """What was read or verified last: `plan`, `read_unix_s`, `still_held`."""
+        return self._portal.call(lambda: self._inner.plan())
+
+    def compare(
+        self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
+    ) -> dict[str, Any]:
+        """Whether a plan is `equal` to what was read last, and the `differences`."""
+        return self._portal.call(lambda: self._inner.compare(plan, plan_id=plan_id, version=version))
+
+    def clear(self) -> None:
+        """Has the vehicle forget mission, geofence and rally points; refused while it flies Mission."""
+        self._portal.call(lambda: self._inner.clear())
+
+    def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
+        """Flies it, from an item (counted from 0) or the current one; arms where needed.
+
+        Raises:
+            Refused: the plan has errors, or is not known, and `despite` does not name their codes.
+        """
+        self._portal.call(lambda: self._inner.start(item, despite=despite))
+
+    def resume(self) -> None:
+        """Goes on in flight from the current item; `vehicle.hold()` pauses."""
+        self._portal.call(lambda: self._inner.resume())
+
+
 class SyncOffboard(Steering[Answer]):
     """A running stream.
 
@@ -512,3 +587,58 @@ class SyncOperations:
     def cancel(self, operation_id: str) -> dict[str, Any]:
         """Cancels it, and returns how it ended; one that has ended stays as it is."""
         return self._portal.call(lambda: self._inner.cancel(operation_id))
+
+
+class SyncPlans:
+    """The plans of the server; each as `GET /plans/{plan}` answers it: `id`, `version`, `plan`, …"""
+
+    def __init__(self, inner: plans.Plans, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self) -> list[dict[str, Any]]:
+        """The newest version of each, without the plans themselves, by name."""
+        return self._portal.call(lambda: self._inner.all())
+
+    def get(self, plan_id: str, version: int | None = None) -> dict[str, Any]:
+        """A plan with its document; the newest version unless one is named."""
+        return self._portal.call(lambda: self._inner.get(plan_id, version))
+
+    def versions(self, plan_id: str) -> list[dict[str, Any]]:
+        """Those that are kept, newest first."""
+        return self._portal.call(lambda: self._inner.versions(plan_id))
+
+    def create(self, name: str, plan: Plan) -> dict[str, Any]:
+        """Keeps a new plan."""
+        return self._portal.call(lambda: self._inner.create(name, plan))
+
+    def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:
+        """Adds a version to the one that was changed.
+
+        Raises:
+            Refused: somebody else saved meanwhile (`conflict`); nothing is overwritten.
+        """
+        return self._portal.call(lambda: self._inner.save(plan_id, name, plan, base_version=base_version))
+
+    def delete(self, plan_id: str, *, base_version: int) -> None:
+        """Deletes a plan with all its versions; raises as `save`."""
+        self._portal.call(lambda: self._inner.delete(plan_id, base_version=base_version))
+
+    def check(self, plan: Plan, *, vehicle_id: str | None = None) -> dict[str, Any]:
+        """`findings` and `estimates`; with a vehicle by its parameters and home, as far as they are known."""
+        return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id))
+
+    def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
+        """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
+
+        `altitude_m` and `altitude_reference` are for points that have no altitude.
+        """
+        return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
+
+    def write_file(self, plan: Plan, format: str) -> bytes:
+        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`."""
+        return self._portal.call(lambda: self._inner.write_file(plan, format))
+
+    def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """A survey, corridor, perimeter, orbit or structure: `plan` with its items, `lines`, `figures`."""
+        return self._portal.call(lambda: self._inner.pattern(kind, **fields))

@@ -5,7 +5,7 @@ import inspect
 
 import pytest
 
-from gcs_server.client import aio, blocking, control, gimbal, group, offboard, operations
+from gcs_server.client import aio, blocking, control, gimbal, group, mission, offboard, operations, plans
 from gcs_server.client.portal import LoopThread, iterate
 from tools.build_sync_client import CLASSES, LEFT_OUT
 
@@ -15,7 +15,9 @@ MODULES = {
     "Control": control,
     "Gimbal": gimbal,
     "Group": group,
+    "Mission": mission,
     "Operations": operations,
+    "Plans": plans,
 }
 
 

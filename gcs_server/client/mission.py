@@ -1,0 +1,86 @@
+"""What a vehicle flies by itself, in a program's hands: uploaded, read, compared, started."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from gcs_server.client.control import Requester
+from gcs_server.client.operations import Operations
+from gcs_server.client.plans import Plan
+from gcs_server.client.setpoints import Body
+
+TRANSFER_S = 600.0
+"""A thousand items on a link that loses every third packet take some minutes."""
+
+
+class Mission:
+    """The mission, geofence and rally points of a vehicle."""
+
+    def __init__(self, vehicle: Requester, operations: Operations) -> None:
+        self._vehicle = vehicle
+        self._operations = operations
+
+    async def state(self) -> dict[str, Any]:
+        """Where the vehicle is in its mission, and which plan it `holds`."""
+        return await self._vehicle.request("GET", "/mission")
+
+    async def upload(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        confirm: str | None = None,
+        timeout_s: float = TRANSFER_S,
+    ) -> dict[str, Any]:
+        """Uploads a plan, or one that the server keeps, and verifies it; returns what came of it.
+
+        `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+
+        Raises:
+            Refused: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+        """
+        body = {**_which(plan, plan_id, version), **({} if confirm is None else {"confirm": confirm})}
+        begun = await self._vehicle.request("POST", "/mission/upload", body)
+        return (await self._operations.wait(begun["id"], timeout_s=timeout_s))["result"]
+
+    async def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
+        """Reads what the vehicle holds; as `plan`."""
+        begun = await self._vehicle.request("POST", "/mission/download")
+        await self._operations.wait(begun["id"], timeout_s=timeout_s)
+        return await self.plan()
+
+    async def plan(self) -> dict[str, Any]:
+        """What was read or verified last: `plan`, `read_unix_s`, `still_held`."""
+        return await self._vehicle.request("GET", "/mission/plan")
+
+    async def compare(
+        self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
+    ) -> dict[str, Any]:
+        """Whether a plan is `equal` to what was read last, and the `differences`."""
+        return await self._vehicle.request("POST", "/mission/compare", _which(plan, plan_id, version))
+
+    async def clear(self) -> None:
+        """Has the vehicle forget mission, geofence and rally points; refused while it flies Mission."""
+        await self._vehicle.request("DELETE", "/mission")
+
+    async def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
+        """Flies it, from an item (counted from 0) or the current one; arms where needed.
+
+        Raises:
+            Refused: the plan has errors, or is not known, and `despite` does not name their codes.
+        """
+        body: Body = {"despite": list(despite)}
+        await self._vehicle.request(
+            "POST", "/mission/start", body if item is None else {**body, "item": item}
+        )
+
+    async def resume(self) -> None:
+        """Goes on in flight from the current item; `vehicle.hold()` pauses."""
+        await self._vehicle.request("POST", "/mission/resume")
+
+
+def _which(plan: Plan | None, plan_id: str | None, version: int | None) -> Body:
+    given = {"plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version}
+    return {name: value for name, value in given.items() if value is not None}

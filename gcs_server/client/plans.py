@@ -1,0 +1,84 @@
+"""Waypoint plans on the server: kept with versions, checked, read from files and written to them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, Protocol
+from urllib.parse import quote, urlencode
+
+from gcs_server.client.setpoints import Body
+
+Plan = Mapping[str, Any]
+"""A plan's document, as docs/missions.md describes it."""
+
+
+class Caller(Protocol):
+    """The part of `Gcs` that is needed here."""
+
+    async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
+    async def raw(
+        self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None
+    ) -> bytes: ...
+
+
+class Plans:
+    """The plans of the server; each as `GET /plans/{plan}` answers it: `id`, `version`, `plan`, …"""
+
+    def __init__(self, gcs: Caller) -> None:
+        self._gcs = gcs
+
+    async def all(self) -> list[dict[str, Any]]:
+        """The newest version of each, without the plans themselves, by name."""
+        return (await self._gcs.request("GET", "/plans"))["plans"]
+
+    async def get(self, plan_id: str, version: int | None = None) -> dict[str, Any]:
+        """A plan with its document; the newest version unless one is named."""
+        query = "" if version is None else f"?version={version}"
+        return await self._gcs.request("GET", f"/plans/{quote(plan_id, safe='')}{query}")
+
+    async def versions(self, plan_id: str) -> list[dict[str, Any]]:
+        """Those that are kept, newest first."""
+        return (await self._gcs.request("GET", f"/plans/{quote(plan_id, safe='')}/versions"))["versions"]
+
+    async def create(self, name: str, plan: Plan) -> dict[str, Any]:
+        """Keeps a new plan."""
+        return await self._gcs.request("POST", "/plans", {"name": name, "plan": dict(plan)})
+
+    async def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:
+        """Adds a version to the one that was changed.
+
+        Raises:
+            Refused: somebody else saved meanwhile (`conflict`); nothing is overwritten.
+        """
+        body: Body = {"name": name, "plan": dict(plan), "base_version": base_version}
+        return await self._gcs.request("PUT", f"/plans/{quote(plan_id, safe='')}", body)
+
+    async def delete(self, plan_id: str, *, base_version: int) -> None:
+        """Deletes a plan with all its versions; raises as `save`."""
+        path = f"/plans/{quote(plan_id, safe='')}?base_version={base_version}"
+        await self._gcs.request("DELETE", path)
+
+    async def check(self, plan: Plan, *, vehicle_id: str | None = None) -> dict[str, Any]:
+        """`findings` and `estimates`; with a vehicle by its parameters and home, as far as they are known."""
+        body: Body = {"plan": dict(plan)}
+        if vehicle_id is not None:
+            body = {**body, "vehicle": vehicle_id}
+        return await self._gcs.request("POST", "/plans/check", body)
+
+    async def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
+        """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
+
+        `altitude_m` and `altitude_reference` are for points that have no altitude.
+        """
+        query = urlencode({"filename": filename, **altitude})
+        return json.loads(await self._gcs.raw("POST", f"/plans/import?{query}", content=data))
+
+    async def write_file(self, plan: Plan, format: str) -> bytes:
+        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`."""
+        path = f"/plans/export?{urlencode({'format': format})}"
+        return await self._gcs.raw("POST", path, body={"plan": dict(plan)})
+
+    async def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """A survey, corridor, perimeter, orbit or structure: `plan` with its items, `lines`, `figures`."""
+        return await self._gcs.request("POST", "/plans/pattern", {"kind": kind, **fields})

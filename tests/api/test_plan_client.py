@@ -1,0 +1,101 @@
+"""The Python client keeps plans and uploads them to a vehicle, over the whole application in memory."""
+
+import asyncio
+
+import httpx
+import pytest
+
+from gcs_server.app import create_app
+from gcs_server.client import Gcs, Refused, Unknown
+from gcs_server.clock import LoopClock
+from gcs_server.links.memory import MemoryLink
+from gcs_server.settings import Settings
+from tests.jump_time import in_jumps
+from tests.protocol.mission_world import MissionPilot
+
+AT_20_M = {"value_m": 20, "reference": "home"}
+PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {"kind": "return_home"}]}
+
+
+def run(tmp_path, story):
+    async def work():
+        clock = LoopClock(asyncio.get_running_loop())
+        settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
+        app = create_app(settings, clock, static=tmp_path / "none")
+        server = app.state.server
+        server.router.start()
+        server.fleet.start()
+        link = MemoryLink("memory", outgoing=lambda data, _: pilot.receive(data))
+        server.router.add(link)
+        pilot = MissionPilot(link)
+        gcs = Gcs("http://localhost", client="anna")
+        gcs._http = httpx.AsyncClient(
+            transport=httpx.ASGITransport(app),
+            base_url="http://localhost/api/v1",
+            headers=gcs._headers,
+            timeout=None,
+        )
+        try:
+            await asyncio.sleep(5.0)
+            async with gcs:
+                await story(gcs, pilot)
+        finally:
+            pilot.alive = False
+            await server.fleet.close()
+            await server.supervisor.close()
+            await server.router.close()
+            server.station.plans.close()
+            server.station.plan_work.close()
+
+    in_jumps(work)
+
+
+def test_plans_are_kept_changed_checked_written_and_read(tmp_path):
+    async def story(gcs, _pilot):
+        plans = gcs.plans()
+        kept = await plans.create("Tower", PLAN)
+        saved = await plans.save(kept["id"], "Old tower", kept["plan"], base_version=1)
+        with pytest.raises(Refused) as raised:
+            await plans.save(kept["id"], "Tower", PLAN, base_version=1)
+        assert raised.value.code == "conflict"
+        assert [each["version"] for each in await plans.versions(kept["id"])] == [2, 1]
+        assert (await plans.get(kept["id"], 1))["name"] == "Tower"
+        assert (await plans.all())[0]["name"] == saved["name"] == "Old tower"
+        found = await plans.check(kept["plan"], vehicle_id="1")
+        assert any("parameters of vehicle 1" in text for text in found["not_known"])
+        file = await plans.write_file(PLAN, "kml")
+        read = await plans.read_file(file, "a.kml")
+        assert len(read["plan"]["items"]) == 3
+        center = {"lat_deg": 47.4, "lon_deg": 8.5}
+        around = await plans.pattern("orbit", center=center, radius_m=20, altitude=AT_20_M)
+        assert around["figures"]["lines_length_m"] > 50
+        await plans.delete(kept["id"], base_version=2)
+        with pytest.raises(Unknown):
+            await plans.get(kept["id"])
+
+    run(tmp_path, story)
+
+
+def test_a_plan_is_uploaded_read_compared_and_flown(tmp_path):
+    async def story(gcs, pilot):
+        vehicle = await gcs.wait_for_vehicle("1")
+        mission = vehicle.mission
+        kept = await gcs.plans().create("Tower", PLAN)
+        done = await mission.upload(plan_id=kept["id"])
+        assert done["items"]["mission"] == 3
+        assert (await mission.state())["holds"]["plan"]["id"] == kept["id"]
+        assert (await mission.download())["plan_name"]["version"] == 1
+        assert (await mission.compare(PLAN))["equal"]
+        await mission.start(1)
+        assert (pilot.armed, pilot.flight.current) == (True, 1)
+        pilot.landed = 2
+        await vehicle.until(lambda v: v["status"]["landed_state"] == "in_air", what="it to fly")
+        await vehicle.hold()
+        await mission.resume()
+        await vehicle.hold()
+        await mission.clear()
+        with pytest.raises(Refused, match="has no mission"):
+            await mission.start()
+
+    run(tmp_path, story)
