@@ -1,0 +1,58 @@
+"""A plan uploaded to the simulated PX4, flown, paused, resumed, and begun again at an item."""
+
+from gcs_server.vehicle.services.mission_held import PlanName
+from missions.formats.mavlink_items import fence_items, mission_items, rally_items
+from missions.items import Land, Takeoff, Waypoint
+from missions.plan import Plan
+from missions.values import Altitude
+from tests.protocol.offboard_world import seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+
+HEIGHT = Altitude(value_m=5.0, reference="home")
+GROUND = Altitude(value_m=0.0, reference="home")
+
+
+def plan_about(lat_deg, lon_deg):
+    north = lat_deg + 10 / 111_320
+    items = (
+        Takeoff(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
+        Waypoint(lat_deg=north, lon_deg=lon_deg, altitude=HEIGHT),
+        Waypoint(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
+        Land(lat_deg=lat_deg, lon_deg=lon_deg, altitude=GROUND),
+    )
+    return Plan(items=items)
+
+
+def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
+    async def story():
+        world = SimulatedWorld()
+        try:
+            vehicle = await world.ready_to_arm()
+            home = vehicle.topic("home").value
+            plan = plan_about(home.lat_deg, home.lon_deg)
+            parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
+            uploaded = await vehicle.mission.upload(parts, PlanName("a", 1, "Out and back"))
+            assert (vehicle.mission.holds(), uploaded.not_kept) == ("plan", [])
+            await vehicle.command.start_mission()
+            assert (vehicle.status.armed, vehicle.status.mode) == (True, "mission")
+
+            def current():
+                return vehicle.topic("mission").value.current
+
+            await until(lambda: current() == 1, 40)
+            await seconds(1)
+            await vehicle.command.hold()
+            await seconds(3)
+            assert (current(), vehicle.status.mode) == (1, "hold")
+            await vehicle.command.set_mode("mission")
+            await until(lambda: current() == 2, 40)
+            assert vehicle.topic("mission").value.reached == 1
+            await until(lambda: not vehicle.status.armed, 90)
+            assert vehicle.topic("global_position").value.alt_home_m < 1.0
+            assert vehicle.mission.holds() == "plan"
+            await vehicle.mission.set_current(2)
+            assert current() == 2
+        finally:
+            await world.close()
+
+    jump(story)
