@@ -43,6 +43,7 @@ def test_what_changes_a_flight_is_journaled():
     changing = {row.name for call, row in BY_CALL.items() if not call.startswith(("GET ", "WS "))} & quiet
     assert changing == {
         "control/renew",
+        "mission/download",
         "params/refresh",
         "plans",
         "readiness/check",
