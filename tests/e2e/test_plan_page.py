@@ -9,8 +9,9 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import REPOSITORY, chromium, in_both_themes, opened
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
 from tests.e2e.fast_station import Station
+from tests.station import wait_until
 from tools import build_page
 
 pytestmark = pytest.mark.browser
@@ -82,7 +83,21 @@ def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, s
         expect(waypoints).to_have_count(3)
         expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
 
+        uploaded_and_flown(page, room, station)
         two_people_at_one_plan(page, room, station)
+
+
+def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
+    """The vehicle gets the plan, flies it once that is confirmed, and holds at the key H."""
+    on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
+    on_vehicle.get_by_role("button", name="Upload").click()
+    expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
+    on_vehicle.get_by_role("button", name="Fly…").click()
+    hold_space(page)
+    wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
+    expect(on_vehicle).to_contain_text("It flies its mission")
+    page.keyboard.press("h")
+    wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 
 
 def dragged_and_back(page: Page, room: Locator) -> None:

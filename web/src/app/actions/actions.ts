@@ -4,7 +4,8 @@ import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { StartWish } from '../../vehicle/setpoint';
 
-export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
+export type ActionName =
+  'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto' | 'mission/start';
 
 /** What the sentences need to know; null is unknown. */
 export interface ActionFacts {
@@ -100,6 +101,15 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       };
     case 'rtl':
       return { title: `Return ${name}`, effect: `${returns(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
+    case 'mission/start':
+      return {
+        title: `Fly the mission of ${name}`,
+        effect: facts.inAir
+          ? `Flies on with the mission that it holds, from its current step. Hold pauses it.${end}`
+          : `${facts.armed ? 'Takes' : 'Arms, takes'} off and flies the mission that it holds, from its first step. Hold pauses it.`,
+        verb: 'Fly',
+        danger: false,
+      };
     case 'goto':
       return goal === null
         ? null
@@ -156,6 +166,7 @@ export function call(action: Exclude<ActionName, 'offboard_start'>, facts: Actio
   if (action === 'land_now') return { path: `${base}/land_now`, body: { confirm: `vehicle ${facts.vehicleId} lands now` } };
   if (action === 'force_control') return { path: `${base}/control/take`, body: { force: true } };
   if (action === 'kill') return { path: `${base}/kill`, body: { confirm: `motors stop, vehicle ${facts.vehicleId} falls` } };
+  if (action === 'mission/start') return { path: `${base}/mission/start`, body: facts.inAir ? {} : { item: 0 } };
   if (goal !== null) return { path: `${base}/goto`, body: { lat_deg: goal.lat_deg, lon_deg: goal.lon_deg, alt_home_m: goal.alt_home_m } };
   return { path: `${base}/${action}` };
 }
@@ -184,6 +195,7 @@ export const ASKED: Readonly<Record<ActionName, string>> = {
   kill: 'Stopping the motors',
   offboard_start: 'Offboard',
   goto: 'Go here',
+  'mission/start': 'Mission',
 };
 
 /** What the sentences need to know of a vehicle as it is now. */

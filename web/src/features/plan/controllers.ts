@@ -5,6 +5,7 @@ import { memory } from '../../app/identity';
 import type { Home } from './document';
 import { PlanApi } from './api';
 import { PlanEditor } from './editor.svelte';
+import { VehicleMission } from './mission.svelte';
 import { Plans } from './plans.svelte';
 
 export const editor = new PlanEditor();
@@ -13,6 +14,8 @@ export const plans = new Plans(
   editor,
   memory(() => localStorage),
 );
+
+export const mission = new VehicleMission(page.api);
 
 /** Of the selected vehicle, where it is known and no recording. */
 export function vehicleHome(): Home | null {

@@ -4,6 +4,7 @@ import { groundDistance_m, placeAt } from '../../vehicle/geo';
 import { PlanApi } from './api';
 import { EMPTY, placeOf } from './document';
 import { PlanEditor } from './editor.svelte';
+import { holdsText, VehicleMission } from './mission.svelte';
 import { Plans } from './plans.svelte';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -213,5 +214,79 @@ describe('plans on the server', () => {
     expect(plans.isChecked).toBe(false);
     await plans.ask(null);
     expect(plans.checkProblem).toBe('Not checked. Busy.');
+  });
+});
+
+describe('the plan on the vehicle', () => {
+  const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
+  const view = (state: string, plan: object | null, transfer: string | null = null) => ({
+    vehicle: '1',
+    mission: null,
+    transfer,
+    holds: { state, plan, known_unix_s: 1 },
+  });
+  const named = { id: 'abc', version: 2, name: 'Tower' };
+  const event = (over: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(over) });
+  /** Until what was asked has been answered. */
+  const settled = () => new Promise((done) => setTimeout(done));
+
+  function vehicle(...answers: readonly [number, unknown][]) {
+    const asked: string[] = [];
+    let turn = 0;
+    const api = new ApiClient('p', undefined, (path, init) => {
+      asked.push(`${init.method} ${path.replace('/api/v1', '')}`);
+      const [status, body] = answers[turn++] ?? [500, {}];
+      return Promise.resolve(new Response(JSON.stringify(body), { status }));
+    });
+    return { asked, mission: new VehicleMission(api) };
+  }
+
+  it('is this one only in the very version', async () => {
+    const { mission } = vehicle([200, view('plan', named)]);
+    mission.show('1');
+    await settled();
+    expect([mission.holds('abc', 2), mission.holds('abc', 3), mission.holds('other', 2)]).toEqual([true, false, false]);
+    expect(holdsText('101 Quad', mission, { id: 'abc', version: 2 })).toBe('101 Quad holds this plan.');
+    expect(holdsText('101 Quad', mission, { id: 'abc', version: 3 })).toBe('101 Quad holds version 2 of this plan.');
+    expect(holdsText('101 Quad', mission, null)).toBe('101 Quad holds the plan “Tower”.');
+  });
+
+  it('is never claimed where the vehicle reports another or nothing', async () => {
+    for (const state of ['another', 'not_known']) {
+      const { mission } = vehicle([200, view(state, named)]);
+      mission.show('1');
+      await settled();
+      expect(mission.holds('abc', 2)).toBe(false);
+    }
+  });
+
+  it('is uploaded with progress and asked for anew at the end', async () => {
+    const { mission, asked } = vehicle([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
+    mission.show('1');
+    await settled();
+    await mission.send('abc', 2);
+    mission.heard(event({ progress: 0.9 }));
+    mission.heard(event({ vehicle: '2', progress: 0.1 }));
+    expect([mission.running, mission.upload?.progress]).toEqual([true, 0.9]);
+    mission.heard(event({ state: 'succeeded', progress: 1 }));
+    await settled();
+    expect([mission.running, mission.holds('abc', 2)]).toEqual([false, true]);
+    expect(asked).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
+  });
+
+  it('is found again while it is uploaded, after a reload', async () => {
+    const { mission } = vehicle([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
+    mission.show('1');
+    await settled();
+    expect(mission.upload?.id).toBe('o1');
+  });
+
+  it('says why it was not uploaded', async () => {
+    const { mission } = vehicle([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
+    mission.show('1');
+    await settled();
+    await mission.send('abc', 2);
+    expect(mission.problem?.detail).toBe('anna has control.');
+    expect(mission.running).toBe(false);
   });
 });
