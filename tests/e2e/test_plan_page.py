@@ -96,6 +96,9 @@ def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
     hold_space(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
     expect(on_vehicle).to_contain_text("It flies its mission")
+    page.keyboard.press("w")
+    expect(page.get_by_role("region", name="Mission", exact=True)).to_contain_text("of 4")
+    page.keyboard.press("w")
     page.keyboard.press("h")
     wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 

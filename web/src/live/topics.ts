@@ -46,6 +46,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'gimbal',
   'hud',
   'health',
+  'mission',
   'readiness',
   'offboard',
   'control',
@@ -68,4 +69,5 @@ export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   target_local: 0.2,
   hud: 0.2,
   health: 1,
+  mission: 1,
 };

@@ -1,4 +1,5 @@
 import { registry, rooms } from '../../app/registry.svelte';
+import FlightCard from './FlightCard.svelte';
 
 const ROOM = 'plan';
 
@@ -12,4 +13,5 @@ registry.addRoom({
   toolbar: true,
   load: async () => (await import('./parts')).parts,
 });
+registry.addTo('cards', { order: 25, ofVehicle: FlightCard });
 registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);
