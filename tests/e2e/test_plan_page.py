@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
@@ -83,8 +84,37 @@ def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, s
         expect(waypoints).to_have_count(3)
         expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
 
-        uploaded_and_flown(page, room, station)
         two_people_at_one_plan(page, room, station)
+
+
+def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, station: Station) -> None:
+    wait_until(lambda: station.drone.topic("home") is not None, "the vehicle's home")
+    home = station.drone.topic("home")
+    assert home is not None
+    start = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
+    far = {
+        **start,
+        "lat_deg": home["lat_deg"] + 0.0135,
+    }  # 1500 m: still on its way when the page is looked at
+    altitude = {"value_m": 20, "reference": "home"}
+    items = [
+        {"kind": "takeoff", **start, "altitude": altitude},
+        {"kind": "waypoint", **far, "altitude": altitude},
+        {"kind": "return_home"},
+    ]
+    station.gcs.request(
+        "POST", "/plans", {"name": "Far", "plan": {"planned_home": home_of(home), "items": items}}
+    )
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        page.get_by_role("button", name="Open", exact=True).click()
+        room.get_by_role("button", name=re.compile("^Far 3 items")).click()
+        expect(room.get_by_role("option", name="3 Return")).to_be_visible()
+        uploaded_and_flown(page, room, station)
+
+
+def home_of(topic: dict[str, Any]) -> dict[str, float]:
+    return {name: topic[name] for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
 def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
@@ -97,7 +127,7 @@ def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
     expect(on_vehicle).to_contain_text("It flies its mission")
     page.keyboard.press("w")
-    expect(page.get_by_role("region", name="Mission", exact=True)).to_contain_text("of 4")
+    expect(page.get_by_role("region", name="Mission", exact=True)).to_contain_text("of 3")
     page.keyboard.press("w")
     page.keyboard.press("h")
     wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
