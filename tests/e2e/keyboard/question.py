@@ -65,6 +65,16 @@ def refuse_commands(page: Page) -> list[str]:
     return commands
 
 
+def await_command(page: Page, commands: list[str], what: str) -> None:
+    """Waits for a command of the page; what it requests is seen only while something is asked of the page."""
+
+    def seen() -> list[str]:
+        page.wait_for_timeout(20)
+        return commands
+
+    wait_until(seen, what)
+
+
 class Question:
     """An open confirmation, and what must hold for each."""
 
@@ -146,7 +156,7 @@ class Question:
         for _ in range(3):
             self.page.keyboard.down("Space")  # the keyboard repeats, now with the focus on another button
         self.page.keyboard.up("Space")
-        wait_until(lambda: self.commands, f"the command of {self.title!r}")
+        await_command(self.page, self.commands, f"the command of {self.title!r}")
         expect(self.dialog, f"{self.title}: asks again by the same press").to_be_hidden()
         assert len(self.commands) == 1, (self.title, self.commands)
         self.commands.clear()

@@ -7,7 +7,7 @@ from playwright.sync_api import Browser, expect
 
 from tests.e2e.browser import in_both_themes, opened, press
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.question import refuse_commands
+from tests.e2e.keyboard.question import await_command, refuse_commands
 from tests.station import wait_until
 
 pytestmark = pytest.mark.browser
@@ -42,7 +42,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         box.focus()
         page.keyboard.press("Space")
         page.keyboard.press("h")
-        wait_until(lambda: commands, "Hold after a checkbox")
+        await_command(page, commands, "Hold after a checkbox")
         assert commands.pop().endswith("/vehicles/101/hold")
 
         room.locator("summary").first.press("Enter")
@@ -50,7 +50,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         choice.focus()
         before = choice.input_value()
         page.keyboard.press("h")
-        wait_until(lambda: commands, "Hold on a list")
+        await_command(page, commands, "Hold on a list")
         assert commands.pop().endswith("/vehicles/101/hold")
         assert choice.input_value() == before
 
@@ -76,7 +76,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         press(off, "Enter")
         press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         page.keyboard.press("h")
-        wait_until(lambda: commands, "Hold, switched on again")
+        await_command(page, commands, "Hold, switched on again")
     assert drone.status()["armed"]
 
 
