@@ -88,6 +88,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
         *((name, key(character)) for name, character in keys.items()),
         ("flights", flights),
         ("spot menu", menu),
+        ("room: plan", key("w")),
         ("room", key("p")),
         *parts,
     ]
