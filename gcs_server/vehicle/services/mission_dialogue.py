@@ -9,6 +9,7 @@ https://mavlink.io/en/services/mission.html
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -72,7 +73,7 @@ class Target:
     component_id: int
 
 
-class Dialogue:
+class Dialogue(ABC):
     """What upload, download and clearing have in common."""
 
     def __init__(self, target: Target, part: Part) -> None:
@@ -88,20 +89,21 @@ class Dialogue:
         self._began_s = float("-inf")
 
     @property
+    @abstractmethod
     def count(self) -> int | None:
         """How many items there are; None: not known yet."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def moved(self) -> int:
         """How many items have been transferred."""
-        raise NotImplementedError
 
     def start(self, now_s: float) -> list[MAVLink_message]:
         """The first messages."""
         self._began_s = self._heard_s = now_s
         return self.tick(now_s)
 
+    @abstractmethod
     def tick(self, now_s: float) -> list[MAVLink_message]:
         """What is to be sent again.
 
@@ -109,15 +111,14 @@ class Dialogue:
             NoReply: the vehicle has been silent for too long.
             Rejected: it is busy for too long.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
         """What to send after a message of the vehicle about this part.
 
         Raises:
             Rejected: the vehicle refuses.
         """
-        raise NotImplementedError
 
     def cancel(self) -> list[MAVLink_message]:
         """Ends the transfer on the vehicle, too; PX4 does not answer."""
