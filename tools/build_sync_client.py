@@ -1,9 +1,9 @@
-"""Writes the blocking Python client (`gcs_server/client/blocking.py`) from the asynchronous one.
+"""Writes the blocking client (`blocking.py`, `blocking_parts.py` of `gcs_server/client`) from the other one.
 
 Each public class gets a twin whose methods have the same names, arguments and words and run the asynchronous
 method on a loop in another thread: what the one can do, the other can. `make types` runs it; a test compares.
 
-    python -m tools.build_sync_client [FILE]
+    python -m tools.build_sync_client
 """
 
 from __future__ import annotations
@@ -15,12 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
-TARGET = CLIENT / "blocking.py"
 MODULES = ("aio", "control", "gimbal", "group", "mission", "offboard", "operations", "plans")
-CLASSES = (
-    "Gcs", "Vehicle", "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard", "Operations",
-    "Plans",
-)  # fmt: skip
+PARTS = "blocking_parts"
+FILES = {
+    PARTS: (
+        "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard", "Operations", "Plans",
+    ),
+    "blocking": ("Gcs", "Vehicle"),
+}  # fmt: skip
+"""Each module that is made, with the classes that have a twin in it."""
+CLASSES = tuple(name for names in FILES.values() for name in names)
 ROOT = "Gcs"
 """The one that a program makes itself; it owns the loop's thread."""
 STEERING = ("Offboard", "LiveOffboard")
@@ -68,15 +72,22 @@ class Twin:
         return head + "\n\n".join(part for part in body if part)
 
 
-def build() -> str:
-    """The whole module, as `ruff format` leaves it."""
+def build(file: str) -> str:
+    """One module of `FILES`, as `ruff format` leaves it."""
     twins = {twin.node.name: twin for module in MODULES for twin in _classes(module)}
-    source = "\n\n\n".join([HEADER, *(twins[name].lines() for name in CLASSES)])
+    others = ", ".join(f"Sync{name}" for name in CLASSES if name not in FILES[file])
+    parts = f"from gcs_server.client.{PARTS} import {others}\n" if file != PARTS else ""
+    source = "\n\n\n".join([HEADER + parts, *(twins[name].lines() for name in FILES[file])])
     ruff = [sys.executable, "-m", "ruff"]
     for step in (["check", "--fix", "--quiet", "--select", "F401,I"], ["format", "--quiet"]):
-        command = [*ruff, *step, "--stdin-filename", str(TARGET), "-"]
+        command = [*ruff, *step, "--stdin-filename", str(path(file)), "-"]
         source = subprocess.run(command, input=source, capture_output=True, text=True, check=True).stdout
     return source
+
+
+def path(file: str) -> Path:
+    """Where a module of `FILES` stands."""
+    return CLIENT / f"{file}.py"
 
 
 def _classes(module: str) -> list[Twin]:
@@ -186,4 +197,5 @@ def _passed(arguments: ast.arguments) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1] if len(sys.argv) > 1 else TARGET).write_text(build(), "utf-8")
+    for made in FILES:
+        path(made).write_text(build(made), "utf-8")

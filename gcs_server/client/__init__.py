@@ -11,9 +11,9 @@
 
 from gcs_server.client import setpoints
 from gcs_server.client.aio import Gcs, Vehicle
-from gcs_server.client.blocking import (
+from gcs_server.client.blocking import SyncGcs, SyncVehicle
+from gcs_server.client.blocking_parts import (
     SyncControl,
-    SyncGcs,
     SyncGimbal,
     SyncGroup,
     SyncLiveOffboard,
@@ -21,7 +21,6 @@ from gcs_server.client.blocking import (
     SyncOffboard,
     SyncOperations,
     SyncPlans,
-    SyncVehicle,
 )
 from gcs_server.client.control import Control
 from gcs_server.client.errors import (

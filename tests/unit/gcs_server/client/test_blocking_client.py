@@ -5,7 +5,8 @@ import inspect
 
 import pytest
 
-from gcs_server.client import aio, blocking, control, gimbal, group, mission, offboard, operations, plans
+from gcs_server import client
+from gcs_server.client import aio, control, gimbal, group, mission, offboard, operations, plans
 from gcs_server.client.portal import LoopThread, iterate
 from tools.build_sync_client import CLASSES, LEFT_OUT
 
@@ -28,7 +29,7 @@ def public(kind):
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_call_has_a_twin_with_the_same_arguments(name):
     kind = getattr(MODULES.get(name, offboard), name)
-    twin = getattr(blocking, f"Sync{name}")
+    twin = getattr(client, f"Sync{name}")
     for called, method in public(kind).items():
         if called not in LEFT_OUT:
             of_twin = inspect.signature(getattr(twin, called)).parameters
@@ -66,4 +67,4 @@ def test_an_iteration_that_is_broken_off_or_ends_is_closed_on_its_own_loop(until
 
 def test_outside_its_block_it_says_how_it_is_used():
     with pytest.raises(RuntimeError, match="with SyncGcs"):
-        blocking.SyncGcs("http://127.0.0.1:9").vehicles()
+        client.SyncGcs("http://127.0.0.1:9").vehicles()

@@ -1,0 +1,366 @@
+"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
+
+Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from anyio.from_thread import BlockingPortal
+
+from gcs_server.client import control, gimbal, group, mission, offboard, operations, plans
+from gcs_server.client.control import OnLost
+from gcs_server.client.group import Setpoints
+from gcs_server.client.mission import TRANSFER_S
+from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.plans import Plan
+from gcs_server.client.setpoints import Body, PathPoints
+
+
+class SyncControl:
+    """A vehicle's `control`; each call answers how it then stands (`holder`, `yours`, `requests`, …)."""
+
+    def __init__(self, inner: control.Control, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def show(self) -> dict[str, Any]:
+        """Who has it, since when, who asks for it."""
+        return self._portal.call(lambda: self._inner.show())
+
+    def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
+        """Takes control.
+
+        Args:
+            force: from another, who was asked and denied, did not answer, or cannot be asked.
+            on_expiry: what the flying vehicle is told should this program not be heard for `lease_s`.
+
+        Raises:
+            NotInControl: another has it.
+            Refused: forced without asking first.
+        """
+        return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
+
+    def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
+        """Asks the holder; with `wait_s` waits so long for the answer.
+
+        Raises:
+            NotInControl: denied, or not answered within `wait_s`.
+        """
+        return self._portal.call(lambda: self._inner.request(reason, wait_s=wait_s))
+
+    def grant(self, client: str) -> dict[str, Any]:
+        """Hands control to one who asks, by key or name."""
+        return self._portal.call(lambda: self._inner.grant(client))
+
+    def deny(self, client: str, reason: str | None = None) -> dict[str, Any]:
+        """Keeps control; the one who asks may then force it."""
+        return self._portal.call(lambda: self._inner.deny(client, reason))
+
+    def release(self) -> dict[str, Any]:
+        """Gives it up; nothing changes in flight."""
+        return self._portal.call(lambda: self._inner.release())
+
+    @contextmanager
+    def held(self, *, force: bool = False, on_expiry: OnLost | None = None) -> Generator[dict[str, Any]]:
+        """Has control for the length of a block, renewed while the program runs, released at its end."""
+        with self._portal.wrap_async_context_manager(
+            self._inner.held(force=force, on_expiry=on_expiry)
+        ) as found:
+            yield found
+
+
+class SyncGimbal:
+    """The vehicle's gimbal; angles in degrees, pitch up positive."""
+
+    def __init__(self, inner: gimbal.Gimbal, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def take(self) -> None:
+        """Takes control."""
+        self._portal.call(lambda: self._inner.take())
+
+    def release(self) -> None:
+        """Gives control back."""
+        self._portal.call(lambda: self._inner.release())
+
+    def angles(
+        self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
+    ) -> dict[str, Any] | None:
+        """Points it; yaw from the nose, from north with `yaw_lock`.
+
+        Returns:
+            Where it stopped, as `limited` of the answer, where that is short of what was asked; else None.
+        """
+        return self._portal.call(
+            lambda: self._inner.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
+        )
+
+    def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
+        """Turns it steadily until told otherwise; zeros stop both axes."""
+        self._portal.call(lambda: self._inner.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
+
+    def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+        """Keeps looking at a place."""
+        self._portal.call(lambda: self._inner.roi(lat_deg, lon_deg, alt_amsl_m))
+
+    def clear_roi(self) -> None:
+        """Stops looking at a place."""
+        self._portal.call(lambda: self._inner.clear_roi())
+
+
+class SyncGroup:
+    """A group that flies.
+
+    Args:
+        gcs: the client.
+        started: what the server answered to its start.
+        life: how long setpoints count, and what follows.
+    """
+
+    def __init__(self, inner: group.Group, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+        self.id = self._inner.id
+        self.started = self._inner.started
+
+    def send(self, setpoints: Setpoints) -> dict[str, Any]:
+        """New setpoints for some members or all, sent at one instant; those of the others are renewed.
+
+        Raises:
+            Invalid: a value is not acceptable, or a vehicle is none of the group's.
+            Refused: one cannot be flown, two would come too near, or the group flies no more.
+        """
+        return self._portal.call(lambda: self._inner.send(setpoints))
+
+    def renew(self) -> dict[str, Any]:
+        """All fly on as they do, for another `valid_for_s`; raises as `send`."""
+        return self._portal.call(lambda: self._inner.renew())
+
+    def status(self) -> dict[str, Any]:
+        """State, members, the two that are nearest, findings, why it ended."""
+        return self._portal.call(lambda: self._inner.status())
+
+    def hold(self) -> dict[str, Any]:
+        """Puts all members that still fly it into Hold; nothing happens where it has ended."""
+        return self._portal.call(lambda: self._inner.hold())
+
+
+class SyncMission:
+    """The mission, geofence and rally points of a vehicle."""
+
+    def __init__(self, inner: mission.Mission, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def state(self) -> dict[str, Any]:
+        """Where the vehicle is in its mission, and which plan it `holds`."""
+        return self._portal.call(lambda: self._inner.state())
+
+    def upload(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        confirm: str | None = None,
+        timeout_s: float = TRANSFER_S,
+    ) -> dict[str, Any]:
+        """Uploads a plan, or one that the server keeps, and verifies it; returns what came of it.
+
+        `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+
+        Raises:
+            Refused: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+        """
+        return self._portal.call(
+            lambda: self._inner.upload(
+                plan, plan_id=plan_id, version=version, confirm=confirm, timeout_s=timeout_s
+            )
+        )
+
+    def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
+        """Reads what the vehicle holds; as `plan`."""
+        return self._portal.call(lambda: self._inner.download(timeout_s=timeout_s))
+
+    def plan(self) -> dict[str, Any]:
+        """What was read or verified last: `plan`, `read_unix_s`, `still_held`."""
+        return self._portal.call(lambda: self._inner.plan())
+
+    def compare(
+        self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
+    ) -> dict[str, Any]:
+        """Whether a plan is `equal` to what was read last, and the `differences`."""
+        return self._portal.call(lambda: self._inner.compare(plan, plan_id=plan_id, version=version))
+
+    def clear(self) -> None:
+        """Has the vehicle forget mission, geofence and rally points; refused while it flies Mission."""
+        self._portal.call(lambda: self._inner.clear())
+
+    def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
+        """Flies it, from an item (counted from 0) or the current one; arms where needed.
+
+        Raises:
+            Refused: the plan has errors, or is not known, and `despite` does not name their codes.
+        """
+        self._portal.call(lambda: self._inner.start(item, despite=despite))
+
+    def resume(self) -> None:
+        """Goes on in flight from the current item; `vehicle.hold()` pauses."""
+        self._portal.call(lambda: self._inner.resume())
+
+
+class SyncOffboard(Steering[Answer]):
+    """A running stream.
+
+    Args:
+        vehicle: whose.
+        started: what the server answered to its start.
+        life: how long each setpoint counts, and what follows.
+    """
+
+    def __init__(self, inner: offboard.Offboard, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+        self.started = self._inner.started
+
+    def send(self, body: Body) -> Answer:
+        """Any setpoint's body; answers how the stream then stands.
+
+        Raises:
+            Invalid: a value is not acceptable.
+            Refused: it cannot be flown, or no stream runs any more.
+        """
+        return self._portal.call(lambda: self._inner.send(body))
+
+    def follow_path(self, points: PathPoints) -> None:
+        """Flies a curve through points in time and returns at its end; its last point is then held.
+
+        Raises:
+            Timeout: another setpoint, mode or client has ended it.
+        """
+        self._portal.call(lambda: self._inner.follow_path(points))
+
+    @contextmanager
+    def live(self) -> Generator[SyncLiveOffboard]:
+        """Setpoints over a WebSocket, at up to 100 Hz; the stream goes on at the block's end.
+
+        Yields:
+            The same calls; each returns once the server has answered.
+        """
+        with self._portal.wrap_async_context_manager(self._inner.live()) as found:
+            yield SyncLiveOffboard(found, self._portal)
+
+    def status(self) -> Answer:
+        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
+        return self._portal.call(lambda: self._inner.status())
+
+    def stop(self) -> None:
+        """Ends in Hold; nothing happens where the stream has ended already."""
+        self._portal.call(lambda: self._inner.stop())
+
+
+class SyncLiveOffboard(Steering[Answer]):
+    """Orders over a WebSocket."""
+
+    def __init__(self, inner: offboard.LiveOffboard, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def send(self, body: Body) -> Answer:
+        """Any setpoint's body; answers what of it was `applied`, and what `limited` it.
+
+        Raises:
+            Invalid, Refused: as over HTTP; the socket stays open.
+            Unreachable: the server has gone.
+        """
+        return self._portal.call(lambda: self._inner.send(body))
+
+
+class SyncOperations:
+    """What runs on the server, and what ended last; each as `GET /operations/{o}` answers it."""
+
+    def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
+        """Those of a vehicle, or of all; oldest first."""
+        return self._portal.call(lambda: self._inner.all(vehicle_id))
+
+    def get(self, operation_id: str) -> dict[str, Any]:
+        """How far one is (`state`, `progress`, `text`), or how it ended (`result`, `error`)."""
+        return self._portal.call(lambda: self._inner.get(operation_id))
+
+    def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
+        """Waits for its end: `state` is then `succeeded` or `cancelled`.
+
+        Raises:
+            ApiError: it failed, for the reason that the error says.
+            Timeout: it still runs; it goes on without this program.
+        """
+        return self._portal.call(lambda: self._inner.wait(operation_id, timeout_s=timeout_s))
+
+    def cancel(self, operation_id: str) -> dict[str, Any]:
+        """Cancels it, and returns how it ended; one that has ended stays as it is."""
+        return self._portal.call(lambda: self._inner.cancel(operation_id))
+
+
+class SyncPlans:
+    """The plans of the server; each as `GET /plans/{plan}` answers it: `id`, `version`, `plan`, …"""
+
+    def __init__(self, inner: plans.Plans, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self) -> list[dict[str, Any]]:
+        """The newest version of each, without the plans themselves, by name."""
+        return self._portal.call(lambda: self._inner.all())
+
+    def get(self, plan_id: str, version: int | None = None) -> dict[str, Any]:
+        """A plan with its document; the newest version unless one is named."""
+        return self._portal.call(lambda: self._inner.get(plan_id, version))
+
+    def versions(self, plan_id: str) -> list[dict[str, Any]]:
+        """Those that are kept, newest first."""
+        return self._portal.call(lambda: self._inner.versions(plan_id))
+
+    def create(self, name: str, plan: Plan) -> dict[str, Any]:
+        """Keeps a new plan."""
+        return self._portal.call(lambda: self._inner.create(name, plan))
+
+    def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:
+        """Adds a version to the one that was changed.
+
+        Raises:
+            Refused: somebody else saved meanwhile (`conflict`); nothing is overwritten.
+        """
+        return self._portal.call(lambda: self._inner.save(plan_id, name, plan, base_version=base_version))
+
+    def delete(self, plan_id: str, *, base_version: int) -> None:
+        """Deletes a plan with all its versions; raises as `save`."""
+        self._portal.call(lambda: self._inner.delete(plan_id, base_version=base_version))
+
+    def check(self, plan: Plan, *, vehicle_id: str | None = None) -> dict[str, Any]:
+        """`findings` and `estimates`; with a vehicle by its parameters and home, as far as they are known."""
+        return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id))
+
+    def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
+        """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
+
+        `altitude_m` and `altitude_reference` are for points that have no altitude.
+        """
+        return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
+
+    def write_file(self, plan: Plan, format: str) -> bytes:
+        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`."""
+        return self._portal.call(lambda: self._inner.write_file(plan, format))
+
+    def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """A survey, corridor, perimeter, orbit or structure: `plan` with its items, `lines`, `figures`."""
+        return self._portal.call(lambda: self._inner.pattern(kind, **fields))
