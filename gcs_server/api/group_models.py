@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gcs_server.api.offboard_models import AnyOnExpiry, HoldOnExpiry
+from gcs_server.api.offboard_views import LimitsModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
@@ -137,6 +138,15 @@ GroupModel = model_of(
     nearest=model_of(status.Nearest, "NearestTwo") | None,
     findings=tuple[model_of(status.GroupFinding), ...],
 )
+
+
+class GroupStarted(GroupModel):  # type: ignore[misc,valid-type]
+    """The group that has begun, and what its members are held to."""
+
+    limits: dict[str, LimitsModel] = Field(  # type: ignore[valid-type]
+        description="By vehicle: what its setpoints are held to; `origin` says whether the operator's were "
+        "restored."
+    )
 
 
 class GroupList(BaseModel):

@@ -13,7 +13,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.offboard_stream import arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import answer, fields_of
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl
@@ -21,19 +21,21 @@ from gcs_server.errors import InvalidRequest, NotInControl
 router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 
 
-@router.post("", response_model=models.GroupModel, status_code=201)
+@router.post("", response_model=models.GroupStarted, status_code=201)
 async def start(body: models.StartGroup, station: StationDep, principal: PrincipalDep) -> Response:
     """Brings all members, in flight, into Offboard where they are, and lets them begin at one instant.
 
     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
     confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
-    naming whom).
+    naming whom). `limits` says what each one's setpoints are held to, and whether the operator's limits were
+    restored after a restart.
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
     with together(station, principal, "group/start", arguments):
         status = await station.groups.start(body.to_order(principal))
-        return answer(status, status_code=201)
+        limits = {vehicle: station.offboard(vehicle).limits() for vehicle in arguments}
+        return answer(fields_of(status) | {"limits": limits}, status_code=201)
 
 
 @router.get("", response_model=models.GroupList)

@@ -8,6 +8,7 @@ import pytest
 from gcs_server.api import group_routes, offboard_routes, vehicle_routes
 from gcs_server.api import offboard_models as models
 from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused, UnknownGroup, UnknownVehicle
+from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import lines, view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
@@ -48,6 +49,20 @@ def test_all_are_brought_into_offboard_first_and_then_begin_within_one_period(ju
         assert 57 < shown["valid_left_s"] < 60
         assert [state for _, state, _ in at.told] == ["starting", "waiting", "flying"]
         assert lines(at.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
+
+    desk(jump, story)
+
+
+def test_the_start_says_what_each_member_is_held_to(jump):
+    async def story(at):
+        await at.vehicles["2"].offboard.operator.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
+        limits = (await begin(at, ALL_NORTH))["limits"]
+        assert {v: each["operator"]["speed_max_m_s"] for v, each in limits.items()} == {
+            "1": None,
+            "2": 4.0,
+            "3": None,
+        }
+        assert (limits["2"]["origin"]["set_by"], limits["2"]["origin"]["restored"]) == ("bob", False)
 
     desk(jump, story)
 

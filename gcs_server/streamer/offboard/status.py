@@ -31,7 +31,7 @@ class StreamHealth:
     """Whether the stream does what it should, and the vehicle what the stream says."""
 
     rate_achieved_hz: float | None
-    """Over the last two seconds."""
+    """Over the last two seconds, as handed to the link; a slow link leaves out what a newer one replaces."""
     setpoint_age_s: float | None
     """Since the order was taken."""
     sent_age_s: float | None

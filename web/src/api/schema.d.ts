@@ -749,7 +749,8 @@ export interface paths {
          *
          *     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
          *     confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
-         *     naming whom).
+         *     naming whom). `limits` says what each one's setpoints are held to, and whether the operator's limits were
+         *     restored after a restart.
          */
         post: operations["start_api_v1_groups_post"];
         delete?: never;
@@ -4177,6 +4178,88 @@ export interface components {
              * @description Each vehicle at most once; members that are not named fly on as they do.
              */
             setpoints: components["schemas"]["MemberBody"][];
+        };
+        /**
+         * GroupStarted
+         * @description The group that has begun, and what its members are held to.
+         */
+        GroupStarted: {
+            /**
+             * Id
+             * @description How the API calls it.
+             */
+            id: string;
+            /**
+             * State
+             * @description starting (being brought into Offboard), waiting (for the common start), flying, holding, ended.
+             * @enum {string}
+             */
+            state: "starting" | "waiting" | "flying" | "holding" | "ended";
+            /**
+             * Client
+             * @description Whose setpoints they are.
+             */
+            client: string;
+            /**
+             * Client Key
+             * @description Tells the client from others of its name.
+             */
+            client_key: string;
+            /**
+             * Minimum Separation M
+             * @description How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m].
+             */
+            minimum_separation_m: number;
+            /**
+             * Margin M
+             * @description What the guard adds to it now, at most, for the accuracy and age of the vehicles' positions and the
+             *     wind: it stops two whose positions would come nearer than both together. Null before the first look.
+             */
+            margin_m: number | null;
+            /**
+             * Others Go On
+             * @description Whether those whom trouble does not concern fly on; else all hold.
+             */
+            others_go_on: boolean;
+            /**
+             * Created Unix S
+             * @description When it was asked for [s since 1970 UTC].
+             */
+            created_unix_s: number;
+            /**
+             * Start Unix S
+             * @description The common start [s since 1970 UTC]; null until all were confirmed in Offboard.
+             */
+            start_unix_s: number | null;
+            /**
+             * Valid Left S
+             * @description Until the setpoints of all expire together [s].
+             */
+            valid_left_s: number | null;
+            /**
+             * Members
+             * @description Its vehicles, in the order in which they were named.
+             */
+            members: components["schemas"]["GroupMember"][];
+            /** @description Null before the first look, and where fewer than two places are known. */
+            nearest: components["schemas"]["NearestTwo"] | null;
+            /**
+             * Findings
+             * @description What went wrong, oldest first.
+             */
+            findings: components["schemas"]["GroupFinding"][];
+            /**
+             * Ended
+             * @description Why it ended; null while it lasts.
+             */
+            ended: string | null;
+            /**
+             * Limits
+             * @description By vehicle: what its setpoints are held to; `origin` says whether the operator's were restored.
+             */
+            limits: {
+                [key: string]: components["schemas"]["OffboardLimits"];
+            };
         };
         /**
          * HealthSample
@@ -8743,7 +8826,7 @@ export interface components {
         StreamHealth: {
             /**
              * Rate Achieved Hz
-             * @description Over the last two seconds.
+             * @description Over the last two seconds, as handed to the link; a slow link leaves out what a newer one replaces.
              */
             rate_achieved_hz: number | null;
             /**
@@ -12733,7 +12816,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Group"];
+                    "application/json": components["schemas"]["GroupStarted"];
                 };
             };
             400: components["responses"]["Refused400"];

@@ -2,7 +2,7 @@ import { describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
-import { heldWords, narrowed, rowOf, stateWords, stepped } from './fleet';
+import { heldWords, narrowed, removable, rowOf, stateWords, stepped } from './fleet';
 import { list } from './list.svelte';
 
 function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
@@ -54,5 +54,30 @@ describe('list of vehicles', () => {
     expect(new Set(asked).size).toBe(20);
     expect(list.said).toEqual({ text: '19 of 20 vehicles took Hold. Not: 7 Quad.', refused: true });
     expect(heldWords(3, [])).toBe('All 3 vehicles took Hold.');
+  });
+
+  it('removes a silent vehicle, and says why one stays', async () => {
+    const asked: [string, string | undefined][] = [];
+    const fetch = vi.fn((url: string, init?: RequestInit) => {
+      asked.push([url, init?.method]);
+      const refusal = { title: 'Not sent', code: 'refused', detail: 'Vehicle 7 is heard on udp.', remedy: 'Switch it off.' };
+      return Promise.resolve(url.endsWith('/7') ? new Response(JSON.stringify(refusal), { status: 409 }) : new Response(null, { status: 204 }));
+    });
+    const api = new ApiClient('test', () => undefined, fetch as never);
+    await list.remove(api, { id: '3~2', name: '3~2 Quad' });
+    expect(list.said).toEqual({ text: '3~2 Quad is removed.', refused: false });
+    await list.remove(api, { id: '7', name: '7 Quad' });
+    expect(list.said).toEqual({ text: 'Vehicle 7 is heard on udp. Switch it off.', refused: true });
+    expect(asked.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
+      ['3~2', 'DELETE'],
+      ['7', 'DELETE'],
+    ]);
+  });
+
+  it('offers removal only for a vehicle that the server does not hear, and that no recording has', () => {
+    expect(removable(facts('1', { lost: true }))).toBe(true);
+    expect(removable(facts('1'))).toBe(false);
+    expect(removable(facts('1', { lost: true, offline: true }))).toBe(false);
+    expect(removable(facts('1', { lost: true, replayed: true }))).toBe(false);
   });
 });

@@ -40,6 +40,11 @@ export function rowOf(facts: VehicleFacts, index: number): Row {
   return { facts, index, ...stateWords(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, attention: facts.lost || low };
 }
 
+/** Whether the server may be asked to forget a vehicle: it does not hear it, and no recording has it. */
+export function removable(facts: VehicleFacts): boolean {
+  return facts.lost && !facts.offline && !facts.replayed;
+}
+
 /** Those that a person asked for, in the order of their numbers. */
 export function narrowed(rows: readonly Row[], text: string, filter: Filter): Row[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);

@@ -1,4 +1,4 @@
-/** The list of vehicles: open or not, and holding all that fly. */
+/** The list of vehicles: open or not, holding all that fly, removing those that are silent. */
 
 import type { ApiClient } from '../../api/client';
 import { heldWords, type Filter } from './fleet';
@@ -42,6 +42,13 @@ class VehicleList {
     await Promise.all(Array.from({ length: AT_ONCE }, worker));
     this.holding = null;
     this.said = { text: heldWords(vehicles.length, refused), refused: refused.length > 0 };
+  }
+
+  /** Forgets a vehicle that is not heard any more; a refusal says why. */
+  async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
+    const outcome = await api.delete(`/vehicles/${encodeURIComponent(vehicle.id)}`);
+    const text = outcome.ok ? `${vehicle.name} is removed.` : [outcome.problem.detail, outcome.problem.remedy].filter(Boolean).join(' ');
+    this.said = { text, refused: !outcome.ok };
   }
 }
 

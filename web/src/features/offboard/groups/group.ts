@@ -103,6 +103,12 @@ export function findingsShown(group: Group, most: number): Group['findings'] {
     .filter((finding) => finding.text !== group.ended);
 }
 
+/** How far apart the guard keeps them, and what it adds for what it knows inexactly. */
+export function separationWords(group: Group): string {
+  const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
+  return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m of margin`;
+}
+
 /** Within a quarter of the minimum it is worth a look. */
 const NEAR = 1.25;
 

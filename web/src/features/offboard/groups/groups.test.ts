@@ -12,6 +12,7 @@ import {
   nearestNow,
   newestOver,
   readGroup,
+  separationWords,
   stateWords,
   validLeft_s,
   withGroup,
@@ -60,6 +61,11 @@ describe('how a group stands', () => {
     expect(memberWords({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
     expect(memberWords(member, 'Offboard', true).text).toBe('waits · Offboard');
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
+  });
+
+  it('says what the guard adds to the separation that was asked for, once it has looked', () => {
+    expect(separationWords(GROUP)).toBe('at least 5.0 m + 1.6 m of margin');
+    expect(separationWords(as({ margin_m: null }))).toBe('at least 5.0 m');
   });
 
   it('tells findings newest first, and why it ended once', () => {
