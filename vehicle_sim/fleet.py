@@ -41,7 +41,9 @@ class VehicleSim:
         stores: ready parameter stores instead (one each).
         files: ready folders (one each); default: temporary ones.
         links: (name, profile) of the links each vehicle has from the start.
-        seed: of the sensor noise.
+        seed: of sensor noise and gusts.
+        first_noise: number of the first vehicle's noise and gusts (`Simulation.first_vehicle`); default: its
+            instance, so that a vehicle flies the same in any share of a fleet.
         home: where the first vehicle stands.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False for perfect sensors (the shape of a flight without its wander).
@@ -62,6 +64,7 @@ class VehicleSim:
         files: Sequence[VehicleFiles] | None = None,
         links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
         seed: int = 0,
+        first_noise: int | None = None,
         home: Home | None = None,
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
@@ -76,6 +79,7 @@ class VehicleSim:
         self.simulation = Simulation(
             count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise,
             start_ned_m=start_ned_m, world=world,
+            first_vehicle=first_instance if first_noise is None else first_noise,
         )  # fmt: skip
         self.autopilots = [
             Autopilot(VehicleView(self.simulation, row, boot_time_unix_s)) for row in range(count)

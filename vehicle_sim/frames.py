@@ -85,9 +85,18 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
     return (a[:, :, None] * b[:, None, :]).reshape(a.shape[0], -1)
 
 
+def _times(rows: FloatArray, table: FloatArray) -> FloatArray:
+    """rows · table, each row by itself.
+
+    In one product BLAS adds up in an order that depends on how many rows there are: a vehicle's last bit
+    would depend on the size of its fleet.
+    """
+    return rows @ table if len(rows) == 1 else (rows[:, None, :] @ table)[:, 0, :]
+
+
 def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """a ⊗ b, (N, 4) each: first b, then a."""
-    return _outer(a, b) @ _PRODUCT
+    return _times(_outer(a, b), _PRODUCT)
 
 
 def conjugate(q: FloatArray) -> FloatArray:
@@ -97,12 +106,12 @@ def conjugate(q: FloatArray) -> FloatArray:
 
 def quaternion_rate(q: FloatArray, rates_frd_rad_s: FloatArray) -> FloatArray:
     """dq/dt of `q_ned_frd` (N, 4) for body rates (N, 3)."""
-    return _outer(q, rates_frd_rad_s) @ _RATE
+    return _times(_outer(q, rates_frd_rad_s), _RATE)
 
 
 def rotation_matrix(q: FloatArray) -> FloatArray:
     """(N, 3, 3) for unit quaternions (N, 4)."""
-    return (_outer(q, q) @ _ROTATION).reshape(-1, 3, 3)
+    return _times(_outer(q, q), _ROTATION).reshape(-1, 3, 3)
 
 
 def rotate(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -117,7 +126,7 @@ def rotate_back(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """a × b, (N, 3) each."""
-    return _outer(a, b) @ _CROSS
+    return _times(_outer(a, b), _CROSS)
 
 
 def row_norm(vector: FloatArray) -> FloatArray:
@@ -151,8 +160,8 @@ def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
     Not for half turns about a slanted axis, where the signs are lost; the controllers never ask for one.
     """
     flat = matrix.reshape(-1, 9)
-    magnitude = np.sqrt(np.maximum(flat @ _SQUARES + 0.25, 0.0))
-    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], flat @ _SIGNS)
+    magnitude = np.sqrt(np.maximum(_times(flat, _SQUARES) + 0.25, 0.0))
+    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], _times(flat, _SIGNS))
     return normalized(magnitude)
 
 

@@ -92,7 +92,7 @@ def fly_share(argv: Sequence[str], share: Share) -> int:
     unix_s = DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
     fleet = VehicleSim(
         share.count, first_instance=first_instance, stores=stores, files=_files(arguments, share),
-        links=(), seed=arguments.seed + share.first, home=arguments.home, boot_time_unix_s=unix_s,
+        links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
         log=not arguments.no_log, world=arguments.world, script=arguments.script,
         camera=arguments.camera, start_ned_m=row_east(share.count, share.first),
     )  # fmt: skip

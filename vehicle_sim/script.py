@@ -244,12 +244,17 @@ def _battery(fields: Fields) -> Action:
 
 def _wind(fields: Fields) -> Action:
     wind = np.array(fields.numbers("wind_ned_m_s", 3, "[north, east, down] in m/s"))
-    return lambda sim, row: sim.simulation.set_wind(wind)
+    return lambda sim, row: sim.simulation.set_wind(wind, row)
 
 
 def _gusts(fields: Fields) -> Action:
     strength = fields.number("gusts_m_s", low=0.0, high=30.0)
-    return lambda sim, row: sim.simulation.set_gusts(strength)
+    return lambda sim, row: sim.simulation.set_gusts(strength, row)
+
+
+def _noise(fields: Fields) -> Action:
+    strength = fields.number("sensor_noise", low=0.0, high=100.0)
+    return lambda sim, row: sim.simulation.set_sensor_noise(row, strength)
 
 
 def _link(fields: Fields) -> Action:
@@ -285,6 +290,7 @@ ACTIONS: dict[str, Callable[[Fields], Action]] = {
     "battery_percent": _battery,
     "wind_ned_m_s": _wind,
     "gusts_m_s": _gusts,
+    "sensor_noise": _noise,
     "link": _link,
     "parameter": _parameter,
 }

@@ -63,7 +63,9 @@ class Simulation:
     Args:
         count: how many vehicles.
         parameters: one store a vehicle; default: PX4's boot values for each.
-        seed: of all sensor noise.
+        seed: of sensor noise and gusts.
+        first_vehicle: number of the first vehicle: noise and gusts follow from the seed and a vehicle's
+            number, however many vehicles there are.
         home: where local NED (0, 0, 0) lies.
         start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
         yaw_ned_rad: (N,) headings at start; default: north.
@@ -81,6 +83,7 @@ class Simulation:
         *,
         parameters: Sequence[Parameters] | None = None,
         seed: int = 0,
+        first_vehicle: int = 0,
         home: Home | None = None,
         start_ned_m: FloatArray | None = None,
         yaw_ned_rad: FloatArray | None = None,
@@ -105,9 +108,10 @@ class Simulation:
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
         self._bodies = RigidBodies(count, STEP_S)
-        self._wind = Wind(count, STEP_S * WIND_EVERY_STEPS, seed=seed)
+        numbers = range(first_vehicle, first_vehicle + count)
+        self._wind = Wind(STEP_S * WIND_EVERY_STEPS, seed=seed, vehicles=numbers)
         self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
-        self._sensors = SensorSuite(count, STEP_S, self.home, seed=seed, noise=sensor_noise)
+        self._sensors = SensorSuite(STEP_S, self.home, seed=seed, vehicles=numbers, noise=sensor_noise)
         self._range_finder = RangeFinder(count)
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
@@ -184,7 +188,7 @@ class Simulation:
         if self._steps % RANGE_EVERY_STEPS == 0:
             self._estimator.take_ranges(self._distances_down_m(), self.setpoints.in_air)
         self._cascade.update(self.setpoints, self._estimator.state)
-        if self._wind.gusty and self._steps % WIND_EVERY_STEPS == 0:
+        if self._steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
         if self._contact is not None:
             self._contact.before(self._bodies.state.velocity_ned_m_s)
@@ -269,19 +273,33 @@ class Simulation:
         self._estimator.set_origin(i, lat_deg, lon_deg, alt_amsl_m)
         self._estimate_rows = None
 
-    def set_wind(self, wind_ned_m_s: FloatArray) -> None:
-        """Steady wind, (3,) for all or (N, 3)."""
-        self._wind.steady_ned_m_s[:] = np.asarray(wind_ned_m_s, dtype=float)
-        self._bodies.wind_ned_m_s[:] = self._wind.steady_ned_m_s
+    def set_wind(self, wind_ned_m_s: FloatArray, i: int | None = None) -> None:
+        """Steady wind: (3,) for vehicle `i`, or (3,) or (N, 3) for all."""
+        rows = slice(None) if i is None else i
+        self._wind.steady_ned_m_s[rows] = np.asarray(wind_ned_m_s, dtype=float)
+        self._bodies.wind_ned_m_s[rows] = self._wind.steady_ned_m_s[rows]
 
-    def set_gusts(self, sigma_m_s: float) -> None:
+    def set_gusts(self, sigma_m_s: float, i: int | None = None) -> None:
         """Gusts of this strength (one sigma, an axis) on top of the steady wind; 0 ends them.
+
+        Args:
+            sigma_m_s: how strong.
+            i: for this vehicle only.
 
         Raises:
             ValueError: negative or no number.
         """
-        self._wind.set_gusts(sigma_m_s)
-        self._bodies.wind_ned_m_s[:] = self._wind.steady_ned_m_s
+        rows = slice(None) if i is None else i
+        self._wind.set_gusts(sigma_m_s, i)
+        self._bodies.wind_ned_m_s[rows] = self._wind.steady_ned_m_s[rows]
+
+    def set_sensor_noise(self, i: int, strength: float) -> None:
+        """Let the sensors of vehicle `i` be so many times as noisy as usual; 0: perfect.
+
+        Raises:
+            ValueError: negative or no number.
+        """
+        self._sensors.set_noise(i, strength)
 
     def reload_parameters(self, i: int) -> str | None:
         """Take over the parameters of vehicle `i` after a change (gains, limits, airframe, battery).

@@ -57,13 +57,15 @@ class Allocation:
         np.maximum(self._torque, _MINUS_ONE, out=self._torque)
         self._lift[:] = thrust
         motors = (demand @ self._mix)[:, 0, :]
-        if all_of((motors >= _ZERO) & (motors <= _ONE)):
+        within = (motors >= _ZERO) & (motors <= _ONE)
+        if all_of(within):
             if self._fell_short:
                 self.short_of.fill(0.0)
                 self._fell_short = False
             return motors
         self._fell_short = True
-        motors = self._fit(demand)
+        # Who has enough is not fitted with the others: its last bit must not depend on them.
+        motors = np.where(within.all(axis=1, keepdims=True), motors, self._fit(demand))
         given = (motors[:, None, :] @ self._unmix)[:, 0, :]
         np.subtract(self._torque, given, out=self.short_of)
         self.short_of[np.abs(self.short_of) < _SMALL] = 0.0

@@ -6,34 +6,36 @@ Their spectrum falls beyond the correlation time, as the Dryden model's does; ve
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vehicle_sim.noise import NoiseOf, WhiteNoise
 
 FloatArray = NDArray[np.float64]
 
 CORRELATION_S = 3.0
 """Of a gust: some 20 m of turbulence scale (MIL-F-8785C near the ground) at 7 m/s."""
 VERTICAL_PART = 0.5
-_STREAM = 7919
-"""Keeps the gusts' generator apart from that of the sensors."""
 
 
 class Wind:
     """The wind at N vehicles.
 
     Args:
-        count: N.
         dt_s: step.
         seed: of the gusts.
+        vehicles: the number of each vehicle (`WhiteNoise`).
     """
 
-    def __init__(self, count: int, dt_s: float, *, seed: int) -> None:
+    def __init__(self, dt_s: float, *, seed: int, vehicles: Sequence[int]) -> None:
+        count = len(vehicles)
         self.steady_ned_m_s = np.zeros((count, 3))
         self._gust_ned_m_s = np.zeros((count, 3))
         self._keep = math.exp(-dt_s / CORRELATION_S)
-        self._random = np.random.default_rng([_STREAM, seed])
-        self._sigma_m_s = np.zeros(3)
+        self._noise = WhiteNoise(seed, vehicles, NoiseOf.GUSTS, 3)
+        self._sigma_m_s = np.zeros((count, 3))
         self._gusty = False
 
     @property
@@ -41,22 +43,27 @@ class Wind:
         """Whether the wind changes at all."""
         return self._gusty
 
-    def set_gusts(self, sigma_m_s: float) -> None:
-        """One sigma of each horizontal axis; 0 ends the gusts.
+    def set_gusts(self, sigma_m_s: float, i: int | None = None) -> None:
+        """One sigma of each horizontal axis, for vehicle `i` or all; 0 ends the gusts.
 
         Raises:
             ValueError: negative or no number.
         """
         if not (math.isfinite(sigma_m_s) and sigma_m_s >= 0.0):
             raise ValueError(f"gusts are {sigma_m_s} m/s; give a strength of 0 or more")
-        self._gusty = sigma_m_s > 0.0
-        self._sigma_m_s = sigma_m_s * np.array([1.0, 1.0, VERTICAL_PART])
+        rows = slice(None) if i is None else i
+        self._sigma_m_s[rows] = sigma_m_s * np.array([1.0, 1.0, VERTICAL_PART])
+        self._gusty = bool(self._sigma_m_s.any())
         if sigma_m_s == 0.0:
-            self._gust_ned_m_s[:] = 0.0
+            self._gust_ned_m_s[rows] = 0.0
 
     def step(self) -> FloatArray:
-        """The wind (N, 3) one step later."""
-        noise = self._random.standard_normal(self._gust_ned_m_s.shape) * self._sigma_m_s
-        self._gust_ned_m_s *= self._keep
-        self._gust_ned_m_s += math.sqrt(1.0 - self._keep**2) * noise
+        """The wind (N, 3) one step later.
+
+        Called also while there are no gusts: when they begin elsewhere must not change these.
+        """
+        noise = self._noise.sample()
+        if self._gusty:
+            self._gust_ned_m_s *= self._keep
+            self._gust_ned_m_s += math.sqrt(1.0 - self._keep**2) * noise * self._sigma_m_s
         return self.steady_ned_m_s + self._gust_ned_m_s

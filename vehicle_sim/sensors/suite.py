@@ -3,18 +3,20 @@
 Rates and noise are those measured on PX4's SIH (baselines of the recordings, disarmed and armed): an IMU
 that shakes ten times as much once motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and
 0.06 to 0.16 m/s, barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white
-and comes from one seeded generator.
+and each vehicle's own (`noise.py`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.frames import GRAVITY_M_S2, rotate_back
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.noise import NoiseOf, WhiteNoise
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import Home, SensorState, TruthState
 
@@ -67,19 +69,26 @@ class SensorSuite:
     """The sensors of N vehicles; `state` holds each one's newest sample.
 
     Args:
-        count: N.
         dt_s: step.
         home: where local NED (0, 0, 0) lies.
         seed: of the noise.
+        vehicles: the number of each vehicle (`WhiteNoise`).
         noise: False for perfect sensors at the same rates.
     """
 
-    def __init__(self, count: int, dt_s: float, home: Home, *, seed: int, noise: bool) -> None:
-        self._count = count
+    def __init__(self, dt_s: float, home: Home, *, seed: int, vehicles: Sequence[int], noise: bool) -> None:
+        self._count = count = len(vehicles)
         self._dt_s = dt_s
         self._home = home
-        self._random = np.random.default_rng(seed)
-        self._noise = noise
+        self._imu_white = WhiteNoise(seed, vehicles, NoiseOf.IMU, 6)
+        self._mag_white = WhiteNoise(seed, vehicles, NoiseOf.MAG, 3)
+        self._baro_white = WhiteNoise(seed, vehicles, NoiseOf.BARO, 1)
+        self._gps_white = WhiteNoise(seed, vehicles, NoiseOf.GPS, 6)
+        self._strength = np.zeros((count, 1))
+        """(N, 1) how many times the noise measured on PX4's SIH."""
+        self._mag_sigma = np.zeros((count, 3))
+        self._baro_sigma_m = np.zeros((count, 1))
+        self._gps_sigma = np.zeros((count, 6))
         self._steps = 0
         self._gps_enabled = np.ones(count, dtype=np.bool_)
         self._gps_stuck = np.zeros(count, dtype=np.bool_)
@@ -91,9 +100,10 @@ class SensorSuite:
         self._gyro_noise, self._accel_noise = self._imu_noise[:, :3], self._imu_noise[:, 3:]
         self._imu_sigma = np.zeros((count, 6))
         self._imu_sigma_armed_by = b""
-        """Which vehicles were armed when `_imu_sigma` was chosen."""
+        """Which vehicles were armed when `_imu_sigma` was chosen; empty: choose anew."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
+        self._set_strength(1.0 if noise else 0.0)
         self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
         level = _FIELD_GAUSS * math.cos(_FIELD_INCLINATION_RAD)
         self._field_ned = np.array(
@@ -132,6 +142,24 @@ class SensorSuite:
         self._mag_offset[i] = [parameters.usable(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
         self._baro_offset_hpa[i] = parameters.usable("SIM_BARO_OFF_P")
 
+    def set_noise(self, i: int, strength: float) -> None:
+        """Let the sensors of vehicle `i` be so many times as noisy as PX4's SIH; 0: perfect.
+
+        Raises:
+            ValueError: negative or no number.
+        """
+        if not (math.isfinite(strength) and strength >= 0.0):
+            raise ValueError(f"sensor noise is {strength}; give a strength of 0 or more (1: as usual)")
+        self._set_strength(strength, i)
+
+    def _set_strength(self, strength: float, i: int | None = None) -> None:
+        rows = slice(None) if i is None else i
+        self._strength[rows] = strength
+        self._mag_sigma[rows] = strength * np.array(MAG_NOISE_GAUSS)
+        self._baro_sigma_m[rows] = strength * BARO_NOISE_M
+        self._gps_sigma[rows] = strength * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
+        self._imu_sigma_armed_by = b""
+
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
         """Cover the antenna of vehicle `i`: its receiver goes on reporting, without a fix."""
         self._gps_enabled[i] = enabled
@@ -154,23 +182,19 @@ class SensorSuite:
         """
         state = self.state
         specific_force = rotate_back(matrix, truth.acceleration_ned_m_s2 - self._gravity)
-        if self._noise:
-            noise = self._random.standard_normal(out=self._imu_noise)
-            armed_by = armed.tobytes()
-            if armed_by != self._imu_sigma_armed_by:
-                self._imu_sigma_armed_by = armed_by
-                self._imu_sigma = np.where(armed[:, None], self._imu_sigma_armed, self._imu_sigma_rest)
-            noise *= self._imu_sigma
-            np.add(truth.rates_frd_rad_s, self._gyro_noise, out=state.gyro_frd_rad_s)
-            np.add(specific_force, self._accel_noise, out=state.accel_frd_m_s2)
-        else:
-            state.gyro_frd_rad_s[:] = truth.rates_frd_rad_s
-            state.accel_frd_m_s2[:] = specific_force
+        armed_by = armed.tobytes()
+        if armed_by != self._imu_sigma_armed_by:
+            self._imu_sigma_armed_by = armed_by
+            sigma = np.where(armed[:, None], self._imu_sigma_armed, self._imu_sigma_rest)
+            np.multiply(sigma, self._strength, out=self._imu_sigma)
+        np.multiply(self._imu_white.sample(), self._imu_sigma, out=self._imu_noise)
+        np.add(truth.rates_frd_rad_s, self._gyro_noise, out=state.gyro_frd_rad_s)
+        np.add(specific_force, self._accel_noise, out=state.accel_frd_m_s2)
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
             field = np.broadcast_to(self._field_ned, (self._count, 3))
             state.mag_frd_gauss[:] = rotate_back(matrix, field) + self._mag_offset
-            state.mag_frd_gauss += self._white(MAG_NOISE_GAUSS)
+            state.mag_frd_gauss += self._mag_white.sample() * self._mag_sigma
             state.mag_count += 1
         if steps % BARO_EVERY_STEPS == 0:
             self._sample_baro(truth)
@@ -180,7 +204,8 @@ class SensorSuite:
 
     def _sample_baro(self, truth: TruthState) -> None:
         state = self.state
-        alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + self._white((BARO_NOISE_M,))[:, 0]
+        noise_m = (self._baro_white.sample() * self._baro_sigma_m)[:, 0]
+        alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
         state.baro_pressure_hpa[:] = pressure_hpa(alt) + self._baro_offset_hpa
         ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
         state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
@@ -189,7 +214,8 @@ class SensorSuite:
 
     def _sample_gps(self, truth: TruthState) -> None:
         state = self.state
-        position = truth.position_ned_m + self._white(GPS_POSITION_NOISE_M) + self._gps_offset_ned_m
+        noise = self._gps_white.sample() * self._gps_sigma
+        position = truth.position_ned_m + noise[:, :3] + self._gps_offset_ned_m
         lat, lon = to_global(
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )
@@ -198,7 +224,7 @@ class SensorSuite:
         np.copyto(state.gps_lat_deg, lat, where=measured)
         np.copyto(state.gps_lon_deg, lon, where=measured)
         np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=measured)
-        velocity = truth.velocity_ned_m_s + self._white(GPS_VELOCITY_NOISE_M_S)
+        velocity = truth.velocity_ned_m_s + noise[:, 3:]
         velocity = np.where(fixed[:, None], velocity, 0.0)
         np.copyto(state.gps_velocity_ned_m_s, velocity, where=(measured | ~fixed)[:, None])
         state.gps_satellites[:] = np.where(self._gps_enabled, self._satellites, 0)
@@ -209,8 +235,3 @@ class SensorSuite:
         state.gps_hdop[:] = np.where(fixed, GPS_HDOP, 100.0)
         state.gps_vdop[:] = np.where(fixed, GPS_VDOP, 100.0)
         state.gps_count += 1
-
-    def _white(self, sigma: tuple[float, ...]) -> FloatArray:
-        if not self._noise:
-            return np.zeros((self._count, len(sigma)))
-        return self._random.standard_normal((self._count, len(sigma))) * np.array(sigma)

@@ -19,7 +19,7 @@ events:
 """
 
 
-EARLY_S, WHOLE_S = 4.5, 9.0
+EARLY_S, WHOLE_S = 5.2, 9.0
 """After take-off is asked for; the second fault comes at about 7 s."""
 
 

@@ -1,0 +1,105 @@
+"""Wind, gusts, mass and sensor noise differ per vehicle, and no vehicle's flight depends on the others."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.script import script_of
+from vehicle_sim.simulation import ControlLevel, Simulation, row_east
+from vehicle_sim.yaml_fields import parse_yaml
+
+STEPS = 250
+
+
+def climbing(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Simulation:
+    simulation = Simulation(
+        count, seed=seed, first_vehicle=first_vehicle, start_ned_m=row_east(count, first_vehicle), **options
+    )
+    simulation.setpoints.armed[:] = True
+    simulation.setpoints.level[:] = ControlLevel.TRAJECTORY
+    simulation.setpoints.position_ned_m[:] = (5.0, 3.0, -10.0)
+    simulation.setpoints.yaw_ned_rad[:] = 0.3
+    return simulation
+
+
+def rows(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
+    """All that is known of one vehicle."""
+    return {
+        f"{kind}.{field.name}": value[row].copy()
+        for kind in ("truth", "sensors", "estimate", "target")
+        for field in dataclasses.fields(getattr(simulation, kind))
+        if isinstance(value := getattr(getattr(simulation, kind), field.name), np.ndarray)
+    }
+
+
+@pytest.mark.parametrize(("count", "first_vehicle"), [(3, 0), (40, 1), (41, 0)])
+def test_a_vehicle_flies_the_same_bit_for_bit_in_a_fleet_of_any_size(count, first_vehicle):
+    alone, fleet = climbing(1, 2), climbing(count, first_vehicle)
+    row = 2 - first_vehicle
+    alone.set_gusts(1.5)
+    fleet.set_gusts(1.5, row)
+    for step in range(STEPS):
+        if step == 100:
+            fleet.set_gusts(4.0)
+            fleet.set_gusts(1.5, row)
+        alone.step()
+        fleet.step()
+    assert alone.truth.position_ned_m[0, 2] < -0.3, "it flies"
+    expected, found = rows(alone, 0), rows(fleet, row)
+    differ = [
+        name for name, value in expected.items() if not np.array_equal(value, found[name], equal_nan=True)
+    ]
+    assert not differ
+    assert not np.array_equal(fleet.truth.velocity_ned_m_s[row], fleet.truth.velocity_ned_m_s[0])
+
+
+def test_steady_wind_gusts_and_noise_are_one_vehicles():
+    simulation = climbing(3)
+    simulation.set_wind(np.array([0.0, 6.0, 0.0]), 1)
+    simulation.set_gusts(2.0, 2)
+    simulation.set_sensor_noise(0, 0.0)
+    for _ in range(STEPS):
+        simulation.step()
+    wind = simulation._bodies.wind_ned_m_s
+    assert wind[:2].tolist() == [[0.0, 0.0, 0.0], [0.0, 6.0, 0.0]]
+    assert wind[2].all()
+    sensors, truth = simulation.sensors, simulation.truth
+    still = np.abs(sensors.gyro_frd_rad_s - truth.rates_frd_rad_s).max(axis=1)
+    assert still[0] < 0.05 < still[1:].min()
+
+
+def test_a_heavier_vehicle_hovers_with_more_thrust():
+    stores = [Parameters({"SIH_MASS": mass}) for mass in (1.0, 1.2)]
+    high = np.array([[0.0, 0.0, -50.0], [0.0, 3.0, -50.0]])
+    simulation = Simulation(2, parameters=stores, start_ned_m=high)
+    simulation.setpoints.armed[:] = True
+    simulation.setpoints.level[:] = ControlLevel.TRAJECTORY
+    simulation.setpoints.velocity_ned_m_s[:] = 0.0
+    for _ in range(4 * STEPS):
+        simulation.step()
+    light, heavy = simulation.truth.rotor_thrust.mean(axis=1)
+    assert heavy == pytest.approx(1.2 * light, rel=0.1)
+
+
+@pytest.mark.parametrize("strength", [-1.0, float("nan"), float("inf")])
+def test_a_noise_that_cannot_be_is_refused(strength):
+    with pytest.raises(ValueError, match="give a strength of 0 or more"):
+        Simulation(2).set_sensor_noise(1, strength)
+
+
+def test_scripted_wind_gusts_and_noise_heed_their_vehicles():
+    event = "{at_s: 0.1, vehicles: [2], wind_ned_m_s: [0, 8, 0], gusts_m_s: 2, sensor_noise: 3}"
+    sim = VehicleSim(2, links=(), script=script_of(parse_yaml(f"events:\n  - {event}\n", "wind.yaml")))
+    sim.step(0.5)
+    wind = sim.simulation._bodies.wind_ned_m_s
+    assert not wind[0].any()
+    assert wind[1, 1] > 2.0
+    heard = []
+    for _ in range(100):
+        sim.step(0.004)
+        heard.append(sim.simulation.sensors.accel_frd_m_s2[:, 0].copy())
+    usual, scripted = np.std(heard, axis=0)
+    assert scripted > 2.0 * usual

@@ -1,0 +1,54 @@
+"""White noise for N vehicles, each with a generator of its own, so that no flight depends on the others.
+
+A vehicle's noise follows from the seed, its number and what the noise is for; how many vehicles there are,
+and in how many processes, changes nothing. Numbers are drawn in blocks, because a call for each vehicle and
+step would cost more than the flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+BLOCK = 64
+"""Samples drawn at once."""
+
+
+class NoiseOf(IntEnum):
+    """What a stream of noise is for; part of its seed."""
+
+    IMU = 0
+    MAG = 1
+    BARO = 2
+    GPS = 3
+    GUSTS = 4
+
+
+class WhiteNoise:
+    """Standard normal samples for N vehicles.
+
+    Args:
+        seed: of the whole fleet, 0 or more.
+        vehicles: the number of each vehicle, 0 or more.
+        purpose: what it is for.
+        width: numbers in a sample.
+    """
+
+    def __init__(self, seed: int, vehicles: Sequence[int], purpose: NoiseOf, width: int) -> None:
+        self._generators = [np.random.default_rng([seed, vehicle, int(purpose)]) for vehicle in vehicles]
+        self._block = np.zeros((len(self._generators), BLOCK, width))
+        self._at = BLOCK
+
+    def sample(self) -> FloatArray:
+        """The next sample of each vehicle (N, width); valid until the next call."""
+        if self._at == BLOCK:
+            self._at = 0
+            for row, generator in zip(self._block, self._generators, strict=True):
+                generator.standard_normal(out=row)
+        self._at += 1
+        return self._block[:, self._at - 1]
