@@ -48,6 +48,7 @@ class VehicleSim:
         boot_time_unix_s: UTC at boot.
         sensor_noise: False for perfect sensors (the shape of a flight without its wander).
         start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
+        start_yaw_ned_rad: (N,) their headings; default: north.
         world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
         script: what goes wrong, and when.
         camera: whether each carries one; the recorded PX4 did not.
@@ -69,6 +70,7 @@ class VehicleSim:
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
         start_ned_m: NDArray[np.float64] | None = None,
+        start_yaw_ned_rad: NDArray[np.float64] | None = None,
         world: World | None = None,
         script: Script | None = None,
         camera: bool = False,
@@ -78,7 +80,7 @@ class VehicleSim:
             stores = [Parameters(parameters) for _ in range(count)]
         self.simulation = Simulation(
             count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise,
-            start_ned_m=start_ned_m, world=world,
+            start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
             first_vehicle=first_instance if first_noise is None else first_noise,
         )  # fmt: skip
         self.autopilots = [

@@ -1,0 +1,77 @@
+"""How near a flown path comes to the geofence and to obstacles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from missions.check_space import allowed_area
+from missions.dry_run.setup import Obstacle
+from missions.geodesy import LocalOrigin
+from missions.values import FenceZone
+
+Array = NDArray[np.float64]
+
+
+class FenceDistance:
+    """Distance inside the geofence: zones, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST.
+
+    Args:
+        zones: of the plan or mission.
+        origin: of the local frame, which is home.
+        radius_m: GF_MAX_HOR_DIST; 0: none.
+        height_m: GF_MAX_VER_DIST; 0: none.
+    """
+
+    def __init__(
+        self, zones: Sequence[FenceZone], origin: LocalOrigin, radius_m: float, height_m: float
+    ) -> None:
+        self._area = allowed_area(zones, origin) if zones else None
+        self._radius_m, self._height_m = radius_m, height_m
+        self.exists = bool(zones) or radius_m > 0.0 or height_m > 0.0
+
+    def of(self, position_ned_m: Array) -> Array:
+        """(N,) metres inside for positions (N, 3); negative outside, infinite without a fence."""
+        inside = np.full(len(position_ned_m), math.inf)
+        north, east, down = position_ned_m.T
+        if self._area is not None:
+            edge_m = shapely.distance(shapely.points(north, east), self._area.boundary)
+            within = shapely.contains_xy(self._area, north, east)
+            inside = np.where(within, edge_m, -edge_m)
+        if self._radius_m > 0.0:
+            inside = np.minimum(inside, self._radius_m - np.hypot(north, east))
+        if self._height_m > 0.0:
+            inside = np.minimum(inside, self._height_m + down)
+        return inside
+
+
+def obstacle_distance_m(
+    obstacles: Sequence[Obstacle], position_ned_m: Array
+) -> tuple[Array, NDArray[np.intp]]:
+    """(N,) distance to the nearest obstacle, and which it is; infinite and 0 without any.
+
+    Args:
+        obstacles: upright boxes.
+        position_ned_m: (N, 3).
+    """
+    if not obstacles:
+        count = len(position_ned_m)
+        return np.full(count, math.inf), np.zeros(count, dtype=np.intp)
+    distances = np.stack([_box_distance_m(box, position_ned_m) for box in obstacles])
+    nearest = distances.argmin(axis=0)
+    return distances.min(axis=0), nearest
+
+
+def _box_distance_m(box: Obstacle, position_ned_m: Array) -> Array:
+    north, east = position_ned_m[:, 0] - box.north_m, position_ned_m[:, 1] - box.east_m
+    c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
+    beside_x = np.maximum(np.abs(c * north + s * east) - 0.5 * box.length_m, 0.0)
+    beside_y = np.maximum(np.abs(c * east - s * north) - 0.5 * box.width_m, 0.0)
+    height_m = -position_ned_m[:, 2]
+    above = np.maximum(height_m - box.base_alt_home_m - box.height_m, 0.0)
+    below = np.maximum(box.base_alt_home_m - height_m, 0.0)
+    return np.sqrt(beside_x**2 + beside_y**2 + (above + below) ** 2)

@@ -1,0 +1,153 @@
+"""The simulated vehicles of a dry run: one for each set of conditions, on one clock, without links."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from vehicle_sim.autopilot.announcer import EVENTS, Event, StatusText
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.node import Node
+from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.simulation import Home
+from vehicle_sim.world.world import Box, World
+
+TICK_S = 0.02
+"""Of the autopilots; between two ticks the vehicles may be commanded."""
+SEVERITY_WARNING = 4
+DRAIN_EXPONENT = 1.5
+"""Hover power grows with mass to this power (momentum theory, `missions.vehicle.hover_power_w`)."""
+
+
+class Fleet:
+    """N vehicles that all stand at home.
+
+    Args:
+        aircraft: what they are.
+        conditions: of each.
+        seed: of noise and gusts.
+        first: number of the first flight: the same flight meets the same noise in any batch.
+        obstacles: what stands around.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        conditions: Sequence[Conditions],
+        *,
+        seed: int = 0,
+        first: int = 0,
+        obstacles: Sequence[Obstacle] = (),
+    ) -> None:
+        home = aircraft.home
+        self.sim = VehicleSim(
+            len(conditions), links=(), seed=seed, first_noise=first,
+            stores=[_store(aircraft, each) for each in conditions],
+            home=Home(home.lat_deg, home.lon_deg, home.alt_amsl_m),
+            start_ned_m=np.zeros((len(conditions), 3)),
+            start_yaw_ned_rad=np.full(len(conditions), aircraft.yaw_ned_rad), world=_world(obstacles),
+        )  # fmt: skip
+        simulation = self.sim.simulation
+        for row, each in enumerate(conditions):
+            simulation.set_wind(np.array(each.wind_ned_m_s), row)
+            if each.gusts_m_s > 0.0:
+                simulation.set_gusts(each.gusts_m_s, row)
+            if each.sensor_noise != 1.0:
+                simulation.set_sensor_noise(row, each.sensor_noise)
+            simulation.set_battery_remaining(row, aircraft.battery_share)
+        self.vehicles = [
+            Vehicle(autopilot, node)
+            for autopilot, node in zip(self.sim.autopilots, self.sim.nodes, strict=True)
+        ]
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since boot."""
+        return self.sim.time_s
+
+    def tick(self) -> None:
+        """One tick later."""
+        self.sim.step(TICK_S)
+
+
+MISSION_REFUSALS = {
+    "navigator_mis_unsup_cmd": "an item has a command that multicopters do not fly",
+    "navigator_mis_vtol_items": "an item is for VTOL aircraft",
+    "navigator_mis_takeoff_not_first": "the take-off is not the first item",
+    "navigator_mis_takeoff_too_low": "the take-off is too low",
+    "navigator_mis_takeoff_missing": "it has no take-off",
+    "navigator_mis_land_missing": "it has no landing",
+    "navigator_mis_takeoff_or_land_missing": "it needs a take-off and a landing",
+    "navigator_mis_add_land_or_rm_to": "it has a take-off and no landing",
+    "navigator_mis_add_to_or_rm_land": "it has a landing and no take-off",
+    "navigator_mis_geofence_violation": "an item lies outside the geofence",
+    "navigator_geofence_invalid_against_home": "home lies outside the geofence",
+}
+"""PX4 says these by events without a text."""
+_REFUSAL_OF = {EVENTS[name][0]: words for name, words in MISSION_REFUSALS.items()}
+
+
+class Vehicle:
+    """One of them, for who commands it; what it says is kept."""
+
+    def __init__(self, autopilot: Autopilot, node: Node) -> None:
+        self.autopilot = autopilot
+        self.node = node
+        self.warnings: list[str] = []
+        """Its status texts of severity warning and above."""
+        autopilot.announcer.add_listener(self._hear)
+
+    def _hear(self, said: StatusText | Event) -> None:
+        if isinstance(said, StatusText) and said.severity <= SEVERITY_WARNING:
+            self.warnings.append(said.text.strip())
+        elif isinstance(said, Event) and said.id in _REFUSAL_OF:
+            self.warnings.append(f"PX4 does not take it: {_REFUSAL_OF[said.id]}")
+
+    @property
+    def armed(self) -> bool:
+        """Whether its motors may turn."""
+        return self.autopilot.commander.armed
+
+    @property
+    def last_warning(self) -> str:
+        """What it said last, for the end of a sentence."""
+        return self.warnings[-1].rstrip(".") if self.warnings else "it gives no reason"
+
+
+def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:
+    store = Parameters()
+    for name, value in aircraft.parameters_taken().items():
+        if name in store:
+            store.set(name, _fitting(store, name, value))
+    store.set("SIH_MASS", float(store.get("SIH_MASS")) * conditions.mass_scale)
+    if aircraft.endurance_s is not None:
+        store.set("SIM_BAT_ENABLE", 1)
+        store.set("SIM_BAT_MIN_PCT", 0.0)
+        store.set("SIM_BAT_DRAIN", aircraft.endurance_s)
+    elif not aircraft.battery_is_known:
+        store.set("SIM_BAT_ENABLE", 0)
+    drain_s = float(store.get("SIM_BAT_DRAIN"))
+    scale = conditions.battery_scale / conditions.mass_scale**DRAIN_EXPONENT
+    store.set("SIM_BAT_DRAIN", drain_s * scale)
+    return store
+
+
+def _fitting(store: Parameters, name: str, value: float) -> ParameterValue:
+    return round(value) if store.type_of(name) == "INT32" else value
+
+
+def _world(obstacles: Sequence[Obstacle]) -> World | None:
+    if not obstacles:
+        return None
+    boxes = tuple(
+        Box(
+            each.name, each.north_m, each.east_m, each.length_m, each.width_m, each.height_m,
+            each.base_alt_home_m, math.remainder(each.yaw_ned_rad, math.tau),
+        )
+        for each in obstacles
+    )  # fmt: skip
+    return World(name="dry run", boxes=boxes)

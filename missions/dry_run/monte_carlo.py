@@ -1,0 +1,169 @@
+"""Many dry runs of one plan at once, each in its own wind, mass, battery and noise: what may be expected."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from missions.dry_run.corridor import Corridor, corridor
+from missions.dry_run.flight import Report, fly
+from missions.dry_run.plans import Flyable
+from missions.dry_run.result import DryRun, judge, rounded
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.spread import Chance, Quantiles, Spread
+from missions.errors import PlanError
+
+MAX_FLIGHTS = 200
+CHANCES = {
+    "not_finished": ("start_refused", "failsafe", "mission_left", "not_finished", "obstacle_hit"),
+    "fence_touched": ("fence_touched",),
+    "obstacle_hit": ("obstacle_hit",),
+    "obstacle_near": ("obstacle_near", "obstacle_hit"),
+    "failsafe": ("failsafe",),
+    "battery_reserve": ("battery_reserve", "battery_empty"),
+}
+"""What is counted, by the findings that mean it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightSummary:
+    """One of the flights."""
+
+    conditions: Conditions
+    finished: bool
+    duration_s: float
+    battery_end_share: float | None
+    fence_distance_m: float | None
+    obstacle_distance_m: float | None
+    findings: tuple[str, ...]
+    """Codes."""
+
+
+@dataclass(frozen=True, slots=True)
+class MonteCarlo:
+    """What came of all of them."""
+
+    nominal: DryRun
+    """In the stated conditions."""
+    spread: Spread
+    seed: int
+    flights: tuple[FlightSummary, ...]
+    corridor: Corridor | None
+    """None: the nominal flight never began."""
+    duration_s: Quantiles | None
+    """Of those that were finished."""
+    battery_end_share: Quantiles | None
+    fence_distance_m: Quantiles | None
+    obstacle_distance_m: Quantiles | None
+    chances: dict[str, Chance]
+    times_real_time: float
+    """Of the batch: simulated time over time spent."""
+
+    def document(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "nominal": self.nominal.document(),
+            "spread": asdict(self.spread),
+            "seed": self.seed,
+            "flights": [_summary(each) for each in self.flights],
+            "corridor": None if self.corridor is None else self.corridor.document(),
+            "duration_s": _quantiles(self.duration_s),
+            "battery_end_share": _quantiles(self.battery_end_share),
+            "fence_distance_m": _quantiles(self.fence_distance_m),
+            "obstacle_distance_m": _quantiles(self.obstacle_distance_m),
+            "chances": {name: asdict(chance) for name, chance in self.chances.items()},
+            "times_real_time": round(self.times_real_time, 2),
+        }
+
+
+def monte_carlo(
+    flyable: Flyable,
+    aircraft: Aircraft,
+    conditions: Conditions | None = None,
+    spread: Spread | None = None,
+    *,
+    flights: int = 100,
+    seed: int = 0,
+    obstacles: Sequence[Obstacle] = (),
+    report: Report | None = None,
+) -> MonteCarlo:
+    """Flies a plan many times.
+
+    Args:
+        flyable: the plan.
+        aircraft: what flies, and from where.
+        conditions: in the middle of the spread; None: calm, everything as usual.
+        spread: how they vary; None: as `Spread` has it.
+        flights: how many, besides the nominal one.
+        seed: of the draws, and of noise and gusts.
+        obstacles: what stands around.
+        report: is told how far it is; what it raises ends the run.
+
+    Raises:
+        PlanError: PX4 does not take the plan, or there are too many flights.
+    """
+    if not 1 <= flights <= MAX_FLIGHTS:
+        reason = f"{flights} flights, 1 to {MAX_FLIGHTS} are possible"
+        raise PlanError("flights", reason, "Give a number between these.")
+    conditions, spread = conditions or Conditions(), spread or Spread()
+    drawn = [spread.draw(conditions, seed, number) for number in range(1, flights + 1)]
+    began_s = time.perf_counter()
+    flown = fly(
+        aircraft, [conditions, *drawn], flyable.pilot, longest_s=flyable.longest_s, seed=seed,
+        obstacles=obstacles, report=report,
+    )  # fmt: skip
+    spent_s = time.perf_counter() - began_s
+    judged = [judge(each, flyable, aircraft, obstacles, spent_s) for each in flown]
+    nominal, others = judged[0], judged[1:]
+    summaries = tuple(_summarised(each) for each in others)
+    tracks = [each.track for each in others if each.track is not None]
+    longest_s = max(each.duration_s for each in judged)
+    return MonteCarlo(
+        nominal, spread, seed, summaries,
+        None if nominal.track is None else corridor(nominal.track, tracks),
+        Quantiles.of([each.duration_s for each in summaries if each.finished]),
+        Quantiles.of(_known(each.battery_end_share for each in summaries)),
+        Quantiles.of(_known(each.fence_distance_m for each in summaries)),
+        Quantiles.of(_known(each.obstacle_distance_m for each in summaries)),
+        {name: _chance(summaries, codes) for name, codes in CHANCES.items()},
+        longest_s / max(spent_s, 1e-9),
+    )  # fmt: skip
+
+
+def _known(values: Any) -> list[float]:
+    return [each for each in values if each is not None]
+
+
+def _chance(summaries: Sequence[FlightSummary], codes: tuple[str, ...]) -> Chance:
+    count = sum(any(code in codes for code in each.findings) for each in summaries)
+    return Chance.of(count, len(summaries))
+
+
+def _summarised(run: DryRun) -> FlightSummary:
+    codes = tuple(dict.fromkeys(finding.code for finding in run.findings))
+    return FlightSummary(
+        run.conditions, run.finished, run.duration_s, run.battery_end_share, run.fence_distance_m,
+        run.obstacle_distance_m, codes,
+    )  # fmt: skip
+
+
+def _summary(flight: FlightSummary) -> dict[str, Any]:
+    return {
+        "wind_ned_m_s": [round(each, 2) for each in flight.conditions.wind_ned_m_s],
+        "gusts_m_s": round(flight.conditions.gusts_m_s, 2),
+        "mass_scale": round(flight.conditions.mass_scale, 3),
+        "battery_scale": round(flight.conditions.battery_scale, 3),
+        "sensor_noise": round(flight.conditions.sensor_noise, 2),
+        "finished": flight.finished,
+        "duration_s": round(flight.duration_s, 2),
+        "battery_end_share": rounded(flight.battery_end_share, 4),
+        "fence_distance_m": rounded(flight.fence_distance_m, 2),
+        "obstacle_distance_m": rounded(flight.obstacle_distance_m, 2),
+        "findings": list(flight.findings),
+    }
+
+
+def _quantiles(found: Quantiles | None) -> dict[str, float] | None:
+    return None if found is None else {name: round(value, 4) for name, value in asdict(found).items()}

@@ -1,0 +1,64 @@
+"""What can be flown in a dry run: a plan, ready for a simulated vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from missions.dry_run.fleet import Vehicle
+from missions.dry_run.pilot import Pilot
+from missions.dry_run.setup import Aircraft
+from missions.dry_run.waypoints import Upload, WaypointPilot
+from missions.estimates import estimate
+from missions.plan import Plan
+from missions.values import FenceZone
+from missions.vehicle import VehicleModel
+
+LONGEST_S = 3600.0
+"""Of any flight."""
+SLOWER = 2.0
+MARGIN_S = 90.0
+"""A flight may take so many times its estimate, and so much more, before it is ended."""
+
+
+class Flyable(Protocol):
+    """Anything that pilots can be made for."""
+
+    @property
+    def fence(self) -> tuple[FenceZone, ...]:
+        """The geofence that comes with it."""
+        ...
+
+    @property
+    def longest_s(self) -> float:
+        """A flight that takes longer is ended."""
+        ...
+
+    def pilot(self, vehicle: Vehicle) -> Pilot:
+        """Who flies it with this vehicle."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FlyablePlan:
+    """A waypoint plan."""
+
+    fence: tuple[FenceZone, ...]
+    longest_s: float
+    upload: Upload
+
+    @classmethod
+    def of(cls, plan: Plan, aircraft: Aircraft) -> FlyablePlan:
+        """One plan for one vehicle.
+
+        Raises:
+            PlanError: PX4 does not take it.
+        """
+        vehicle = VehicleModel.from_parameters(aircraft.parameters)
+        with_home = plan.model_copy(update={"planned_home": aircraft.home})
+        expected_s = estimate(with_home, vehicle).time_s
+        return cls(plan.fence, min(LONGEST_S, SLOWER * expected_s + MARGIN_S), Upload.of(plan))
+
+    def pilot(self, vehicle: Vehicle) -> WaypointPilot:
+        """Uploads it and starts it."""
+        return WaypointPilot(vehicle, self.upload)

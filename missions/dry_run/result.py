@@ -1,0 +1,276 @@
+"""One dry run: a plan flown once in simulation, and what is to be said of it; all plain values."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
+from missions.dry_run.findings import NEAR_M, DryRunFinding
+from missions.dry_run.flight import Flight, Report, fly
+from missions.dry_run.plans import Flyable
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.track import Track
+
+Array = NDArray[np.float64]
+MAX_SAMPLES = 4000
+"""Of the path in the document; longer flights are thinned."""
+MAX_FINDINGS = 100
+EMPTY_SHARE = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class StepTime:
+    """When a step was flown."""
+
+    place: str
+    title: str
+    row: int | None
+    start_s: float
+    end_s: float
+    fence_distance_m: float | None
+    """The smallest; negative: outside. None: there is no fence."""
+    obstacle_distance_m: float | None
+    """The smallest; None: there are no obstacles."""
+
+
+@dataclass(frozen=True, slots=True)
+class DryRun:
+    """What came of it."""
+
+    finished: bool
+    """The whole plan was flown."""
+    landed: bool
+    duration_s: float
+    """From arming to the end."""
+    length_m: float
+    battery_start_share: float
+    battery_end_share: float | None
+    """None: how fast the battery drains is not known."""
+    fence_distance_m: float | None
+    obstacle_distance_m: float | None
+    steps: tuple[StepTime, ...]
+    findings: tuple[DryRunFinding, ...]
+    track: Track | None
+    """None: the flight never began."""
+    aircraft: Aircraft
+    conditions: Conditions
+    times_real_time: float
+    """How much faster than real time it was flown."""
+
+    def document(self) -> dict[str, Any]:
+        """As JSON values, the path thinned."""
+        home = self.aircraft.home
+        return {
+            "origin": {"lat_deg": home.lat_deg, "lon_deg": home.lon_deg, "alt_amsl_m": home.alt_amsl_m},
+            "conditions": asdict(self.conditions),
+            "finished": self.finished,
+            "landed": self.landed,
+            "duration_s": round(self.duration_s, 2),
+            "length_m": round(self.length_m, 2),
+            "battery_start_share": round(self.battery_start_share, 4),
+            "battery_end_share": rounded(self.battery_end_share, 4),
+            "fence_distance_m": rounded(self.fence_distance_m, 2),
+            "obstacle_distance_m": rounded(self.obstacle_distance_m, 2),
+            "steps": [asdict(step) for step in self.steps],
+            "findings": [_finding(each) for each in self.findings],
+            "path": None
+            if self.track is None
+            else _path(self.track, knows_battery=self.battery_end_share is not None),
+            "times_real_time": round(self.times_real_time, 1),
+        }
+
+
+def dry_run(
+    flyable: Flyable,
+    aircraft: Aircraft,
+    conditions: Conditions | None = None,
+    *,
+    seed: int = 0,
+    obstacles: Sequence[Obstacle] = (),
+    report: Report | None = None,
+) -> DryRun:
+    """Flies a plan once.
+
+    Args:
+        flyable: the plan.
+        aircraft: what flies, and from where.
+        conditions: weather and the rest; None: calm, everything as usual.
+        seed: of noise and gusts.
+        obstacles: what stands around.
+        report: is told how far it is; what it raises ends the dry run.
+
+    Raises:
+        PlanError: PX4 does not take the plan.
+    """
+    conditions = conditions or Conditions()
+    began_s = time.perf_counter()
+    flight = fly(
+        aircraft, [conditions], flyable.pilot, longest_s=flyable.longest_s, seed=seed, obstacles=obstacles,
+        whole=True, report=report,
+    )[0]  # fmt: skip
+    spent_s = time.perf_counter() - began_s
+    return judge(flight, flyable, aircraft, obstacles, spent_s)
+
+
+def judge(
+    flight: Flight, flyable: Flyable, aircraft: Aircraft, obstacles: Sequence[Obstacle], spent_s: float
+) -> DryRun:
+    """What is to be said of one flight."""
+    track = flight.track
+    if track is None:
+        return DryRun(
+            False, False, 0.0, 0.0, aircraft.battery_share, None, None, None, (), flight.findings, None,
+            aircraft, flight.conditions, 0.0,
+        )  # fmt: skip
+    fence = fence_of(flyable, aircraft)
+    fence_m = fence.of(track.position_ned_m)
+    obstacle_m, which = obstacle_distance_m(obstacles, track.position_ned_m)
+    steps = tuple(_steps(track, fence_m, obstacle_m))
+    findings = [*flight.findings, *_fence(track, fence_m)]
+    if not flight.collided:
+        findings += _near(track, obstacle_m, which, obstacles)
+    end_share = float(track.battery_share[_last_armed(track)]) if aircraft.battery_is_known else None
+    findings += _battery(track, aircraft, end_share)
+    order = {"error": 0, "warning": 1}
+    findings.sort(key=lambda each: order[each.severity])
+    duration_s = float(track.t_s[-1])
+    return DryRun(
+        flight.finished, flight.landed, duration_s, track.length_m, aircraft.battery_share, end_share,
+        _least(fence_m), _least(obstacle_m), steps, tuple(findings[:MAX_FINDINGS]), track, aircraft,
+        flight.conditions, duration_s / max(spent_s, 1e-9),
+    )  # fmt: skip
+
+
+def fence_of(flyable: Flyable, aircraft: Aircraft) -> FenceDistance:
+    """The fence that counts: the plan's zones and the vehicle's own cylinder."""
+    known = aircraft.parameters
+    return FenceDistance(
+        flyable.fence, aircraft.origin, known.get("GF_MAX_HOR_DIST", 0.0), known.get("GF_MAX_VER_DIST", 0.0)
+    )
+
+
+def rounded(value: float | None, digits: int) -> float | None:
+    """None stays None."""
+    return None if value is None else round(value, digits)
+
+
+def _least(distances: Array) -> float | None:
+    least = float(distances.min())
+    return least if math.isfinite(least) else None
+
+
+def _last_armed(track: Track) -> int:
+    """The battery is full again as soon as a simulated vehicle is disarmed: the sample before that counts."""
+    rises = np.flatnonzero(np.diff(track.battery_share) > 0.0)
+    return int(rises[0]) if len(rises) else len(track.battery_share) - 1
+
+
+def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
+    """Each stretch of a step; one that is flown again is listed again."""
+    found: list[StepTime] = []
+    changes = np.flatnonzero(np.diff(track.step)) + 1
+    bounds = [0, *changes.tolist(), len(track.step)]
+    for first, end in itertools.pairwise(bounds):
+        index = int(track.step[first])
+        if index < 0:
+            continue
+        step = track.steps[index]
+        last = min(end, len(track.t_s) - 1)
+        found.append(
+            StepTime(
+                step.place, step.title, step.row, round(float(track.t_s[first]), 2),
+                round(float(track.t_s[last]), 2), rounded(_least(fence_m[first:end]), 2),
+                rounded(_least(obstacle_m[first:end]), 2),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _at(track: Track, sample: int) -> tuple[str | None, float, tuple[float, float, float]]:
+    index = int(track.step[sample])
+    n, e, d = track.position_ned_m[sample].tolist()
+    return (track.steps[index].place if index >= 0 else None), round(float(track.t_s[sample]), 2), (n, e, d)
+
+
+def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
+    """Where the flight leaves the fence, each time once."""
+    outside = fence_m < 0.0
+    entries = np.flatnonzero(outside & ~np.concatenate([[False], outside[:-1]]))
+    found: list[DryRunFinding] = []
+    for first in entries.tolist():
+        after = np.flatnonzero(~outside[first:])
+        end = first + int(after[0]) if len(after) else len(outside)
+        worst = first + int(fence_m[first:end].argmin())
+        step, t_s, place = _at(track, worst)
+        message = (
+            f"The flight leaves the geofence at {step or 'its start'}, by up to {-fence_m[worst]:.1f} m."
+        )
+        found.append(DryRunFinding("fence_touched", message, step, t_s, place))
+    return found
+
+
+def _near(
+    track: Track, obstacle_m: Array, which: NDArray[np.intp], obstacles: Sequence[Obstacle]
+) -> list[DryRunFinding]:
+    sample = int(obstacle_m.argmin())
+    if not obstacle_m[sample] < NEAR_M:
+        return []
+    step, t_s, place = _at(track, sample)
+    name = obstacles[int(which[sample])].name
+    message = f"The flight comes within {obstacle_m[sample]:.1f} m of {name} at {step or 'its start'}."
+    return [DryRunFinding("obstacle_near", message, step, t_s, place)]
+
+
+def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[DryRunFinding]:
+    if end_share is None:
+        message = "How fast the vehicle's battery drains is not known: give its endurance in hover."
+        return [DryRunFinding("battery_unknown", message)]
+    empty = np.flatnonzero(track.battery_share <= EMPTY_SHARE)
+    if len(empty):
+        step, t_s, place = _at(track, int(empty[0]))
+        message = f"The battery is empty after {t_s:.0f} s, at {step or 'the start'}."
+        return [DryRunFinding("battery_empty", message, step, t_s, place)]
+    if end_share < aircraft.battery_reserve:
+        left, reserve = f"{end_share:.0%}", f"{aircraft.battery_reserve:.0%}"
+        message = f"{left} of the battery is left at the end; the reserve is {reserve}."
+        step, t_s, place = _at(track, len(track.t_s) - 1)
+        return [DryRunFinding("battery_reserve", message, step, t_s, place)]
+    return []
+
+
+def _finding(finding: DryRunFinding) -> dict[str, Any]:
+    return {
+        "code": finding.code,
+        "severity": finding.severity,
+        "text": finding.message,
+        "step": finding.step,
+        "t_s": finding.t_s,
+        "position_ned_m": finding.position_ned_m,
+    }
+
+
+def _path(track: Track, *, knows_battery: bool) -> dict[str, Any]:
+    count = len(track.t_s)
+    kept = np.unique(np.linspace(0, count - 1, min(count, MAX_SAMPLES)).round().astype(int))
+
+    def rows(values: Array | None, digits: int) -> list[Any] | None:
+        return None if values is None else np.round(values[kept], digits).tolist()
+
+    return {
+        "t_s": rows(track.t_s, 2),
+        "position_ned_m": rows(track.position_ned_m, 2),
+        "velocity_ned_m_s": rows(track.velocity_ned_m_s, 2),
+        "q_ned_frd": rows(track.q_ned_frd, 4),
+        "gimbal_rad": rows(track.gimbal_rad, 3),
+        "battery_share": rows(track.battery_share, 3) if knows_battery else None,
+        "step": track.step[kept].tolist(),
+        "step_places": [step.place for step in track.steps],
+    }

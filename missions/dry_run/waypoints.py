@@ -1,0 +1,155 @@
+"""A waypoint plan in a dry run: uploaded as it would be, then flown by the simulated PX4's Mission mode."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from missions.dry_run.findings import DryRunFinding
+from missions.dry_run.fleet import Vehicle
+from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, found
+from missions.errors import PlanError
+from missions.formats.mavlink_items import WireItem, fence_items, mission_items, rally_items
+from missions.items import LoiterUnlimited
+from missions.plan import Plan
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.plans import FENCE, MISSION, RALLY
+from vehicle_sim.mavlink.services.mission_items import ACCEPTED, CAPACITY, result_of
+
+JUDGED_AFTER_S = 3.0
+"""After boot the vehicle has judged a mission, once it has a home."""
+ARRIVED_M = 1.5
+STILL_M_S = 0.4
+"""So near and so slow it stays at an item that never ends."""
+Fields = Mapping[str, Any]
+"""Of MISSION_ITEM_INT."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Upload:
+    """The items of a plan as the vehicle stores them."""
+
+    parts: tuple[tuple[int, tuple[Fields, ...]], ...]
+    """Kind (mission, fence, rally) and its items."""
+    steps: tuple[Step, ...]
+    """For each mission item."""
+    endless: frozenset[int]
+    """Mission items that never end by themselves."""
+
+    @classmethod
+    def of(cls, plan: Plan) -> Upload:
+        """Of one plan.
+
+        Raises:
+            PlanError: PX4 refuses an item, or has no room for so many.
+        """
+        parts = (
+            (FENCE, _stored(FENCE, fence_items(plan), "fence")),
+            (RALLY, _stored(RALLY, rally_items(plan), "rally point")),
+            (MISSION, _stored(MISSION, mission_items(plan), "item")),
+        )
+        if not parts[-1][1]:
+            raise PlanError("the plan", "it has no items", "Add items: there is nothing to fly.")
+        items = [(row, item) for row, item in plan.simple_items()]
+        steps = tuple(
+            Step(f"item {row + 1}", item.kind.replace("_", " ").capitalize(), row) for row, item in items
+        )
+        endless = frozenset(
+            seq
+            for seq, (_, item) in enumerate(items)
+            if isinstance(item, LoiterUnlimited) or not item.autocontinue
+        )
+        return cls(parts, steps, endless)
+
+
+def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ...]:
+    if len(items) > CAPACITY[kind]:
+        reason = f"it has {len(items)} {name}s, PX4 has room for {CAPACITY[kind]}"
+        raise PlanError("the plan", reason, "Remove some.")
+    found: list[Fields] = []
+    for item in items:
+        fields = dataclasses.asdict(item)
+        if result_of(kind, fields, as_int=True) != ACCEPTED:
+            reason = f"PX4 does not take command {item.command} in frame {item.frame} there"
+            raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or give it another altitude.")
+        found.append(fields)
+    return tuple(found)
+
+
+class WaypointPilot:
+    """Uploads, starts the mission, and watches it."""
+
+    def __init__(self, vehicle: Vehicle, upload: Upload) -> None:
+        self._vehicle = vehicle
+        self._upload = upload
+        self._failsafe = FailsafeWatch(vehicle)
+        self._settled_s: float | None = None
+        self.started_s: float | None = None
+        self.done = self.finished = False
+        self.step: Step | None = None
+        self.findings: list[DryRunFinding] = []
+        for kind, items in upload.parts:
+            vehicle.autopilot.plans.store(kind, items)
+
+    def tick(self, now_s: float) -> None:
+        """Start when the vehicle is ready; then see how far it is."""
+        if self.done:
+            return
+        if self.started_s is None:
+            self._start(now_s)
+        else:
+            self._watch(now_s, now_s - self.started_s)
+
+    def _start(self, now_s: float) -> None:
+        autopilot = self._vehicle.autopilot
+        commander = autopilot.commander
+        ready = commander.checks.has_mission and commander.report.armable(NavState.MISSION)
+        judged = now_s > JUDGED_AFTER_S and autopilot.home.valid and not commander.checks.has_mission
+        if not ready and not judged and now_s < READY_WITHIN_S:
+            return
+        if ready and commander.start_mission(0.0):
+            self.started_s = now_s
+            self.step = self._upload.steps[0]
+            return
+        message = f"The vehicle does not start the mission: {self._vehicle.last_warning}."
+        self.findings.append(found("start_refused", message, None, 0.0, self._vehicle))
+        self.done = True
+
+    def _watch(self, now_s: float, t_s: float) -> None:
+        commander = self._vehicle.autopilot.commander
+        mission = self._vehicle.autopilot.navigator.mission
+        if not self._failsafe.acted and commander.active is NavState.MISSION:
+            self.step = self._upload.steps[mission.current]
+        finding = self._failsafe.look(self.step, t_s)
+        if finding is not None:
+            self.findings.append(finding)
+        if not commander.armed:
+            self.done = True
+            self.finished = mission.finished or (not self._failsafe.acted and self._returned())
+            return
+        if self._ends_in_air(commander.active) and self._settled_s is None:
+            self._settled_s = now_s
+        if self._settled_s is not None and now_s - self._settled_s >= SETTLED_S:
+            self.done = self.finished = True
+            message = f"The mission ends in the air after {self.step.place if self.step else 'it'}."
+            self.findings.append(found("ends_in_air", message, self.step, t_s, self._vehicle))
+
+    def _returned(self) -> bool:
+        """A return item lands in a mode of its own; the mission is over then, though PX4 does not say so."""
+        mission = self._vehicle.autopilot.navigator.mission
+        return mission.current == mission.count - 1
+
+    def _ends_in_air(self, active: NavState) -> bool:
+        mission = self._vehicle.autopilot.navigator.mission
+        if active is NavState.HOLD and mission.finished:
+            return True
+        if active is not NavState.MISSION or mission.current not in self._upload.endless:
+            return False
+        estimate = self._vehicle.autopilot.view.estimate
+        north, east, down = self._vehicle.autopilot.navigator.path.target_ned_m
+        if north is None or east is None or down is None:
+            return False
+        away_m = math.dist(estimate.position_ned_m, (north, east, down))
+        return away_m < ARRIVED_M and math.hypot(*estimate.velocity_ned_m_s) < STILL_M_S

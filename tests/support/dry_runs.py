@@ -1,0 +1,37 @@
+"""Plans that are short enough to be flown in tests, and the aircraft that flies them."""
+
+from __future__ import annotations
+
+from missions.dry_run.plans import FlyablePlan
+from missions.dry_run.setup import Aircraft
+from missions.geodesy import LocalOrigin
+from missions.items import Land, Takeoff, Waypoint
+from missions.plan import Plan
+from missions.values import Altitude, FenceCircle, HomePosition, Point
+
+HOME = HomePosition(lat_deg=47.397, lon_deg=8.545, alt_amsl_m=480.0)
+ORIGIN = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
+QUICK = {"MPC_TKO_SPEED": 3.0, "MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5, "MPC_XY_CRUISE": 8.0}
+AIRCRAFT = Aircraft(HOME, parameters=QUICK, endurance_s=300.0)
+
+
+def at(kind, north_m: float, east_m: float, height_m: float, **fields):
+    """An item at a place from home."""
+    lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
+    altitude = Altitude(value_m=height_m, reference="home")
+    return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=altitude, **fields)
+
+
+def hop(north_m: float = 15.0, *, fence_m: float | None = None, land: bool = True) -> Plan:
+    """Up to 4 m, to the north, and down again."""
+    items = [at(Takeoff, 0.0, 0.0, 4.0), at(Waypoint, north_m, 0.0, 4.0)]
+    if land:
+        items.append(at(Land, north_m, 0.0, 0.0))
+    centre = Point(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg)
+    fence = () if fence_m is None else (FenceCircle(inclusion=True, center=centre, radius_m=fence_m),)
+    return Plan(planned_home=HOME, items=tuple(items), fence=fence)
+
+
+def flyable(plan: Plan, aircraft: Aircraft = AIRCRAFT) -> FlyablePlan:
+    """Ready for the tests' aircraft."""
+    return FlyablePlan.of(plan, aircraft)

@@ -1,0 +1,126 @@
+"""The pure parts of a dry run: what is taken over, what is drawn, how near, how far beside."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
+from missions.dry_run.corridor import corridor, deviation
+from missions.dry_run.pilot import Step
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.spread import Chance, Spread
+from missions.dry_run.track import Track
+from missions.errors import PlanError
+from missions.values import FenceCircle, Point
+from tests.support.dry_runs import HOME, ORIGIN
+
+WALL = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0)
+STEPS = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
+
+
+def track(speed_m_s: float, *, east_m: float = 0.0, up_m: float = 0.0, length_m: float = 40.0) -> Track:
+    """North along a line; the second step begins half way."""
+    t_s = np.arange(0.0, length_m / speed_m_s + 0.05, 0.1)
+    place = np.stack([speed_m_s * t_s, np.full_like(t_s, east_m), np.full_like(t_s, -10.0 - up_m)], axis=1)
+    step = (place[:, 0] >= length_m / 2).astype(int)
+    return Track(t_s, place, np.ones_like(t_s), step, STEPS)
+
+
+def test_of_a_real_vehicle_nothing_is_taken_that_belongs_to_its_airframe():
+    real = {
+        "MPC_XY_CRUISE": 7.0,
+        "MC_ROLLRATE_P": 0.3,
+        "MPC_THR_HOVER": 0.3,
+        "CAL_ACC0_ID": 0.0,
+        "RTL_TYPE": math.nan,
+    }
+    assert Aircraft(HOME, parameters=real).parameters_taken() == {"MPC_XY_CRUISE": 7.0}
+    simulated = Aircraft(HOME, parameters={**real, "SIH_MASS": 1.4}).parameters_taken()
+    assert set(simulated) == {"MPC_XY_CRUISE", "MC_ROLLRATE_P", "MPC_THR_HOVER", "SIH_MASS"}
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"wind_ned_m_s": (math.nan, 0.0, 0.0)}, "wind_ned_m_s"),
+        ({"wind_ned_m_s": (30.0, 30.0, 0.0)}, "between 0 and 40"),
+        ({"mass_scale": 0.0}, "mass_scale"),
+        ({"gusts_m_s": -1.0}, "gusts_m_s"),
+    ],
+)
+def test_conditions_that_cannot_be_are_refused_by_name(fields, says):
+    with pytest.raises(PlanError, match=says):
+        Conditions(**fields)
+
+
+def test_draws_follow_seed_and_number_and_spread_about_what_is_stated():
+    stated, spread = Conditions(wind_ned_m_s=(3.0, 0.0, 0.0), gusts_m_s=1.0), Spread(wind_m_s=2.0)
+    drawn = [spread.draw(stated, 5, number) for number in range(400)]
+    assert drawn[17] == spread.draw(stated, 5, 17)
+    assert drawn[17] != spread.draw(stated, 6, 17)
+    north = np.array([each.wind_ned_m_s[0] for each in drawn])
+    assert north.mean() == pytest.approx(3.0, abs=0.4)
+    assert north.std() == pytest.approx(2.0, abs=0.3)
+    assert abs(north - 3.0).max() <= 6.0
+    assert Spread(0.0, 0.0, 0.0, 0.0, 0.0).draw(stated, 5, 1) == stated
+
+
+def test_a_chance_says_what_few_flights_leave_open():
+    assert Chance.of(0, 100).upper == pytest.approx(0.037, abs=0.001)
+    assert Chance.of(0, 10).upper > 0.25
+    assert Chance.of(50, 100).share == 0.5
+    assert Chance.of(10, 10).upper == pytest.approx(1.0)
+
+
+def test_the_distance_to_the_fence_is_negative_outside_and_knows_the_vehicles_cylinder():
+    centre = Point(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg)
+    zones = (
+        FenceCircle(inclusion=True, center=centre, radius_m=50.0),
+        FenceCircle(inclusion=False, center=centre, radius_m=10.0),
+    )
+    places = np.array([[30.0, 0.0, -5.0], [60.0, 0.0, -5.0], [0.0, 5.0, -5.0]])
+    assert FenceDistance(zones, ORIGIN, 0.0, 0.0).of(places) == pytest.approx([20.0, -10.0, -5.0], abs=0.1)
+    high = FenceDistance((), ORIGIN, 40.0, 8.0)
+    assert high.of(places) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
+    assert FenceDistance((), ORIGIN, 0.0, 0.0).of(places).tolist() == [math.inf] * 3
+
+
+def test_the_distance_to_an_obstacle_is_that_to_its_nearest_side_edge_or_roof():
+    places = np.array([[0.0, 0.0, -2.0], [10.0, 0.0, -8.0], [10.0, 0.0, -2.0], [14.0, 7.0, -5.0]])
+    distances, which = obstacle_distance_m([Obstacle("far", 500.0, 0.0, 1.0, 1.0, 1.0), WALL], places)
+    assert distances == pytest.approx([9.0, 3.0, 0.0, 5.0])
+    assert which.tolist() == [1, 1, 1, 1]
+    turned = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0, yaw_ned_rad=math.pi / 2)
+    assert obstacle_distance_m([turned], places)[0][0] == pytest.approx(7.0)
+
+
+def test_a_flight_beside_the_nominal_one_is_beside_it_however_slow_it_is():
+    nominal, slow = track(5.0), track(3.7, east_m=2.0, up_m=-0.5)
+    across, above = deviation(nominal, slow, nominal.t_s, nominal.position_ned_m)
+    assert across == pytest.approx(2.0, abs=0.02)
+    assert above == pytest.approx(-0.5, abs=0.02)
+
+
+def test_what_comes_after_the_end_of_a_flight_is_no_deviation():
+    nominal, short = track(5.0), track(5.0, east_m=1.0, length_m=16.0)
+    broken = Track(short.t_s, short.position_ned_m, short.battery_share, np.zeros(len(short.t_s), int), STEPS)
+    across, _ = deviation(nominal, broken, nominal.t_s, nominal.position_ned_m)
+    assert np.isnan(across[-1])
+    assert across[10] == pytest.approx(1.0)
+    band = corridor(nominal, [broken, track(5.0, east_m=-3.0)])
+    assert band.width_m == pytest.approx(3.0)
+    assert band.horizontal.p50[-1] == pytest.approx(3.0)
+
+
+def test_a_corridor_has_the_quantiles_of_its_flights():
+    flights = [track(5.0, east_m=0.1 * k) for k in range(101)]
+    found = corridor(track(5.0), flights)
+    assert found.horizontal.p50[20] == pytest.approx(5.0, abs=0.05)
+    assert found.horizontal.p95[20] == pytest.approx(9.5, abs=0.05)
+    assert found.horizontal.greatest[20] == pytest.approx(10.0)
+    assert found.vertical.greatest[20] == pytest.approx(0.0, abs=1e-9)
+    document = found.document()
+    assert len(document["t_s"]) == len(document["position_ned_m"]) == len(document["horizontal_m"]["p95"])
