@@ -37,6 +37,11 @@ class PathCurve:
         """From the first point to the last."""
         return self._times[-1]
 
+    @property
+    def rows(self) -> int:
+        """How many points it was made of."""
+        return len(self._times)
+
     def at(self, t_s: float) -> Trajectory:
         """The setpoint `t_s` after the start; before the start and after the end: that point, at rest."""
         if not 0.0 < t_s < self._times[-1]:

@@ -156,7 +156,7 @@ def _timeline(state: State) -> Timeline:
     needs = dict.fromkeys(("position", "velocity", *sorted(state.needs)))
     return Timeline(
         tuple(state.segments), tuple(starts), (), tuple(needs),
-        FlightActions(actions.failure, actions.low_battery, actions.link_loss),
+        FlightActions(actions.failure, actions.low_battery, actions.link_loss, actions.control_lost),
     )  # fmt: skip
 
 

@@ -22,6 +22,8 @@ class Actions(Model):
     low_battery: Action = "return"
     link_loss: Action = "hold"
     """The server loses the link to the vehicle and finds it again."""
+    control_lost: Action = "hold"
+    """Nobody has control of the vehicle any more: the browser or program that had it has gone."""
 
 
 class Bounds(Model):

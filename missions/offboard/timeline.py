@@ -20,6 +20,7 @@ class FlightActions:
     failure: str
     low_battery: str
     link_loss: str
+    control_lost: str = "hold"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,61 @@
+"""Pictures and the gimbal along the way."""
+
+from __future__ import annotations
+
+import math
+
+from missions.frames import wrap_pi
+from missions.runner.flight import Flight
+from missions.runner.requests import Photo, PointGimbal, ReleaseGimbal, Request
+from missions.runner.script import Played
+from missions.setpoints import Position
+
+LEAD_S = 0.05
+"""Half of the time between two looks: a picture is as often early as late."""
+SAME_RAD = math.radians(0.2)
+AGAIN_S = 1.0
+"""A gimbal that stands is pointed again so often: a request may be lost."""
+
+
+def photos_due(flight: Flight) -> list[Request]:
+    """Pictures up to the present place that have not been taken."""
+    out: list[Request] = []
+    segments = flight.course.segments
+    while flight.photo_index < len(segments) and flight.photo_index <= flight.index:
+        present = flight.photo_index == flight.index
+        times = [e.t_s for e in segments[flight.photo_index].events if e.kind == "photo"]
+        due = sum(t <= flight.t_s + LEAD_S for t in times) if present else len(times)
+        out += [Photo()] * max(0, due - flight.photos_taken)
+        flight.photos_taken = max(due, flight.photos_taken)
+        if present:
+            break
+        flight.photo_index, flight.photos_taken = flight.photo_index + 1, 0
+    return out
+
+
+def point_gimbal(flight: Flight, played: Played, now_s: float) -> list[Request]:
+    """Where the track wants the gimbal now, if that has changed."""
+    segment = flight.segment
+    if segment is None:
+        return []
+    if segment.gimbal is None:
+        return release_gimbal(flight)
+    setpoint = segment.at(flight.t_s)
+    if played.position_ned_m is not None and (played.approaching or played.diverted):
+        setpoint = Position(played.position_ned_m, getattr(setpoint, "yaw_ned_rad", None))
+    pitch_rad, yaw_rad = segment.gimbal.at(flight.t_s, setpoint, segment.end_yaw_ned_rad)
+    if flight.pointed is not None:
+        pitch_before_rad, yaw_before_rad, at_s = flight.pointed
+        turned_rad = max(abs(pitch_rad - pitch_before_rad), abs(wrap_pi(yaw_rad - yaw_before_rad)))
+        if turned_rad < SAME_RAD and now_s - at_s < AGAIN_S:
+            return []
+    flight.pointed = (pitch_rad, yaw_rad, now_s)
+    return [PointGimbal(pitch_rad, yaw_rad)]
+
+
+def release_gimbal(flight: Flight) -> list[Request]:
+    """Where the mission has pointed it."""
+    if flight.pointed is None:
+        return []
+    flight.pointed = None
+    return [ReleaseGimbal()]

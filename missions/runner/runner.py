@@ -1,0 +1,446 @@
+"""Flies a compiled mission: an executor over the parts of its flight, without clock, server or simulator.
+
+Whoever drives it calls `tick` about ten times a second with what is known of the vehicle, carries out what it
+asks for, and says which of it failed. It acts only while it is in charge: once somebody else flies the
+vehicle (its pilot, an operator's command, PX4's failsafe) it asks for nothing, until a person resumes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from missions.offboard.segments import WaitSegment
+from missions.offboard.timeline import Timeline
+from missions.runner.flight import Flight
+from missions.runner.parts import LandPart, Part, TakeOffPart
+from missions.runner.payload import release_gimbal
+from missions.runner.reading import Reading
+from missions.runner.requests import Play, Request, SetMode, StopStream, TakeOff, Tell
+from missions.runner.stretch import StretchPart
+from missions.trajectory.limits import MotionLimits
+
+ESTIMATE_LOST_S = 1.0
+LOW_BATTERY_SHARE = 0.15
+"""BAT_LOW_THR."""
+IN_FLIGHT = ("position", "velocity", "heading")
+"""Estimates that are needed all the time; places on the earth are local ones by then."""
+
+Mode = Literal["hold", "land", "rtl"]
+MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
+NAME_OF = {"hold": "holding here", "return": "returning", "land": "landing"}
+
+
+class CannotDo(Exception):
+    """A person's request that is not possible now.
+
+    Attributes:
+        remedy: what to do.
+    """
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(reason)
+        self.remedy = remedy
+
+
+@dataclass(frozen=True, slots=True)
+class RunnerStatus:
+    """How the mission stands."""
+
+    state: str
+    """ready, taking_off, starting, flying, waiting, pausing, paused, landing, suspended, done, aborted,
+    stopped. `suspended`: not in charge, to be resumed by a person; the last three are over."""
+    place: str | None
+    """Which step: "step 3", "step 4.2"."""
+    title: str | None
+    step: int | None
+    """Index of the segment, from 0."""
+    remaining_s: float | None
+    """By plan, on the longest way."""
+    deviation_m: float | None
+    """From the position that is sent."""
+    question: str | None
+    """What a person is asked."""
+    reason: str | None
+    """Why it is suspended or over."""
+
+
+class Runner:
+    """One flight of a mission.
+
+    Args:
+        timeline: compiled for where the vehicle is.
+        name: of the mission.
+        motion: the limits of pauses and of ways to the path; its speed is the one wanted.
+        low_battery_share: below this the mission's action for low battery is taken.
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        name: str,
+        motion: MotionLimits | None = None,
+        low_battery_share: float = LOW_BATTERY_SHARE,
+    ) -> None:
+        self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0))
+        self._low_battery_share = low_battery_share
+        self._over: str | None = None
+        self._reason: str | None = None
+        self._suspended = False
+        self._part: Part | None = None
+        self._owner: str | None = None
+        self._had_link = True
+        self._was_in_air = False
+        self._control_lost_told = self._low_battery_told = self._photo_failed = self._gimbal_failed = False
+        self._estimate_lost_s: float | None = None
+        self._out: list[Request] = []
+
+    # --- what people ask for ----------------------------------------------------------------------
+
+    def start(self, now_s: float, reading: Reading) -> list[Request]:
+        """Begins; the one who has control answers for it.
+
+        Raises:
+            CannotDo: An estimate is missing that the mission needs.
+        """
+        missing = self._missing(reading, self.flight.needs)
+        if missing is not None:
+            raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
+        self._owner = reading.holder
+        self._begin_part(now_s, reading)
+        return self._taken()
+
+    def pause(self, now_s: float, reading: Reading, by: str) -> list[Request]:
+        """Stands still: on its path in Offboard, or in Hold during take-off and landing."""
+        part = self._in_charge("pause")
+        if isinstance(part, StretchPart):
+            self.flight.paused = True
+            self._tell("paused", f"{by} paused it.")
+            return self._taken()
+        self._suspend(f"{by} paused it")
+        if not reading.on_ground or reading.armed:
+            self._out.append(SetMode("hold"))
+        return self._taken()
+
+    def resume(self, now_s: float, reading: Reading, by: str) -> list[Request]:
+        """Goes on where it is: along the path, or back to it where the vehicle has left it.
+
+        Raises:
+            CannotDo: It is neither paused nor suspended, or an estimate is missing.
+        """
+        self._require_not_over("resume")
+        part = self._part
+        if not self._suspended:
+            if not self.flight.paused or not isinstance(part, StretchPart):
+                raise CannotDo("it is not paused", "Pause it first.")
+            part.resume()
+        else:
+            missing = self._missing(reading, IN_FLIGHT)
+            if missing is not None and not reading.on_ground:
+                raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
+            self._suspended, self._reason = False, None
+            self.flight.paused = False
+            self._begin_part(now_s, reading)
+        self._owner, self._control_lost_told = reading.holder, False
+        self._tell("resumed", f"{by} resumed it.")
+        return self._taken()
+
+    def skip(self, now_s: float, reading: Reading, by: str) -> list[Request]:
+        """Goes on with the next step; a suspended mission would be resumed there.
+
+        Raises:
+            CannotDo: The vehicle is on the ground and the step is its take-off.
+        """
+        self._require_not_over("skip a step")
+        flight, part = self.flight, self._part
+        if isinstance(part, TakeOffPart) and reading.on_ground and not self._suspended:
+            raise CannotDo("the vehicle is still on the ground", "Wait until it has lifted off, or abort.")
+        self._tell("skipped", f"{by} skipped {flight.segment.place if flight.segment else 'the end'}.")
+        if self._suspended:
+            flight.move_to(flight.course.next_step(flight.index))
+        elif isinstance(part, StretchPart):
+            part.skip()
+        else:
+            flight.move_to(flight.index + 1)
+            self._begin_part(now_s, reading)
+        return self._taken()
+
+    def go_on(self, by: str) -> list[Request]:
+        """A person's answer to a wait.
+
+        Raises:
+            CannotDo: Nobody is asked.
+        """
+        part = self._part
+        if self._suspended or not isinstance(part, StretchPart) or not part.answer():
+            raise CannotDo("it waits for nobody", "Look at the mission's status: it says what it waits for.")
+        self._tell("answered", f"{by} said to go on.")
+        return self._taken()
+
+    def abort(self, reading: Reading, by: str, then: str = "hold") -> list[Request]:
+        """Ends it; the vehicle holds, returns or lands.
+
+        A mission that is not in charge ends without a command, unless it is to return or land.
+        """
+        self._require_not_over("abort")
+        flies = not reading.on_ground or bool(reading.armed)
+        if flies and (not self._suspended or then != "hold"):
+            self._out.append(SetMode(MODE_OF[then]))
+        self._end("aborted", f"{by} aborted it")
+        return self._taken()
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def tick(self, now_s: float, reading: Reading) -> list[Request]:
+        """What is to be done now."""
+        self._look(now_s, reading)
+        return self._taken()
+
+    def failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
+        """A request was not carried out."""
+        text = text.rstrip(".")
+        if self._over is not None:
+            self._tell("failed", f"{text}.", warning=True)
+        elif isinstance(request, TakeOff):
+            if not self._suspended:
+                self._suspend(f"The take-off failed: {text}")
+        elif isinstance(request, Play):
+            if not self._suspended:
+                self._act(self.flight.actions.failure, f"The path cannot be flown: {text}", reading)
+        elif isinstance(request, SetMode):
+            if not self._suspended:
+                self._suspend(f"The vehicle did not change its mode: {text}")
+            else:
+                self._tell("failed", f"The vehicle did not change its mode: {text}.", warning=True)
+        else:
+            self._payload_failed(request, text)
+        return self._taken()
+
+    def status(self, reading: Reading) -> RunnerStatus:
+        """How it stands."""
+        flight, part = self.flight, self._part
+        segment, deviation_m = flight.segment, None
+        state = self._over or ("ready" if part is None else "suspended" if self._suspended else part.state)
+        if self._over is not None:
+            segment = None
+        elif isinstance(part, StretchPart) and state not in ("suspended", "ready"):
+            wanted = part.played.position_ned_m if part.played is not None else None
+            if wanted is not None and reading.position_ned_m is not None:
+                pairs = zip(wanted, reading.position_ned_m, strict=True)
+                deviation_m = sum((a - b) ** 2 for a, b in pairs) ** 0.5
+        return RunnerStatus(
+            state=state,
+            place=segment.place if segment else None,
+            title=segment.title if segment else None,
+            step=flight.index if segment else None,
+            remaining_s=None if self._over else flight.course.remaining_s(flight.index, flight.t_s),
+            deviation_m=deviation_m,
+            question=part.question if part is not None and not self._suspended and not self._over else None,
+            reason=self._reason,
+        )
+
+    @property
+    def over(self) -> bool:
+        """Whether it is done, aborted or stopped."""
+        return self._over is not None
+
+    @property
+    def in_charge(self) -> bool:
+        """Whether it flies the vehicle."""
+        return self._part is not None and not self._suspended and self._over is None
+
+    def _taken(self) -> list[Request]:
+        out, self._out = self._out, []
+        return out
+
+    # --- inside: one look -------------------------------------------------------------------------
+
+    def _look(self, now_s: float, reading: Reading) -> None:
+        part = self._part
+        if self._over is not None or part is None:
+            return
+        if not reading.link_heard:
+            self._had_link = False
+            return
+        link_came_back, self._had_link = not self._had_link, True
+        self._was_in_air |= reading.in_air
+        if self._suspended:
+            if reading.armed is False and self._was_in_air:
+                self._end("stopped", self._reason or "The vehicle has landed")
+            return
+        if link_came_back and self._after_lost_link(now_s, reading, part):
+            return
+        if part.in_offboard and self._was_in_air and reading.armed is False:
+            self._end("stopped", "The vehicle disarmed")
+            self._out.append(StopStream())
+            return
+        if not part.expects(reading):
+            self._taken_over(reading)
+            return
+        self._watch_control(reading)
+        self._watch_battery(reading)
+        self._watch_estimates(now_s, reading)
+        if self._suspended or self._over is not None:
+            return
+        self._out += part.tick(now_s, reading)
+        if part.failure is not None:
+            failure, part.failure = part.failure, None
+            self._act(failure.action, failure.text, reading)
+        elif part.done:
+            if not isinstance(part, StretchPart):
+                self.flight.move_to(self.flight.index + 1)
+            self._begin_part(now_s, reading)
+
+    def _begin_part(self, now_s: float, reading: Reading) -> None:
+        """Of the present place, with whatever needs nothing to be done left out."""
+        flight = self.flight
+        while isinstance(segment := flight.segment, WaitSegment) and flight.course.is_cut(flight.index):
+            done = reading.on_ground if segment.kind == "land" else not reading.on_ground
+            if not done:
+                part = (TakeOffPart if segment.kind == "take_off" else LandPart)(flight, segment)
+                break
+            flight.move_to(flight.index + 1)
+        else:
+            if flight.segment is None and flight.course.decision is None:
+                self._complete(reading)
+                return
+            part = StretchPart(flight)
+        self._part = part
+        self._estimate_lost_s = None
+        self._was_in_air = reading.in_air
+        self._out += part.begin(now_s, reading)
+        if part.failure is not None:
+            failure, part.failure = part.failure, None
+            self._act(failure.action, failure.text, reading)
+
+    def _complete(self, reading: Reading) -> None:
+        if not reading.on_ground:
+            self._out.append(SetMode("hold"))
+        self._out += release_gimbal(self.flight)
+        self._end("done", None)
+
+    # --- inside: who is in charge -----------------------------------------------------------------
+
+    def _taken_over(self, reading: Reading) -> None:
+        """Somebody else flies the vehicle: nothing is commanded."""
+        name = (reading.mode or "another mode").capitalize()
+        who = {
+            "command": reading.mode_text or "A command",
+            "pilot": "The pilot",
+            "failsafe": "The vehicle's failsafe",
+            "station": "Another ground station",
+        }.get(reading.mode_source or "", "Somebody else (pilot, another station, or the vehicle itself)")
+        text = who if reading.mode_source == "command" else f"{who} switched to {name}"
+        self._out.append(StopStream())
+        self._suspend(text)
+
+    def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
+        """The vehicle is heard again; True: nothing else is to be done at this look.
+
+        PX4 flies take-off and landing by itself. A stream has ended with the link, and PX4 or the stream has
+        put the vehicle into a mode: only from Hold, which that stream asked for, does the mission go on.
+        """
+        if not part.in_offboard or reading.stream == "flying":
+            return False
+        action = self.flight.actions.link_loss
+        ours = reading.mode == "offboard" or (
+            reading.mode == "hold" and reading.mode_source in (None, "command", "vehicle")
+        )
+        if not ours or reading.on_ground:
+            self._taken_over(reading)
+        elif action == "continue":
+            self._tell("link_back", "The link was lost and is back: going on.")
+            self._begin_part(now_s, reading)
+        else:
+            self._act(action, "The link was lost and is back", reading)
+        return True
+
+    def _watch_control(self, reading: Reading) -> None:
+        holder = reading.holder
+        if holder == self._owner:
+            return
+        if holder is None:
+            self._owner = None
+            if not self._control_lost_told:
+                self._control_lost_told = True
+                self._act(self.flight.actions.control_lost, "Nobody has control any more", reading)
+            return
+        taken, self._owner = self._owner is not None, holder
+        self._control_lost_told = False
+        if taken:
+            self.flight.paused = True
+            who = reading.holder_name or "Another client"
+            self._tell("control_taken", f"{who} has control now: paused.", warning=True)
+
+    def _watch_battery(self, reading: Reading) -> None:
+        share = reading.battery_share
+        if share is None or share > self._low_battery_share or self._low_battery_told or self._suspended:
+            return
+        self._low_battery_told = True
+        self._act(self.flight.actions.low_battery, f"Battery at {share:.0%}", reading)
+
+    def _watch_estimates(self, now_s: float, reading: Reading) -> None:
+        part = self._part
+        if self._suspended or part is None or not part.in_offboard or reading.on_ground:
+            return
+        missing = self._missing(reading, IN_FLIGHT)
+        if missing is None:
+            self._estimate_lost_s = None
+            return
+        if self._estimate_lost_s is None:
+            self._estimate_lost_s = now_s
+        if now_s - self._estimate_lost_s >= ESTIMATE_LOST_S:
+            self._act("land", f"No valid estimate of {missing}", reading)
+
+    def _missing(self, reading: Reading, wanted: tuple[str, ...]) -> str | None:
+        """An estimate that the mission needs and the vehicle does not have."""
+        if reading.estimates is None:
+            return None
+        needed = (each for each in self.flight.needs if each in wanted)
+        return next((each.replace("_", " ") for each in needed if each not in reading.estimates), None)
+
+    # --- inside: what is done ---------------------------------------------------------------------
+
+    def _act(self, action: str, why: str, reading: Reading) -> None:
+        """What the mission does when something is wrong; a landing always goes on."""
+        if action == "continue" or isinstance(self._part, LandPart):
+            self._tell("continued", f"{why}: going on.", warning=True)
+            return
+        if reading.on_ground and not reading.armed:
+            self._suspend(why)
+            return
+        if self._missing(reading, ("position",)) is not None:
+            action = "land"
+        self._suspend(f"{why}: {NAME_OF[action]}")
+        self._out.append(SetMode(MODE_OF[action]))
+
+    def _suspend(self, reason: str) -> None:
+        self._suspended, self._reason = True, reason
+        self._tell("suspended", f"{reason}.", warning=True)
+
+    def _end(self, how: str, reason: str | None) -> None:
+        self._over, self._reason = how, reason
+        self._tell(how, f"{reason}." if reason else "The mission is done.", warning=how == "stopped")
+
+    def _payload_failed(self, request: Request, text: str) -> None:
+        what = "A picture was not taken" if type(request).__name__ == "Photo" else "The gimbal did not follow"
+        told = self._photo_failed if what.startswith("A picture") else self._gimbal_failed
+        if not told:
+            self._tell("payload", f"{what}: {text}. The mission goes on.", warning=True)
+        if what.startswith("A picture"):
+            self._photo_failed = True
+        else:
+            self._gimbal_failed = True
+
+    def _in_charge(self, what: str) -> Part:
+        self._require_not_over(what)
+        if self._part is None or self._suspended:
+            raise CannotDo("it does not fly the vehicle now", "Resume it first.")
+        return self._part
+
+    def _require_not_over(self, what: str) -> None:
+        if self._over is not None:
+            raise CannotDo(f"it is over, there is nothing to {what}", "Start it anew.")
+
+    def _tell(self, code: str, text: str, *, warning: bool = False) -> None:
+        self._out.append(Tell(code, text, warning))

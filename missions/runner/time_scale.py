@@ -1,0 +1,93 @@
+"""Slows a mission's own time to a standstill and back, so that the vehicle stays on its path.
+
+With own time s, ds/dt = r, the path p(s) is flown with velocity p' r and acceleration p'' r² + p' dr/dt. The
+change of r is chosen so that the vehicle brakes within its acceleration, and comes and goes with its jerk.
+"""
+
+from __future__ import annotations
+
+import math
+
+from missions.frames import Vector3
+from missions.runner.script import Pace
+
+QUICKEST_CHANGE = 1.0
+"""Of the rate [1/s]: a vehicle that hardly moves takes a second, too."""
+QUICKEST_JERK = 4.0
+"""Of that change [1/s²]."""
+BRAKING = 1.1
+"""On a path that leaves no acceleration to spare (a circle at the limit) braking takes a tenth more."""
+MARGIN = 0.8
+"""Of the jerk while it approaches its goal: the steps in time are not infinitely small."""
+NEAR = 2e-3
+MOST_STEP_S = 0.05
+"""Longer steps are divided."""
+
+
+class TimeScale:
+    """The rate of a mission's own time.
+
+    Args:
+        pace: what the vehicle may do.
+        rate: to begin with.
+    """
+
+    def __init__(self, pace: Pace, rate: float = 1.0) -> None:
+        self.pace = pace
+        self.rate = rate
+        self.change = 0.0
+        """Of the rate [1/s]."""
+
+    def step(self, dt_s: float, goal: float, velocity: Vector3, acceleration: Vector3) -> float:
+        """Moves the rate towards its goal; returns the own time that has passed [s].
+
+        Args:
+            dt_s: real time.
+            goal: 0 to stand still, 1 to fly as planned.
+            velocity: of the path at rate 1 [m/s].
+            acceleration: of the path at rate 1 [m/s²].
+        """
+        passed_s = 0.0
+        while dt_s > 0.0:
+            part_s = min(dt_s, MOST_STEP_S)
+            before = self.rate
+            self._change_rate(part_s, goal, velocity, acceleration)
+            passed_s += part_s * (before + self.rate) / 2.0
+            dt_s -= part_s
+        return passed_s
+
+    def _change_rate(self, dt_s: float, goal: float, velocity: Vector3, acceleration: Vector3) -> None:
+        gap = goal - self.rate
+        if abs(gap) < NEAR:
+            self.rate, self.change = goal, 0.0
+            return
+        speed = max(math.hypot(*velocity), 1e-6)
+        jerk = min(QUICKEST_JERK, self.pace.jerk_m_s3 / speed)
+        most = min(QUICKEST_CHANGE, self.pace.acceleration_m_s2 / speed)
+        wanted = math.copysign(min(most, math.sqrt(2.0 * MARGIN * jerk * abs(gap))), gap)
+        change = min(max(wanted, self.change - jerk * dt_s), self.change + jerk * dt_s)
+        low, high = self._spare(velocity, acceleration)
+        self.change = min(max(change, low), high)
+        rate = self.rate + self.change * dt_s
+        if (goal - rate) * gap <= 0.0:
+            rate = goal
+        self.rate = min(max(rate, 0.0), 1.0)
+        if self.rate == goal:
+            self.change = 0.0
+
+    def _spare(self, velocity: Vector3, acceleration: Vector3) -> tuple[float, float]:
+        """The changes of the rate that keep the acceleration within the vehicle's."""
+        rr = self.rate * self.rate
+        n, e, d = (axis * rr for axis in acceleration)
+        low, high = -math.inf, math.inf
+        across = (math.hypot(velocity[0], velocity[1]), n * velocity[0] + e * velocity[1], math.hypot(n, e))
+        upward = (abs(velocity[2]), d * velocity[2], abs(d))
+        limits = (self.pace.acceleration_m_s2, self.pace.vertical_acceleration_m_s2)
+        for (speed, along, flown), most in zip((across, upward), limits, strict=True):
+            if speed > 1e-6:
+                most = max(most, flown)
+                slower = math.hypot(along, speed * math.sqrt((BRAKING * most) ** 2 - flown**2))
+                faster = math.hypot(along, speed * math.sqrt(most**2 - flown**2))
+                low = max(low, (-along - slower) / speed**2)
+                high = min(high, (-along + faster) / speed**2)
+        return low, high

@@ -1,0 +1,194 @@
+"""A vehicle for the mission runner without any physics: it is where its setpoint is, a step later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.runner.player import Player
+from missions.runner.reading import Reading
+from missions.runner.requests import Play, Request, SetMode, Steer, StopStream, TakeOff, Tell
+from missions.runner.runner import Runner, RunnerStatus
+from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
+
+STEP_S = 0.1
+CLIMB_M_S = 2.0
+ALL: frozenset[Estimate] = frozenset({"position", "velocity", "heading", "global_position", "home"})
+
+
+class FlownMission:
+    """A runner, a player and a vehicle on one clock.
+
+    Args:
+        mission: what is flown.
+        options: of the runner.
+    """
+
+    def __init__(self, mission: OffboardMission, **options: Any) -> None:
+        self.runner = Runner(compile_mission(mission), mission.name, **options)
+        self.now_s = 100.0
+        self.reading = Reading(
+            mode="hold", armed=False, landed="on_ground", position_ned_m=(0.0, 0.0, 0.0),
+            velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL, holder="alice",
+            holder_name="Alice", battery_share=0.9,
+        )  # fmt: skip
+        self.player: Player | None = None
+        self.asked: list[Request] = []
+        self.sent: list[tuple[float, Any]] = []
+        self.path: list[tuple[float, float, float]] = []
+        self.refused: dict[type, str] = {}
+        """Requests that fail, by class, and why."""
+        self._goal_down_m = 0.0
+
+    # --- what happens to it -----------------------------------------------------------------------
+
+    def know(self, **changes: Any) -> None:
+        """From now on the runner knows this of the vehicle."""
+        self.reading = replace(self.reading, **changes)
+
+    def mode(self, mode: str, source: str, text: str | None = None) -> None:
+        """Somebody else than the runner changes the mode; a stream ends with that."""
+        self.player = None
+        self.know(mode=mode, mode_source=source, mode_text=text, stream="idle", played=None)
+
+    def lose_link(self) -> None:
+        """Nothing is heard, and the stream has ended by asking for Hold."""
+        self.mode("hold", "command", "The server commanded Hold")
+        self.know(link_heard=False)
+
+    # --- people -----------------------------------------------------------------------------------
+
+    def start(self) -> FlownMission:
+        """Begins the mission."""
+        self.do(self.runner.start(self.now_s, self.reading))
+        return self
+
+    def pause(self) -> None:
+        self.do(self.runner.pause(self.now_s, self.reading, "Alice"))
+
+    def resume(self) -> None:
+        self.do(self.runner.resume(self.now_s, self.reading, "Alice"))
+
+    def skip(self) -> None:
+        self.do(self.runner.skip(self.now_s, self.reading, "Alice"))
+
+    def abort(self, then: str = "hold") -> None:
+        self.do(self.runner.abort(self.reading, "Alice", then))
+
+    def go_on(self) -> None:
+        self.do(self.runner.go_on("Alice"))
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def until(self, condition: Callable[[], bool], within_s: float = 600.0) -> FlownMission:
+        """Flies until then.
+
+        Raises:
+            AssertionError: it never came.
+        """
+        end_s = self.now_s + within_s
+        while not condition():
+            assert self.now_s < end_s, f"not within {within_s} s; {self.status}, {self.told[-3:]}"
+            self.step()
+        return self
+
+    def fly(self, for_s: float) -> FlownMission:
+        """Flies on."""
+        end_s = self.now_s + for_s
+        return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
+
+    def in_state(self, *states: str) -> FlownMission:
+        """Flies until the mission is in one of them."""
+        return self.until(lambda: self.status.state in states)
+
+    def at_step(self, place: str) -> FlownMission:
+        """Flies until it flies that step."""
+        return self.until(lambda: self.status.place == place)
+
+    def step(self) -> None:
+        """One setpoint, and one look of the runner."""
+        self.now_s += STEP_S
+        self._move()
+        self.do(self.runner.tick(self.now_s, self.reading))
+
+    # --- what can be read -------------------------------------------------------------------------
+
+    @property
+    def status(self) -> RunnerStatus:
+        return self.runner.status(self.reading)
+
+    @property
+    def told(self) -> list[str]:
+        """What people hear."""
+        return [request.text for request in self.asked if isinstance(request, Tell)]
+
+    def modes(self) -> list[str]:
+        """Modes that were asked for."""
+        return [request.mode for request in self.asked if isinstance(request, SetMode)]
+
+    def count(self, kind: type) -> int:
+        return sum(isinstance(request, kind) for request in self.asked)
+
+    # --- the vehicle ------------------------------------------------------------------------------
+
+    def do(self, requests: list[Request]) -> None:
+        """Carries out what the runner asks for."""
+        for request in requests:
+            self.asked.append(request)
+            if type(request) in self.refused:
+                text = self.refused[type(request)]
+                self.do(self.runner.failed(request, self.reading, text))
+            elif isinstance(request, TakeOff):
+                self._goal_down_m = self._down_m - request.height_m
+                self._own_mode("takeoff")
+                self.know(armed=True)
+            elif isinstance(request, Play):
+                self.player = Player(request.script, self.now_s)
+                self._own_mode("offboard")
+                self.know(stream="flying", played=self.player.played)
+            elif isinstance(request, Steer) and self.player is not None:
+                self.player.steer(request.steering)
+            elif isinstance(request, SetMode):
+                self.mode(request.mode, "command", "The mission")
+            elif isinstance(request, StopStream):
+                self.player = None
+                self.know(stream="idle", played=None)
+
+    def _own_mode(self, mode: str) -> None:
+        self.know(mode=mode, mode_source="command", mode_text="The mission")
+
+    @property
+    def _down_m(self) -> float:
+        return (self.reading.position_ned_m or (0.0, 0.0, 0.0))[2]
+
+    def _move(self) -> None:
+        n, e, d = self.reading.position_ned_m or (self.path[-1] if self.path else (0.0, 0.0, 0.0))
+        velocity = (0.0, 0.0, 0.0)
+        if self.player is not None:
+            setpoint = self.player.at(self.now_s, self.reading.position_ned_m, self.reading.velocity_ned_m_s)
+            self.sent.append((self.now_s, setpoint))
+            self.know(played=self.player.played)
+            if isinstance(setpoint, Trajectory | Position):
+                n, e, d = (axis or 0.0 for axis in setpoint.position_ned_m)
+                if isinstance(setpoint, Trajectory):
+                    velocity = zeros_for_none(setpoint.velocity_ned_m_s)
+                if setpoint.yaw_ned_rad is not None:
+                    self.know(yaw_ned_rad=setpoint.yaw_ned_rad)
+            elif isinstance(setpoint, Velocity):
+                velocity = zeros_for_none(setpoint.velocity_ned_m_s)
+                n, e, d = (x + v * STEP_S for x, v in zip((n, e, d), velocity, strict=True))
+        elif self.reading.mode == "takeoff":
+            d = max(self._goal_down_m, d - CLIMB_M_S * STEP_S)
+            self.know(landed="in_air" if d < -0.1 else "taking_off")
+            if d == self._goal_down_m:
+                self.know(mode="hold", mode_source="vehicle", mode_text="its own course")
+        elif self.reading.mode == "land" and self.reading.armed:
+            d = min(0.0, d + CLIMB_M_S * STEP_S)
+            if d == 0.0:
+                self.know(landed="on_ground", armed=False)
+        self.path.append((n, e, d))
+        if self.reading.position_ned_m is not None:
+            self.know(position_ned_m=(n, e, d), velocity_ned_m_s=velocity)

@@ -1,0 +1,178 @@
+"""The player: what is sent at each moment of a mission, also while it is paused and resumed."""
+
+import functools
+import itertools
+import math
+import pickle
+import random
+
+import numpy as np
+import pytest
+
+from missions.runner.player import Player
+from missions.runner.script import Pace, Script, Steering
+from missions.runner.time_scale import BRAKING
+from missions.setpoints import Attitude, Position, Trajectory, Velocity
+from tests.support.offboard_missions import flown, timeline
+
+STEP_S = 0.02
+LEGS = "step: fly, points: [{offset_ned_m: [40, 0, -10]}, {offset_ned_m: [40, 30, -14]}]"
+ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, speed_m_s: 4, heading: along_path"
+VELOCITY = "step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10"
+ATTITUDE = "step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 5"
+SHAPES = {
+    "legs": LEGS,
+    "orbit": ORBIT,
+    "smooth": LEGS + ", curve: smooth",
+    "eight": "step: figure_eight, center: {offset_ned_m: [0, 0, -10]}, length_m: 60, width_m: 30",
+}
+
+
+def script_of(*steps: str) -> Script:
+    segments = timeline(flown(*steps)).segments
+    return Script("Test", segments[1:-1])
+
+
+@functools.cache
+def shape(name: str) -> tuple[Script, np.ndarray]:
+    """A script, and places of its flight without a pause, (N, 3)."""
+    script = script_of(SHAPES[name])
+    times = [np.arange(0.0, segment.duration_s, 0.01) for segment in script.segments]
+    places = [segment.curve.many(t).position_ned_m for segment, t in zip(script.segments, times, strict=True)]
+    return script, np.concatenate(places)
+
+
+def run(player: Player, start_s: float, for_s: float, **motion):
+    """(time, setpoint) of each sending."""
+    times = [start_s + k * STEP_S for k in range(1, round(for_s / STEP_S) + 1)]
+    return [(t, player.at(t, **motion)) for t in times]
+
+
+def test_a_script_without_a_pause_is_the_timeline():
+    script = script_of(LEGS, "step: hold, duration_s: 3", ORBIT)
+    player, begin_s = Player(script, 0.0), 0.0
+    for index, segment in enumerate(script.segments):
+        for k in range(1, int(segment.duration_s / 0.1)):
+            found = player.at(begin_s + k * 0.1)
+            assert player.played.index == index
+            assert found.position_ned_m == pytest.approx(segment.at(k * 0.1).position_ned_m, abs=1e-6)
+        begin_s += segment.duration_s
+    assert player.at(begin_s + 0.1).position_ned_m == pytest.approx(script.segments[-1].end_ned_m)
+
+
+@pytest.mark.parametrize("name", sorted(SHAPES))
+@pytest.mark.parametrize("seed", range(5))
+def test_a_pause_keeps_to_the_path_and_to_the_acceleration_and_ends_at_a_standstill(name, seed):
+    chance = random.Random(seed)
+    pause_s, paused_for_s, again_s = chance.uniform(0.2, 20), chance.uniform(0.1, 6), chance.uniform(0.2, 4)
+    script, path = shape(name)
+    player = Player(script, 0.0)
+    sent = run(player, 0.0, pause_s)
+    for paused, for_s in ((True, paused_for_s), (False, again_s), (True, 8.0)):
+        player.steer(Steering(paused=paused))
+        sent += run(player, sent[-1][0], for_s)
+    assert player.played.rate == 0.0
+    last = sent[-1][1]
+    assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
+    limit = BRAKING * Pace().acceleration_m_s2 + 0.1  # of steps that are not infinitely small
+    for (_, a), (_, b) in itertools.pairwise(sent):
+        if not (isinstance(a, Trajectory) and isinstance(b, Trajectory)):
+            continue
+        north, east, down = b.acceleration_ned_m_s2
+        assert math.hypot(north, east) <= limit
+        assert abs(down) <= limit
+        moved = [(y - x) / STEP_S for x, y in zip(a.position_ned_m, b.position_ned_m, strict=True)]
+        middle = [(x + y) / 2 for x, y in zip(a.velocity_ned_m_s, b.velocity_ned_m_s, strict=True)]
+        assert math.dist(moved, middle) < 0.25
+        change = math.dist(a.velocity_ned_m_s, b.velocity_ned_m_s) / STEP_S
+        assert change <= math.hypot(limit, limit)
+    flown_ned_m = np.array([s.position_ned_m for _, s in sent[::5]])
+    apart_m = np.linalg.norm(flown_ned_m[:, None] - path[None], axis=2).min(axis=1)
+    assert apart_m.max() < 0.1
+    player.steer(Steering())
+    run(player, sent[-1][0], 120.0)
+    assert player.played.index == len(script.segments)
+    assert math.dist(player.played.position_ned_m, script.segments[-1].end_ned_m) < 1e-6
+
+
+def test_a_wait_holds_until_it_is_over_and_a_pause_stops_nothing_else():
+    script = script_of(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
+    player = Player(script, 0.0)
+    run(player, 0.0, 60.0)
+    assert (player.played.waiting, player.played.index) == (True, 1)
+    player.steer(Steering(go_past=2))
+    run(player, 60.0, 0.5)
+    assert (player.played.waiting, player.played.index) == (False, 2)
+    run(player, 60.5, 5.0)
+    assert player.played.index == 3
+
+
+def test_segments_are_appended_while_the_end_is_held():
+    segments = script_of(LEGS, ORBIT).segments
+    player = Player(Script("Test", segments[:1]), 0.0)
+    sent = run(player, 0.0, 60.0)
+    assert player.played.index == 1
+    assert sent[-1][1].position_ned_m == pytest.approx(segments[0].end_ned_m)
+    player.steer(Steering(appended=segments[1:]))
+    run(player, 60.0, 1.0)
+    assert player.played.index == 1
+    assert player.played.t_s > 0.5
+
+
+def test_a_velocity_that_is_interrupted_brakes_and_holds_where_it_stops():
+    player = Player(script_of(VELOCITY), 0.0)
+    run(player, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
+    assert player.played.position_ned_m is None
+    player.steer(Steering(paused=True))
+    sent = run(player, 4.0, 5.0, position_ned_m=(11.0, 0.5, -10.0))
+    speeds = [s.velocity_ned_m_s[0] for _, s in sent if isinstance(s, Velocity)]
+    assert speeds == sorted(speeds, reverse=True)
+    assert max(a - b for a, b in itertools.pairwise(speeds)) / STEP_S <= 3.1
+    assert sent[-1][1] == Position((11.0, 0.5, -10.0), 0.0)
+    assert player.played.diverted
+
+
+def test_an_attitude_that_is_interrupted_takes_the_vehicles_speed_away():
+    player = Player(script_of(ATTITUDE), 0.0)
+    assert isinstance(run(player, 0.0, 2.0)[-1][1], Attitude)
+    player.steer(Steering(paused=True))
+    moving = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
+    first = player.at(2.02, **moving)
+    assert isinstance(first, Velocity)
+    assert first.velocity_ned_m_s[0] == pytest.approx(2.0, abs=0.1)
+    sent = run(player, 2.02, 6.0, **moving)
+    assert isinstance(sent[-1][1], Position)
+
+
+def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
+    script = script_of(VELOCITY, LEGS)
+    end = script.segments[0].end_ned_m
+    player = Player(script, 0.0)
+    drifted = (end[0] - 4.0, end[1], end[2])
+    sent = run(player, 0.0, 12.0, position_ned_m=drifted)
+    assert player.played.index == 0
+    assert sent[-1][1] == Position(end, 0.0)
+    run(player, 12.0, 0.5, position_ned_m=end)
+    assert player.played.index == 1
+
+
+def test_a_process_that_stood_still_does_not_run_ahead():
+    player = Player(script_of(LEGS), 0.0)
+    before = run(player, 0.0, 3.0)[-1][1]
+    after = player.at(8.0)
+    assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
+
+
+def test_the_first_setpoint_is_held_until_the_flight_begins():
+    player = Player(script_of(LEGS), 0.0)
+    waited = [player.at(t / 10, waiting=True) for t in range(20)]
+    assert len(set(map(str, waited))) == 1
+    player.begin_anew(2.0)
+    assert player.at(2.02).position_ned_m == pytest.approx(waited[0].position_ned_m, abs=0.01)
+
+
+def test_a_script_crosses_to_another_process():
+    script = script_of(LEGS, ORBIT)
+    copy = pickle.loads(pickle.dumps(script))
+    a, b = Player(script, 0.0), Player(copy, 0.0)
+    assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
