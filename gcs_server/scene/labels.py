@@ -65,7 +65,7 @@ class Board:
         self._next_s = 0.0
 
     def say(self, labels: list[Label], now_s: float, *, mode: str, scale: str) -> None:
-        """Sends the texts if one has changed; at most five times a second.
+        """Sends the texts if one has changed; looks at most five times a second.
 
         Args:
             mode: of the view; looking through the camera has a mark at its middle.
@@ -73,11 +73,11 @@ class Board:
         """
         if now_s < self._next_s:
             return
+        self._next_s = now_s + EVERY_S
         view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
         text = view + "".join(label.html() for label in labels)
         if text != self._said:
             self._said = text
-            self._next_s = now_s + EVERY_S
             self._html.content = text
 
     def remove(self) -> None:

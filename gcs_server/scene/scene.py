@@ -114,7 +114,8 @@ class Scene:
         reading = {i: c for i, c in clients.items() if not self._stalled(i)}
         if not reading:
             return
-        wanted = {view.vehicle for token, _ in self._stages.values() if (view := self._views[token]).vehicle}
+        followed = (self._tracks.shown(self._views[token].vehicle) for token, _ in self._stages.values())
+        wanted = {shown[0] for shown in followed if shown is not None}
         drawn = self._tracks.look(now_s, dt_s, wanted)
         for client_id, client in reading.items():
             known = self._stages.get(client_id)

@@ -62,7 +62,8 @@ class VehicleNode:
         self._add_target()
         self._sealed: Any = None
         self._tail = self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
-        self._label = Label(client, f"{self._root}/label", self._colour)
+        self._label = Label(client, f"{self._root}/place/label", self._colour)
+        self._label.move((0.0, 0.0, LABEL_ABOVE_M))
         self._hidden: bool | None = None
 
     def remove(self) -> None:
@@ -84,6 +85,8 @@ class VehicleNode:
         if pose is None:
             return
         last = self._drawn
+        if pose is last and hidden == self._hidden and now_s < self._next_trail_s:
+            return
         if hidden != self._hidden:
             self._hidden = hidden
             self._body.visible = not hidden
@@ -113,11 +116,9 @@ class VehicleNode:
             self._body.wxyz = pose.q_enu_flu
         if last is not None and pose.position_enu_m == last.position_enu_m:
             return
-        self._body.position = pose.position_enu_m
-        self._label.move((x, y, z + LABEL_ABOVE_M))
+        self._place.position = pose.position_enu_m
         height_m = z - pose.ground_z_m
-        self._shadow.position = (x, y, pose.ground_z_m + GROUND_GAP_M)
-        self._plumb.position = (x, y, pose.ground_z_m)
+        self._below.position = (x, y, pose.ground_z_m)
         self._plumb.scale = (1.0, 1.0, max(0.001, height_m))
         self._plumb.visible = height_m > 0.3
 
@@ -190,16 +191,17 @@ class VehicleNode:
     def _add_airframe(self) -> None:
         s, p = self._shapes, self._palette
         self._top = self._scene.add_frame(self._root, show_axes=False)
-        self._body = self._scene.add_frame(f"{self._root}/body", show_axes=False)
-        self._shell = self._mesh("/body/shell", s.shell, p.body)
-        self._dark = self._mesh("/body/dark", s.dark_parts, p.dark_part)
-        self._mark = self._mesh("/body/mark", s.front_mark, self._rgb, side="double")
+        self._place = self._scene.add_frame(f"{self._root}/place", show_axes=False)
+        self._body = self._scene.add_frame(f"{self._root}/place/body", show_axes=False)
+        self._shell = self._mesh("/place/body/shell", s.shell, p.body)
+        self._dark = self._mesh("/place/body/dark", s.dark_parts, p.dark_part)
+        self._mark = self._mesh("/place/body/mark", s.front_mark, self._rgb, side="double")
         self._discs = self._mesh(
-            "/body/discs", s.rotor_discs, self._rgb, opacity=p.disc_opacity, side="double"
+            "/place/body/discs", s.rotor_discs, self._rgb, opacity=p.disc_opacity, side="double"
         )
-        self._rims = self._lines("/body/rims", s.rotor_rims, self._colour, 1.5)
+        self._rims = self._lines("/place/body/rims", s.rotor_rims, self._colour, 1.5)
         self._blades = self._scene.add_batched_meshes_simple(
-            f"{self._root}/body/blades",
+            f"{self._root}/place/body/blades",
             s.blades.vertices,
             s.blades.faces,
             batched_wxyzs=rotor_quaternions((0.3, 1.1, 2.0, 2.7)),
@@ -214,21 +216,23 @@ class VehicleNode:
     def _add_gimbal(self) -> None:
         s, p = self._shapes, self._palette
         self._gimbal = self._scene.add_frame(
-            f"{self._root}/body/gimbal", show_axes=False, position=GIMBAL_AT_M
+            f"{self._root}/place/body/gimbal", show_axes=False, position=GIMBAL_AT_M
         )
-        self._mesh("/body/gimbal/camera", s.camera, p.dark_part)
-        self._lines("/body/gimbal/lens", s.lens, p.text, 2.0)
-        self._frustum = self._scene.add_frame(f"{self._root}/body/gimbal/sees", show_axes=False)
+        self._mesh("/place/body/gimbal/camera", s.camera, p.dark_part)
+        self._lines("/place/body/gimbal/lens", s.lens, p.text, 2.0)
+        self._frustum = self._scene.add_frame(f"{self._root}/place/body/gimbal/sees", show_axes=False)
         volume, edges = s.frustum
-        self._mesh("/body/gimbal/sees/volume", volume, self._rgb, opacity=0.13, side="double")
-        self._lines("/body/gimbal/sees/edges", edges, self._colour, 1.2)
+        self._mesh("/place/body/gimbal/sees/volume", volume, self._rgb, opacity=0.13, side="double")
+        self._lines("/place/body/gimbal/sees/edges", edges, self._colour, 1.2)
 
     def _add_ground_marks(self) -> None:
         p = self._palette
         self._home = self._lines("/home", self._shapes.home, p.text_2, 1.8)
-        self._shadow = self._scene.add_image(
-            f"{self._root}/shadow",
+        self._below = self._scene.add_frame(f"{self._root}/below", show_axes=False)
+        self._scene.add_image(
+            f"{self._root}/below/shadow",
             self._shadow_image(),
+            position=(0.0, 0.0, GROUND_GAP_M),
             render_width=1.7,
             render_height=1.7,
             format="png",
@@ -236,7 +240,7 @@ class VehicleNode:
             receive_shadow=False,
         )
         upright = np.asarray([[(0, 0, 0), (0, 0, 1)]], np.float32)
-        self._plumb = self._lines("/plumb", upright, p.text_3, 1.0)
+        self._plumb = self._lines("/below/plumb", upright, p.text_3, 1.0)
 
     def _add_target(self) -> None:
         p = self._palette

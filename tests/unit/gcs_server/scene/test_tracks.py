@@ -87,6 +87,37 @@ def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
     assert [v.asked for v in vehicles] == [1, 1, 1, 1, 1]
 
 
+def test_of_many_vehicles_those_that_nobody_follows_are_looked_at_a_third_as_often_and_lose_no_time():
+    vehicles = [flying(str(i)) for i in range(1, 8)]
+    tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
+    tracks.look(0.0, 0.03, {"4"})  # the first look is at all
+    poses = {v: track.smoother.pose for v, track in tracks.look(0.03, 0.03, {"4"}).items()}
+    for vehicle in vehicles:
+        vehicle.values["local_position"] = local(1.0, 0.0, -10.0)
+    changed = []
+    for index in range(2, 5):
+        now = {v: track.smoother.pose for v, track in tracks.look(index * 0.03, 0.03, {"4"}).items()}
+        changed.append({v for v in now if now[v] is not poses[v]})
+        poses = now
+    assert [len(each) for each in changed] == [3, 3, 3]
+    assert all("4" in each for each in changed)
+    assert set.union(*changed) == {v.id for v in vehicles}
+    norths = {v: pose.position_enu_m[1] for v, pose in poses.items()}
+    last = changed[-1]  # one that waited for three looks has come as far as the followed one
+    assert [norths[v] for v in last] == pytest.approx([norths["4"]] * len(last))
+
+
+def test_a_few_vehicles_are_looked_at_each_time():
+    vehicles = [flying(str(i)) for i in range(1, 4)]
+    tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
+    for index in range(3):
+        before = {v: track.smoother.pose for v, track in tracks.look(index * 0.03, 0.03).items()}
+        for vehicle in vehicles:
+            vehicle.values["local_position"] = local(float(index), 0.0, -10.0)
+    after = {v: track.smoother.pose for v, track in tracks.look(0.2, 0.03).items()}
+    assert all(after[v] is not before[v] for v in ("1", "2", "3"))
+
+
 def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first():
     clock, fleet = StillClock(), FakeFleet([flying("1")])
     tracks = Tracks(fleet, None, SystemClock())
