@@ -42,7 +42,6 @@ def fly(
     seed: int = 0,
     first: int = 0,
     obstacles: Sequence[Obstacle] = (),
-    whole: bool = False,
     report: Report | None = None,
 ) -> list[Flight]:
     """All flights of a batch at once.
@@ -55,12 +54,11 @@ def fly(
         seed: of noise and gusts.
         first: number of the first flight, which its noise follows from.
         obstacles: what stands around.
-        whole: record velocity, attitude and gimbal as well.
         report: is told how far it is; what it raises ends the batch.
     """
     fleet = Fleet(aircraft, conditions, seed=seed, first=first, obstacles=obstacles)
     pilots = [pilot_of(vehicle) for vehicle in fleet.vehicles]
-    recorder = Recorder(fleet, pilots, whole=whole)
+    recorder = Recorder(fleet, pilots)
     ticks, running = 0, list(pilots)
     while running:
         fleet.tick()

@@ -19,6 +19,12 @@ LONGEST_S = 3600.0
 SLOWER = 2.0
 MARGIN_S = 90.0
 """A flight may take so many times its estimate, and so much more, before it is ended."""
+BOOT_S = 5.0
+
+
+def longest_s(expected_s: float) -> float:
+    """When a flight that is expected to take so long is ended."""
+    return min(LONGEST_S, SLOWER * expected_s + MARGIN_S)
 
 
 class Flyable(Protocol):
@@ -27,6 +33,11 @@ class Flyable(Protocol):
     @property
     def fence(self) -> tuple[FenceZone, ...]:
         """The geofence that comes with it."""
+        ...
+
+    @property
+    def expected_s(self) -> float:
+        """How long the flight takes by estimate, with the boot before it."""
         ...
 
     @property
@@ -44,6 +55,7 @@ class FlyablePlan:
     """A waypoint plan."""
 
     fence: tuple[FenceZone, ...]
+    expected_s: float
     longest_s: float
     upload: Upload
 
@@ -57,7 +69,7 @@ class FlyablePlan:
         vehicle = VehicleModel.from_parameters(aircraft.parameters)
         with_home = plan.model_copy(update={"planned_home": aircraft.home})
         expected_s = estimate(with_home, vehicle).time_s
-        return cls(plan.fence, min(LONGEST_S, SLOWER * expected_s + MARGIN_S), Upload.of(plan))
+        return cls(plan.fence, BOOT_S + expected_s, longest_s(expected_s), Upload.of(plan))
 
     def pilot(self, vehicle: Vehicle) -> WaypointPilot:
         """Uploads it and starts it."""

@@ -114,7 +114,7 @@ def dry_run(
     began_s = time.perf_counter()
     flight = fly(
         aircraft, [conditions], flyable.pilot, longest_s=flyable.longest_s, seed=seed, obstacles=obstacles,
-        whole=True, report=report,
+        report=report,
     )[0]  # fmt: skip
     spent_s = time.perf_counter() - began_s
     return judge(flight, flyable, aircraft, obstacles, spent_s)

@@ -30,7 +30,7 @@ class Track:
     steps: tuple[Step, ...]
     """Those that were flown, in the order of their first sample."""
     velocity_ned_m_s: Array | None = None
-    """(N, 3); None where only places were recorded."""
+    """(N, 3); these three only of a batch's first flight."""
     q_ned_frd: Array | None = None
     """(N, 4)."""
     gimbal_rad: Array | None = None
@@ -46,18 +46,19 @@ class Recorder:
     """Of one batch.
 
     Args:
-        fleet: whose vehicles.
+        fleet: whose vehicles; of the first one velocity, attitude and gimbal are recorded as well.
         pilots: one each.
-        whole: also velocity, attitude and gimbal.
     """
 
-    def __init__(self, fleet: Fleet, pilots: list[Pilot], *, whole: bool) -> None:
-        self._fleet, self._pilots, self._whole = fleet, pilots, whole
+    def __init__(self, fleet: Fleet, pilots: list[Pilot]) -> None:
+        self._fleet, self._pilots = fleet, pilots
         count = len(pilots)
         self._times: list[float] = []
-        self._arrays: dict[str, list[NDArray[np.float32]]] = {"position": [], "battery": []}
-        if whole:
-            self._arrays |= {"velocity": [], "attitude": [], "gimbal": []}
+        self._positions: list[NDArray[np.float32]] = []
+        self._batteries: list[NDArray[np.float32]] = []
+        self._velocities: list[Array] = []
+        self._attitudes: list[Array] = []
+        self._gimbals: list[tuple[float, float]] = []
         self._steps: list[NDArray[np.int32]] = []
         self._indices: list[dict[Step, int]] = [{} for _ in range(count)]
         self._first = np.full(count, -1)
@@ -68,14 +69,12 @@ class Recorder:
         simulation, count = self._fleet.sim.simulation, len(self._pilots)
         truth, at = simulation.truth, len(self._times)
         self._times.append(self._fleet.time_s)
-        self._arrays["position"].append(truth.position_ned_m.astype(np.float32))
-        self._arrays["battery"].append(simulation.battery.remaining.astype(np.float32))
-        if self._whole:
-            self._arrays["velocity"].append(truth.velocity_ned_m_s.astype(np.float32))
-            self._arrays["attitude"].append(truth.q_ned_frd.astype(np.float32))
-            gimbals = [vehicle.autopilot.gimbal for vehicle in self._fleet.vehicles]
-            angles = [(each.actual.pitch_rad, each.yaw_ned_rad) for each in gimbals]
-            self._arrays["gimbal"].append(np.array(angles, dtype=np.float32))
+        self._positions.append(truth.position_ned_m.astype(np.float32))
+        self._batteries.append(simulation.battery.remaining.astype(np.float32))
+        self._velocities.append(truth.velocity_ned_m_s[0].copy())
+        self._attitudes.append(truth.q_ned_frd[0].copy())
+        gimbal = self._fleet.vehicles[0].autopilot.gimbal
+        self._gimbals.append((gimbal.actual.pitch_rad, gimbal.yaw_ned_rad))
         steps = np.full(count, -1, dtype=np.int32)
         for row, pilot in enumerate(self._pilots):
             if pilot.started_s is None or (pilot.done and self._last[row] >= 0):
@@ -95,17 +94,15 @@ class Recorder:
         if first < 0:
             return None
         part = slice(first, (last if last >= 0 else len(self._times) - 1) + 1)
-        times = np.array(self._times[part])
-
-        def rows(name: str) -> Array | None:
-            kept = self._arrays.get(name)
-            return None if kept is None else np.array([each[row] for each in kept[part]], dtype=float)
-
-        position, battery = rows("position"), rows("battery")
-        assert position is not None
-        assert battery is not None
         start_s = self._pilots[row].started_s or 0.0
+        is_first = row == 0
         return Track(
-            times - start_s, position, battery, np.array([each[row] for each in self._steps[part]]),
-            tuple(self._indices[row]), rows("velocity"), rows("attitude"), rows("gimbal"),
-        )  # fmt: skip
+            np.array(self._times[part]) - start_s,
+            np.array([each[row] for each in self._positions[part]], dtype=float),
+            np.array([each[row] for each in self._batteries[part]], dtype=float),
+            np.array([each[row] for each in self._steps[part]]),
+            tuple(self._indices[row]),
+            np.array(self._velocities[part]) if is_first else None,
+            np.array(self._attitudes[part]) if is_first else None,
+            np.array(self._gimbals[part]) if is_first else None,
+        )

@@ -1,0 +1,76 @@
+"""An offboard mission, ready for a simulated vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from missions.dry_run.fleet import Vehicle
+from missions.dry_run.offboard import OffboardPilot
+from missions.dry_run.plans import BOOT_S, longest_s
+from missions.dry_run.setup import Aircraft
+from missions.errors import PlanError
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.places import Start
+from missions.offboard.state import MissionVehicle
+from missions.offboard.timeline import Timeline
+from missions.runner.runner import Runner
+from missions.trajectory.limits import MotionLimits
+from missions.values import FenceZone
+
+
+@dataclass(frozen=True, slots=True)
+class FlyableMission:
+    """An offboard mission, compiled for where the vehicle stands."""
+
+    fence: tuple[FenceZone, ...]
+    expected_s: float
+    longest_s: float
+    name: str
+    timeline: Timeline
+    motion: MotionLimits
+    start_ned_m: Vector3
+
+    @classmethod
+    def of(
+        cls,
+        mission: OffboardMission,
+        aircraft: Aircraft,
+        files: Mapping[str, bytes] | None = None,
+        origin: LocalOrigin | None = None,
+    ) -> FlyableMission:
+        """One mission for one vehicle.
+
+        Args:
+            mission: the document.
+            aircraft: what flies, and from where.
+            files: those that table steps name.
+            origin: of the vehicle's local frame, which places count from; None: where it stands.
+
+        Raises:
+            PlanError: it is too large, or has no step that can be flown.
+        """
+        vehicle = MissionVehicle.from_parameters(aircraft.parameters)
+        home = aircraft.home
+        frame = origin or aircraft.origin
+        start_ned_m = frame.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+        start = Start(
+            position_ned_m=start_ned_m, yaw_ned_rad=aircraft.yaw_ned_rad, origin=frame,
+            home_alt_amsl_m=home.alt_amsl_m,
+        )  # fmt: skip
+        timeline = compile_mission(mission, vehicle, start, files)
+        if not timeline.segments and timeline.decision is None:
+            raise PlanError("the mission", "nothing of it can be flown", "See the findings of its check.")
+        motion = vehicle.within(mission.limits)
+        speed_m_s = min(motion.speed_m_s, mission.limits.speed_m_s or vehicle.limits.vehicle.cruise_m_s)
+        return cls(
+            mission.fence, BOOT_S + timeline.duration_s, longest_s(timeline.duration_s), mission.name,
+            timeline, replace(motion, speed_m_s=speed_m_s), start_ned_m,
+        )  # fmt: skip
+
+    def pilot(self, vehicle: Vehicle) -> OffboardPilot:
+        """The runner with this vehicle."""
+        return OffboardPilot(vehicle, Runner(self.timeline, self.name, self.motion), self.start_ned_m)

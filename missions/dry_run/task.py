@@ -1,0 +1,70 @@
+"""A dry run from JSON values to JSON values, as a process of its own carries it out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from missions import plan as plan_document
+from missions.dry_run.monte_carlo import monte_carlo
+from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.plans import Flyable, FlyablePlan
+from missions.dry_run.result import dry_run
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.spread import Spread
+from missions.geodesy import LocalOrigin
+from missions.offboard import reader as mission_reader
+from missions.values import HomePosition
+
+Progress = Callable[[str, float | None], None]
+
+
+def _flyable(request: Mapping[str, Any], aircraft: Aircraft) -> Flyable:
+    if request["kind"] == "waypoint_plan":
+        return FlyablePlan.of(plan_document.read(request["plan"]), aircraft)
+    origin = None if request["origin"] is None else LocalOrigin(**request["origin"])
+    return FlyableMission.of(mission_reader.read(request["plan"]), aircraft, origin=origin)
+
+
+def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+    """Flies once, or many times where `flights` says how often.
+
+    Args:
+        request: `kind` (waypoint_plan, offboard_mission), `plan` (JSON text), `origin` (of the vehicle's
+            local frame; null: where it stands), `aircraft`, `conditions`, `obstacles`, `seed`, `flights` and
+            `spread` (null: once).
+        progress: is told what is happening, and how much is done.
+
+    Returns:
+        `nominal`, and `monte_carlo` (null: once).
+
+    Raises:
+        PlanError: the plan cannot be flown.
+    """
+    aircraft_fields: dict[str, Any] = dict(request["aircraft"])
+    aircraft_fields["home"] = HomePosition(**aircraft_fields["home"])
+    aircraft = Aircraft(**aircraft_fields)
+    conditions_fields: dict[str, Any] = dict(request["conditions"])
+    conditions_fields["wind_ned_m_s"] = tuple(conditions_fields["wind_ned_m_s"])
+    conditions = Conditions(**conditions_fields)
+    obstacles = [Obstacle(**each) for each in request["obstacles"]]
+    flyable = _flyable(request, aircraft)
+    flights = request["flights"]
+
+    def report(now_s: float, ended: int) -> None:
+        share = min(0.97, now_s / flyable.expected_s)
+        if flights is None:
+            progress(f"{now_s:.0f} s of the flight are simulated.", share)
+        else:
+            progress(f"{now_s:.0f} s are simulated; {ended} of {flights + 1} flights have ended.", share)
+
+    seed = request["seed"]
+    if flights is None:
+        one = dry_run(flyable, aircraft, conditions, seed=seed, obstacles=obstacles, report=report)
+        return {"nominal": one.document(), "monte_carlo": None}
+    many = monte_carlo(
+        flyable, aircraft, conditions, Spread(**request["spread"]), flights=flights, seed=seed,
+        obstacles=obstacles, report=report,
+    )  # fmt: skip
+    document = many.document()
+    return {"nominal": document.pop("nominal"), "monte_carlo": document}

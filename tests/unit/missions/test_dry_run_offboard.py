@@ -1,0 +1,123 @@
+"""Offboard missions flown in simulation before they are flown, by the runner that flies real vehicles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.result import DryRun, dry_run
+from missions.dry_run.setpoint_input import send
+from missions.dry_run.task import run
+from missions.geodesy import LocalOrigin
+from missions.setpoints import Attitude, Position, Trajectory, Velocity
+from tests.support.dry_runs import AIRCRAFT, HOME, QUICK
+from tests.support.offboard_missions import mission
+
+pytestmark = pytest.mark.flight
+
+STEPS = """
+- {step: take_off, height_m: 4}
+- {step: gimbal, track: fixed, pitch_rad: -0.5}
+- {step: fly, points: [{offset_ned_m: [10, 0, -4]}], speed_m_s: 5, name: North}
+- {step: wait, until: person, timeout_s: 60, message: Is the field clear?}
+- step: branch
+  condition: {value: battery_share, above: 0.5}
+  then: [{step: hold, duration_s: 1}]
+  otherwise: [{step: hold, duration_s: 100}]
+- {step: land}
+"""
+ELSEWHERE = LocalOrigin(*LocalOrigin(HOME.lat_deg, HOME.lon_deg, 470.0).to_geodetic((30.0, -20.0, 0.0)))
+
+
+@pytest.fixture(scope="module")
+def flown() -> DryRun:
+    """With the vehicle 30 m south and 20 m east of its local origin, and 10 m above it."""
+    return dry_run(FlyableMission.of(mission(STEPS), AIRCRAFT, origin=ELSEWHERE), AIRCRAFT)
+
+
+def test_a_mission_is_flown_to_its_end_step_by_step(flown):
+    assert (flown.finished, flown.landed) == (True, True)
+    assert flown.findings == ()
+    places = [step.place for step in flown.steps]
+    assert places[0] == "step 1"
+    assert places[-1] == "step 6"
+    assert {"step 3", "step 5 then 1"} <= set(places)
+    assert flown.duration_s < 40.0, "a person who is asked answers at once, and the battery decides"
+
+
+def test_its_path_counts_from_where_it_stands_whatever_the_local_origin_is(flown):
+    assert flown.track is not None
+    assert flown.track.position_ned_m[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
+    assert flown.track.position_ned_m[-1] == pytest.approx((10.0, 0.0, 0.0), abs=2.0)
+    assert np.abs(flown.track.position_ned_m[:, 1]).max() < 2.0
+
+
+def test_the_gimbal_follows_its_track(flown):
+    assert flown.track is not None
+    assert flown.track.gimbal_rad is not None
+    fly = next(step for step in flown.steps if step.title == "North")
+    then = int(np.searchsorted(flown.track.t_s, fly.end_s))
+    assert flown.track.gimbal_rad[then, 0] == pytest.approx(-0.5, abs=0.05)
+
+
+def test_the_flown_path_is_the_planned_one(flown):
+    assert flown.track is not None
+    timeline = FlyableMission.of(mission(STEPS), AIRCRAFT).timeline
+    fly = next(step for step in flown.steps if step.title == "North")
+    planned = next(segment for segment in timeline.segments if segment.title == "North")
+    assert fly.end_s - fly.start_s == pytest.approx(planned.duration_s, abs=0.5)
+
+
+class Heard:
+    """Writes down what an offboard receiver is given."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple] = []
+
+    def local(self, *given) -> None:
+        self.calls.append(("local", *given))
+
+    def attitude(self, *given) -> None:
+        self.calls.append(("attitude", *given))
+
+
+def test_setpoints_are_handed_over_with_what_they_leave_open_masked():
+    heard, start = Heard(), (1.0, 2.0, -3.0)
+    send(heard, Position((11.0, None, -8.0), 0.5), start)
+    send(heard, Velocity((1.0, 0.0, None)), start)
+    send(heard, Trajectory((1.0, 2.0, -3.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0), 0.2, 0.3), start)
+    send(heard, Attitude((1.0, 0.0, 0.0, 0.0), 0.5), start)
+    position, velocity, trajectory, attitude = heard.calls
+    assert position[2] == 2 | 8 | 16 | 32 | 64 | 128 | 256 | 2048
+    assert position[3][0] == 10.0
+    assert math.isnan(position[3][1])
+    assert velocity[2] == 7 | 32 | 64 | 128 | 256 | 1024 | 2048
+    assert trajectory[2:] == (0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0), 0.2, 0.3)
+    assert attitude[1] == 7
+
+
+def test_a_task_says_how_far_it_is_and_gives_json():
+    told: list[tuple[str, float | None]] = []
+
+    class Enough(Exception):
+        pass
+
+    def progress(text: str, share: float | None) -> None:
+        told.append((text, share))
+        if len(told) == 3:
+            raise Enough
+
+    request = {
+        "kind": "offboard_mission", "plan": mission(STEPS).model_dump_json(), "origin": None,
+        "aircraft": {"home": HOME.model_dump(), "parameters": QUICK},
+        "conditions": {"wind_ned_m_s": [0, 1, 0]}, "obstacles": [], "seed": 1, "flights": None,
+        "spread": None,
+    }  # fmt: skip
+    with pytest.raises(Enough):
+        run(request, progress)
+    assert told[0][0] == "1 s of the flight are simulated."
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
