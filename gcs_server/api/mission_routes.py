@@ -11,7 +11,7 @@ from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_to
 from gcs_server.api.operation_routes import OperationModel, operation_view
-from gcs_server.api.plan_routes import check_for
+from gcs_server.api.plan_checks import check_document
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
@@ -242,7 +242,7 @@ async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -
             )
         return
     plan, _ = plan_of(held)
-    found = await check_for(station, plan, vehicle)
+    found = await check_document(station, plan, vehicle)
     errors = [each for each in found["findings"] if each["severity"] == "error"]
     wrong = [each for each in errors if each["code"] not in despite]
     if wrong:
@@ -296,6 +296,12 @@ async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
         return PlanName(None, None, None), body.plan
     assert body.plan_id is not None
     head, document = await station.plans.get(body.plan_id, body.version)
+    if head.kind != "waypoint_plan":
+        raise InvalidRequest(
+            "plan_id",
+            f"{head.name!r} is an offboard mission, which the vehicle cannot hold: the server flies it.",
+            remedy="Start it as an offboard mission, or name a waypoint plan.",
+        )
     try:
         return PlanName(head.id, head.version, head.name), plan_document.read(document)
     except PlanError as error:

@@ -15,11 +15,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.plans.files import PlanVersion
+from missions import documents
 from missions import plan as plan_document
 from missions.checks import CODES
+from missions.documents import Document, Kind
 from missions.errors import PlanError
 from missions.estimates import Estimate
 from missions.formats.any_format import FormatName
+from missions.geodesy import LocalOrigin
+from missions.offboard.document import OffboardMission
+from missions.offboard.samples import Leg, StepTime
 from missions.patterns import document as pattern_document
 from missions.plan import Plan
 from missions.values import Point
@@ -42,6 +47,12 @@ def _as_json(read: Callable[[str], Any]) -> BeforeValidator:
 PlanBody = Annotated[
     Plan, _as_json(plan_document.read), Field(description="The plan's document (docs/missions.md).")
 ]
+DocumentBody = Annotated[
+    Document,
+    _as_json(documents.read),
+    Field(description="A waypoint plan or an offboard mission, as `format` says (docs/missions.md)."),
+]
+AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
 PatternBody = Annotated[pattern_document.PatternDocument, _as_json(pattern_document.read)]
 Name = Annotated[
     str,
@@ -58,7 +69,7 @@ class NewPlan(StrictBody):
     """A plan to keep."""
 
     name: Name
-    plan: PlanBody
+    plan: DocumentBody
 
 
 class ChangedPlan(NewPlan):
@@ -67,19 +78,44 @@ class ChangedPlan(NewPlan):
     base_version: int = Field(ge=1, description="The version that was changed: the newest one, else 409.")
 
 
+class Power(StrictBody):
+    """What a flight's energy is estimated from: constant power in flight, and the work of climbing."""
+
+    hover_power_w: float = Field(gt=0, le=1e6, description="Electrical power to hover [W].")
+    battery_wh: float = Field(gt=0, le=1e6, description="What the full battery gives [Wh].")
+    mass_kg: float = Field(gt=0, le=1e4, description="With battery and load [kg].")
+    reserve: float = Field(
+        default=0.2, ge=0, lt=1, description="Share of the battery that is not planned with."
+    )
+
+
 class PlanToCheck(StrictBody):
     """What to check."""
 
-    plan: PlanBody
+    plan: DocumentBody
     vehicle: str | None = Field(
         default=None, max_length=32, description="For this vehicle's parameters and home, as far as known."
+    )
+
+    power: Power | None = Field(
+        default=None, description="For the energy; null: neither energy nor endurance is checked."
     )
 
 
 class PlanToExport(StrictBody):
     """What to write as a file."""
 
+    plan: DocumentBody
+
+
+class PlanToConvert(StrictBody):
+    """The waypoint plan to make an offboard mission of."""
+
     plan: PlanBody
+    name: Name
+    vehicle: str | None = Field(
+        default=None, max_length=32, description="For this vehicle's parameters, as far as known."
+    )
 
 
 class _Out(BaseModel):
@@ -105,7 +141,7 @@ class PlanVersions(_Out):
 class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
     """A version of a plan, with its document."""
 
-    plan: Plan = Field(description="The plan's document.")
+    plan: AnyDocument = Field(description="The plan's document.")
 
 
 class FindingPlace(_Out):
@@ -114,6 +150,7 @@ class FindingPlace(_Out):
     row: int | None = Field(description="Index in `items`.")
     zone: int | None = Field(description="Index in `fence`.")
     rally_point: int | None = Field(description="Index in `rally_points`.")
+    step: str | None = Field(description="Step of an offboard mission: `step 3`, `step 4.2`.")
 
 
 class FindingModel(_Out):
@@ -128,11 +165,30 @@ class FindingModel(_Out):
     fix: str | None = Field(description="What to do about it.")
 
 
+LegModel = model_of(Leg, "PlanLeg")
+StepTimeModel = model_of(StepTime, "PlanStepTime")
+OriginModel = model_of(LocalOrigin, "PlanOrigin")
+
+
+class OffboardFlight(_Out):
+    """An offboard mission as it will be flown, from the ground at home."""
+
+    steps: list[StepTimeModel] = Field(description="On the way that takes longest, in their order.")  # type: ignore[valid-type]
+    legs: list[LegModel] = Field(description="The path, segment by segment, on all ways.")  # type: ignore[valid-type]
+    needs: list[str] = Field(description="The estimates that the vehicle must have.")
+    start_ned_m: tuple[float, float, float] = Field(description="Where it starts, from the local origin [m].")
+    origin: OriginModel | None = Field(  # type: ignore[valid-type]
+        description="The local origin on the earth; null: neither vehicle nor mission says it."
+    )
+
+
 class PlanCheck(_Out):
     """What is wrong with a plan, and what its flight takes."""
 
+    kind: Kind = Field(description="Which kind of plan it is.")
     findings: list[FindingModel] = Field(description="In the order of the checks; empty: nothing is wrong.")
     estimates: EstimateModel = Field(description="Of the whole flight.")  # type: ignore[valid-type]
+    flight: OffboardFlight | None = Field(description="Of an offboard mission.")
     vehicle: str | None = Field(description="For which vehicle it was checked.")
     not_known: list[str] = Field(description="What was not known of the vehicle; sentences.")
 
@@ -149,9 +205,17 @@ class ImportedPlan(_Out):
     """A plan from a file; nothing is saved."""
 
     format: FormatName = Field(description="In which format the file is.")
-    plan: Plan = Field(description="The plan's document.")
+    kind: Kind = Field(description="Which kind of plan it is.")
+    plan: AnyDocument = Field(description="The plan's document.")
     areas: list[ImportedArea] = Field(description="Areas that are no part of the plan.")
     notes: list[str] = Field(description="What was understood and what was not; sentences.")
+
+
+class ConvertedPlan(_Out):
+    """An offboard mission made of a waypoint plan; nothing is saved."""
+
+    plan: OffboardMission = Field(description="The mission.")
+    notes: list[str] = Field(description="What the plan had and the mission has not; sentences.")
 
 
 class PatternFigures(_Out):

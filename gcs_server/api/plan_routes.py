@@ -1,36 +1,34 @@
-"""Waypoint plans: kept with versions, checked, read from files and written to them, made from patterns."""
+"""Plans of both kinds: kept with versions, checked, read from files, written to them, made from patterns."""
 
 from __future__ import annotations
 
 import base64
 import json
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Body, Query, Request, Response
 from msgspec import Raw
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.plan_checks import check_document, is_small, known_of, text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
-from gcs_server.api.station import Station, StationDep
+from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.plans.files import PlanVersion
-from gcs_server.vehicle.samples import Home
-from gcs_server.vehicle.vehicle import Vehicle
-from missions import plan as plan_document
+from missions import documents
+from missions.documents import Kind
 from missions.formats.any_format import FormatName
 from missions.patterns.document import OrbitPattern, PerimeterPattern
-from missions.plan import Plan
 from missions.values import Altitude, Reference
-from missions.vehicle import PARAMETERS
 
 router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
 
-SMALL_ITEMS = 300
-"""Items and corners of a plan that a thread checks or writes within some 30 ms; larger ones get a process."""
 SMALL_FILE_BYTES = 32_768
+SMALL_YAML_BYTES = 8_192
+"""It is read more slowly."""
 MAX_NOTES_LENGTH = 4000
 """Of the header that carries an export's notes."""
 NOTES_HEADER = "X-Plan-Notes"
@@ -42,6 +40,7 @@ MEDIA_TYPES: dict[FormatName, str] = {
     "geojson": "application/geo+json",
     "kml": "application/vnd.google-earth.kml+xml",
     "kmz": "application/vnd.google-earth.kmz",
+    "yaml": "application/yaml",
 }
 
 
@@ -56,7 +55,7 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
     """Keeps a new plan as its version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
         head = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
-        return _kept(head, plan_document.write(body.plan), 201)
+        return _kept(head, documents.write(documents.named(body.plan, head.name)), 201)
 
 
 @router.post("/check", response_model=m.PlanCheck)
@@ -64,10 +63,28 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     """What is wrong with a plan, as findings, and what its flight takes; changes nothing.
 
     With `vehicle`, its parameters and its home count, as far as the server knows them; `not_known` says what
-    it does not know, and PX4's defaults and the plan's own home are taken instead.
+    it does not know, and PX4's defaults and the plan's own home are taken instead. An offboard mission is
+    compiled for a start on the ground at home; `flight` is its path and what each step takes.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    return answer(await check_for(station, body.plan, vehicle))
+    power = None if body.power is None else body.power.model_dump()
+    return answer(await check_document(station, body.plan, vehicle, power))
+
+
+@router.post("/convert", response_model=m.ConvertedPlan)
+async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
+    """The offboard mission that flies a waypoint plan by setpoints. Saves nothing."""
+    vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
+    parameters = known_of(vehicle).parameters
+    arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": parameters}
+    found = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
+    return answer({**found, "plan": Raw(found["plan"].encode())})
+
+
+@router.get("/schema/{kind}", response_class=Response)
+async def plan_schema(kind: Kind) -> Response:
+    """The JSON Schema of the documents of a kind."""
+    return answer(documents.schema(kind))
 
 
 @router.post(
@@ -95,7 +112,7 @@ async def import_plan(
     ] = None,
     altitude_reference: Annotated[Reference, Query(description="What `altitude_m` counts from.")] = "home",
 ) -> Response:
-    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ or our own JSON. Saves nothing.
+    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, our own JSON, or YAML. Saves nothing.
 
     The body is the file as it is.
     """
@@ -106,7 +123,8 @@ async def import_plan(
     if altitude_m is not None:
         altitude = Altitude(value_m=altitude_m, reference=altitude_reference).model_dump()
     arguments = {"file": base64.b64encode(data).decode(), "filename": filename, "altitude": altitude}
-    small = len(data) <= SMALL_FILE_BYTES and not data.startswith(b"PK")
+    most = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
+    small = len(data) <= most and not data.startswith(b"PK")
     found = await station.plan_work.run("import", arguments, small=small, field="body")
     return answer({**found, "plan": Raw(found["plan"].encode())})
 
@@ -124,11 +142,14 @@ async def import_plan(
 async def export_plan(
     body: m.PlanToExport,
     station: StationDep,
-    format: Annotated[FormatName, Query(description="`plan` is QGroundControl's, `json` our own.")],
+    format: Annotated[
+        FormatName,
+        Query(description="`plan` is QGroundControl's, `json` our own; of a mission `yaml` or `json`."),
+    ],
 ) -> Response:
     """The plan as a file. The header `X-Plan-Notes` says, as a JSON list, what the format left out."""
-    arguments = {"plan": _text(body.plan), "format": format}
-    found = await station.plan_work.run("export", arguments, small=_is_small(body.plan))
+    arguments = {"plan": text_of(body.plan), "format": format}
+    found = await station.plan_work.run("export", arguments, small=is_small(body.plan))
     notes = [note for note in found["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
     return Response(
         base64.b64decode(found["file"]),
@@ -180,7 +201,7 @@ async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, princip
             base_version=body.base_version,
             by=(principal.name, principal.key),
         )
-        return _kept(head, plan_document.write(body.plan))
+        return _kept(head, documents.write(documents.named(body.plan, head.name)))
 
 
 @router.delete("/{plan}", status_code=204)
@@ -199,45 +220,5 @@ async def delete_plan(
     return Response(status_code=204)
 
 
-async def check_for(station: Station, plan: Plan, vehicle: Vehicle | None) -> dict[str, Any]:
-    """Findings and estimates of a plan, by what is known of a vehicle; as `PlanCheck`."""
-    parameters, home, not_known = _known_of(vehicle)
-    arguments = {"plan": _text(plan), "parameters": parameters, "home": home}
-    found = await station.plan_work.run("check", arguments, small=_is_small(plan))
-    return {**found, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
-
-
 def _kept(head: PlanVersion, document: bytes, status: int = 200) -> Response:
     return answer({**fields_of(head), "plan": Raw(document)}, status)
-
-
-def _text(plan: Plan) -> str:
-    return plan_document.write(plan).decode()
-
-
-def _is_small(plan: Plan) -> bool:
-    corners = sum(len(zone.polygon) for zone in plan.fence if zone.shape == "polygon")
-    weight = sum(1 for _ in plan.simple_items()) + corners + len(plan.fence) + len(plan.rally_points)
-    return weight <= SMALL_ITEMS
-
-
-def _known_of(vehicle: Vehicle | None) -> tuple[dict[str, float], dict[str, Any] | None, list[str]]:
-    """Parameters and home that count for a vehicle, and sentences about what is not known."""
-    if vehicle is None:
-        return {}, None, []
-    not_known: list[str] = []
-    found = {name: vehicle.params.known(name) for name in PARAMETERS.values()}
-    parameters = {name: float(param.value) for name, param in found.items() if param is not None}
-    if not parameters:
-        not_known.append(
-            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults were taken."
-        )
-    elif missing := [name for name in found if name not in parameters]:
-        not_known.append(f"Not known, PX4's defaults were taken: {', '.join(missing)}.")
-    sample = vehicle.topic("home")
-    if sample is None:
-        not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's own was taken.")
-        return parameters, None, not_known
-    assert isinstance(sample.value, Home)
-    home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
-    return parameters, home, not_known

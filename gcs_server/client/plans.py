@@ -1,4 +1,4 @@
-"""Waypoint plans on the server: kept with versions, checked, read from files and written to them."""
+"""Plans of both kinds on the server: kept with versions, checked, read from files and written to them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urllib.parse import quote, urlencode
 from gcs_server.client.setpoints import Body
 
 Plan = Mapping[str, Any]
-"""A plan's document, as docs/missions.md describes it."""
+"""The document of a waypoint plan or of an offboard mission, as docs/missions.md describes them."""
 
 
 class Caller(Protocol):
@@ -59,12 +59,31 @@ class Plans:
         path = f"/plans/{quote(plan_id, safe='')}?base_version={base_version}"
         await self._gcs.request("DELETE", path)
 
-    async def check(self, plan: Plan, *, vehicle_id: str | None = None) -> dict[str, Any]:
-        """`findings` and `estimates`; with a vehicle by its parameters and home, as far as they are known."""
-        body: Body = {"plan": dict(plan)}
+    async def check(
+        self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
+    ) -> dict[str, Any]:
+        """`findings`, `estimates` and of an offboard mission `flight`: its path, what each step takes.
+
+        With a vehicle by its parameters and home, as far as they are known; with `power` (`hover_power_w`,
+        `battery_wh`, `mass_kg`) also its energy.
+        """
+        body: dict[str, Any] = {"plan": dict(plan)}
         if vehicle_id is not None:
-            body = {**body, "vehicle": vehicle_id}
+            body["vehicle"] = vehicle_id
+        if power is not None:
+            body["power"] = dict(power)
         return await self._gcs.request("POST", "/plans/check", body)
+
+    async def convert(self, plan: Plan, name: str, *, vehicle_id: str | None = None) -> dict[str, Any]:
+        """The offboard mission (`plan`) that flies a waypoint plan, and `notes`; saves nothing."""
+        body: dict[str, Any] = {"plan": dict(plan), "name": name}
+        if vehicle_id is not None:
+            body["vehicle"] = vehicle_id
+        return await self._gcs.request("POST", "/plans/convert", body)
+
+    async def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
+        """The JSON Schema of `offboard_mission` or `waypoint_plan` documents."""
+        return await self._gcs.request("GET", f"/plans/schema/{quote(kind, safe='')}")
 
     async def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
         """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
@@ -75,7 +94,10 @@ class Plans:
         return json.loads(await self._gcs.raw("POST", f"/plans/import?{query}", content=data))
 
     async def write_file(self, plan: Plan, format: str) -> bytes:
-        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`."""
+        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`.
+
+        An offboard mission: `yaml` or `json`.
+        """
         path = f"/plans/export?{urlencode({'format': format})}"
         return await self._gcs.raw("POST", path, body={"plan": dict(plan)})
 

@@ -1,1 +1,1 @@
-"""Waypoint plans on the server: kept with versions, checked, imported, exported."""
+"""Plans of both kinds on the server: kept with versions, checked, imported, exported."""

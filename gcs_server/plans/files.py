@@ -13,7 +13,9 @@ import stat
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
+
+from missions.documents import Kind
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_HEAD_BYTES = 4096
@@ -36,7 +38,9 @@ class PlanVersion:
     changed_by: str
     """Who saved it."""
     item_count: int
-    """Items of the mission as it is uploaded."""
+    """Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included."""
+    kind: Kind = "waypoint_plan"
+    """Flown by the vehicle, or by the server's setpoints."""
 
 
 class PlanFiles:
@@ -151,13 +155,15 @@ class PlanFiles:
 def _head(said: Any) -> PlanVersion:
     if not isinstance(said, dict):
         raise ValueError("its first line is no JSON object")
-    fields = cast(dict[str, Any], said)
-    types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int}
+    fields = {"kind": "waypoint_plan"} | cast(dict[str, Any], said)  # older files do not say it
+    types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
     time = fields.get("changed_unix_s")
     if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):
         raise ValueError("its first line is not what this server writes")
     if any(type(fields[name]) is not kind for name, kind in types.items()):
         raise ValueError("its first line has a value of another type")
+    if fields["kind"] not in get_args(Kind):
+        raise ValueError("its first line names a kind of plan that this server does not know")
     return PlanVersion(**fields)
 
 

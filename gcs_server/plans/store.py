@@ -19,8 +19,8 @@ from gcs_server.clock import Clock
 from gcs_server.errors import PlanConflict, Refused, UnknownPlan
 from gcs_server.plans.files import PlanFiles, PlanVersion
 from gcs_server.storage.folder import StorageError
-from missions import plan as plan_document
-from missions.plan import Plan
+from missions import documents
+from missions.documents import Document
 
 MAX_PLANS = 500
 MAX_VERSIONS = 50
@@ -118,7 +118,7 @@ class PlanStore:
 
         return await self._run(work)
 
-    async def create(self, name: str, plan: Plan, *, by: tuple[str, str]) -> PlanVersion:
+    async def create(self, name: str, plan: Document, *, by: tuple[str, str]) -> PlanVersion:
         """Keeps a new plan as version 1.
 
         Args:
@@ -132,13 +132,14 @@ class PlanStore:
         def work(index: _Index) -> PlanVersion:
             if len(index.newest) >= MAX_PLANS:
                 raise Refused(f"{MAX_PLANS} plans are kept, no more.", remedy="Delete one first.")
-            head = PlanVersion(secrets.token_hex(6), name, 1, self._clock.unix_s(), by[0], _count(plan))
-            return self._write(index, head, plan)
+            plan_id, now_unix_s = secrets.token_hex(6), self._clock.unix_s()
+            count, kind = documents.count(plan), documents.kind_of(plan)
+            return self._write(index, PlanVersion(plan_id, name, 1, now_unix_s, by[0], count, kind), plan)
 
         return await self._change("created", work, by)
 
     async def save(
-        self, plan_id: str, name: str, plan: Plan, *, base_version: int, by: tuple[str, str]
+        self, plan_id: str, name: str, plan: Document, *, base_version: int, by: tuple[str, str]
     ) -> PlanVersion:
         """Adds a version, where the newest is still the one that the caller changed.
 
@@ -156,7 +157,8 @@ class PlanStore:
                 version=newest.version + 1,
                 changed_unix_s=self._clock.unix_s(),
                 changed_by=by[0],
-                item_count=_count(plan),
+                item_count=documents.count(plan),
+                kind=documents.kind_of(plan),
             )
             return self._write(index, head, plan)
 
@@ -238,8 +240,8 @@ class PlanStore:
             )
         return newest
 
-    def _write(self, index: _Index, head: PlanVersion, plan: Plan) -> PlanVersion:
-        content = plan_document.write(plan)
+    def _write(self, index: _Index, head: PlanVersion, plan: Document) -> PlanVersion:
+        content = documents.write(documents.named(plan, head.name))
         if sum(index.bytes_of.values()) + len(content) > MAX_TOTAL_BYTES:
             raise Refused(
                 f"The plans that are kept take {MAX_TOTAL_BYTES // 1_000_000} MB, no more are kept.",
@@ -252,7 +254,3 @@ class PlanStore:
             old = self._files.versions(head.id)[:-MAX_VERSIONS]
             index.bytes_of[head.id] -= self._files.remove_versions(head.id, old)
         return head
-
-
-def _count(plan: Plan) -> int:
-    return sum(1 for _ in plan.simple_items())

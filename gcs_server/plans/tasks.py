@@ -10,14 +10,17 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from missions import documents
 from missions import plan as plan_document
 from missions.checks import Finding, Limits, check
 from missions.errors import PlanError
-from missions.estimates import estimate
+from missions.estimates import Estimate, estimate
 from missions.formats import any_format
 from missions.formats.results import ImportOptions
+from missions.geodesy import LocalOrigin
+from missions.offboard.document import OffboardMission
 from missions.values import Altitude, HomePosition
-from missions.vehicle import VehicleModel
+from missions.vehicle import PowerModel, VehicleModel
 
 Values = dict[str, Any]
 """As JSON."""
@@ -32,15 +35,21 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `parameters` (PX4's names), `home` (of the vehicle, null: not known)."""
-    plan = plan_document.read(arguments["plan"])
+    """`plan` (JSON text), `parameters`, `home`, `origin` (of the vehicle), `power`, each or null."""
+    document = documents.read(arguments["plan"])
+    power = None if arguments["power"] is None else PowerModel(**arguments["power"])
+    if isinstance(document, OffboardMission):
+        return _check_mission(document, arguments, power)
+    plan = document
     if arguments["home"] is not None:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
-    findings = check(plan, Limits(vehicle=vehicle))
+    findings = check(plan, Limits(vehicle=vehicle, power=power))
     return {
+        "kind": "waypoint_plan",
         "findings": [_finding(each) for each in findings],
-        "estimates": dataclasses.asdict(estimate(plan, vehicle)),
+        "estimates": dataclasses.asdict(estimate(plan, vehicle, power)),
+        "flight": None,
     }
 
 
@@ -49,8 +58,57 @@ def _finding(finding: Finding) -> Values:
         "code": finding.code,
         "severity": finding.severity,
         "text": finding.message,
-        "place": {"row": finding.row, "zone": finding.zone, "rally_point": finding.rally_point},
+        "place": {
+            "row": finding.row, "zone": finding.zone, "rally_point": finding.rally_point, "step": None
+        },
         "fix": finding.fix,
+    }  # fmt: skip
+
+
+def _check_mission(
+    mission: OffboardMission, arguments: Mapping[str, Any], power: PowerModel | None
+) -> Values:
+    """An offboard mission, compiled for a start on the ground at home."""
+    from missions.offboard import compiler, mission_checks, samples  # half a second to import
+    from missions.offboard.places import Start
+    from missions.offboard.state import MissionVehicle
+
+    home, origin = arguments["home"], arguments["origin"]
+    start = Start()
+    if home is not None:
+        frame = LocalOrigin(**(home if origin is None else origin))
+        here = frame.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
+        start = Start(position_ned_m=here, origin=frame, home_alt_amsl_m=home["alt_amsl_m"])
+    elif mission.home is not None:
+        frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
+        start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
+    vehicle = MissionVehicle.from_parameters(arguments["parameters"], Limits(power=power))
+    timeline = compiler.compile_mission(mission, vehicle, start)
+    here = start.position_ned_m
+    estimates = Estimate(
+        timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, here[2]), timeline.photos,
+        timeline.energy_wh, endless=False, known_altitudes=True,
+    )  # fmt: skip
+    return {
+        "kind": "offboard_mission",
+        "findings": [
+            {
+                "code": each.code,
+                "severity": each.severity,
+                "text": each.message,
+                "place": {"row": None, "zone": None, "rally_point": None, "step": each.step},
+                "fix": each.fix,
+            }
+            for each in timeline.findings
+        ],
+        "estimates": dataclasses.asdict(estimates),
+        "flight": {
+            "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
+            "legs": [dataclasses.asdict(each) for each in samples.legs(timeline, here)],
+            "needs": list(timeline.needs),
+            "start_ned_m": here,
+            "origin": None if start.origin is None else dataclasses.asdict(start.origin),
+        },
     }
 
 
@@ -63,7 +121,8 @@ def _import(arguments: Mapping[str, Any]) -> Values:
     imported = any_format.read(found, data, options)
     return {
         "format": found,
-        "plan": plan_document.write(imported.plan).decode(),
+        "kind": documents.kind_of(imported.plan),
+        "plan": documents.write(imported.plan).decode(),
         "areas": [
             {
                 "name": area.name,
@@ -78,7 +137,7 @@ def _import(arguments: Mapping[str, Any]) -> Values:
 
 def _export(arguments: Mapping[str, Any]) -> Values:
     """`plan` (JSON text), `format`."""
-    written = any_format.write(arguments["format"], plan_document.read(arguments["plan"]))
+    written = any_format.write(arguments["format"], documents.read(arguments["plan"]))
     return {"file": base64.b64encode(written.data).decode(), "notes": list(written.notes)}
 
 
@@ -100,8 +159,18 @@ def _pattern(arguments: Mapping[str, Any]) -> Values:
     }
 
 
+def _convert(arguments: Mapping[str, Any]) -> Values:
+    """`plan` (JSON text), `name`, `parameters`."""
+    from missions.offboard.from_plan import from_plan
+
+    vehicle = VehicleModel.from_parameters(arguments["parameters"])
+    made = from_plan(plan_document.read(arguments["plan"]), arguments["name"], vehicle)
+    return {"plan": documents.write(made.mission).decode(), "notes": list(made.notes)}
+
+
 TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "check": _check,
+    "convert": _convert,
     "import": _import,
     "export": _export,
     "pattern": _pattern,

@@ -7,26 +7,35 @@ from typing import Literal, get_args
 
 from missions import plan as own
 from missions.bounded_json import load
+from missions.documents import MISSION_FORMAT, Document
 from missions.errors import PlanError
 from missions.formats import csv_table, geojson, kml, qgc_plan, waypoints
 from missions.formats.results import Imported, ImportOptions, Written
+from missions.offboard import reader as mission_reader
+from missions.offboard import writer as mission_writer
+from missions.offboard.document import OffboardMission
+from missions.offboard.document import write as write_mission
 from missions.plan import Plan
 
-FormatName = Literal["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz"]
+FormatName = Literal["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz", "yaml"]
 FORMATS: tuple[FormatName, ...] = get_args(FormatName)
 """`json` is our own document; the others are the usual endings of files."""
+MISSION_FORMATS: tuple[FormatName, ...] = ("json", "yaml")
+"""Those that hold an offboard mission; `yaml` holds nothing else."""
 
 _READERS: dict[FormatName, Callable[[bytes, ImportOptions], Imported]] = {
-    "json": lambda data, _: Imported(own.read(data)),
+    "json": lambda data, _: _own(data),
     "plan": lambda data, _: qgc_plan.read(data),
     "waypoints": lambda data, _: waypoints.read(data),
     "csv": csv_table.read,
     "geojson": geojson.read,
     "kml": kml.read,
     "kmz": kml.read,
+    "yaml": lambda data, _: _mission(data),
 }
 _WRITERS: dict[FormatName, Callable[[Plan], Written]] = {
     "json": lambda plan: Written(own.write(plan)),
+    "yaml": lambda _: _no_mission(),
     "plan": qgc_plan.write,
     "waypoints": waypoints.write,
     "csv": csv_table.write,
@@ -52,18 +61,20 @@ def recognise(data: bytes, filename: str = "") -> FormatName:
         return "waypoints"
     if begin.startswith(b"{"):
         return _json_format(data)
+    if filename.lower().endswith((".yaml", ".yml")) or MISSION_FORMAT.encode() in data[:4096]:
+        return "yaml"
     if filename.lower().endswith((".csv", ".txt")):
         return "csv"
     raise PlanError(
         "the file",
         "it is none of the formats that can be read",
-        "Choose a .plan, .waypoints, .csv, .geojson, .kml or .kmz file.",
+        "Choose a .plan, .waypoints, .csv, .geojson, .kml, .kmz or .yaml file.",
     )
 
 
 def _json_format(data: bytes) -> FormatName:
     document = load(data)
-    if document.get("format") == "offboard-gcs-plan":
+    if document.get("format") in ("offboard-gcs-plan", MISSION_FORMAT):
         return "json"
     if document.get("fileType") == "Plan":
         return "plan"
@@ -85,10 +96,32 @@ def read(name: FormatName, data: bytes, options: ImportOptions | None = None) ->
     return _READERS[name](data, options or ImportOptions())
 
 
-def write(name: FormatName, plan: Plan) -> Written:
-    """The plan as a file in this format.
+def write(name: FormatName, document: Document) -> Written:
+    """The plan or mission as a file in this format.
 
     Raises:
         PlanError: the format cannot hold it.
     """
-    return _WRITERS[name](plan)
+    if not isinstance(document, OffboardMission):
+        return _WRITERS[name](document)
+    if name not in MISSION_FORMATS:
+        reason = f"{name} holds waypoint plans, and this is an offboard mission"
+        raise PlanError("the format", reason, "Write it as yaml or json.")
+    return Written(mission_writer.write_yaml(document) if name == "yaml" else write_mission(document))
+
+
+def _own(data: bytes) -> Imported:
+    value = load(data)
+    is_mission = isinstance(value, dict) and value.get("format") == MISSION_FORMAT
+    return Imported(mission_reader.read(data) if is_mission else own.read(data))
+
+
+def _mission(data: bytes) -> Imported:
+    comments = any(line.lstrip().startswith(b"#") for line in data.splitlines())
+    notes = ("The comments of the file are not kept.",) if comments else ()
+    return Imported(mission_reader.read(data), notes=notes)
+
+
+def _no_mission() -> Written:
+    reason = "yaml holds offboard missions, and this is a waypoint plan"
+    raise PlanError("the format", reason, "Write it as json, or make an offboard mission of it first.")

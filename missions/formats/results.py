@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from missions.documents import Document
 from missions.plan import Plan
 from missions.values import Altitude, Point
 
@@ -21,7 +22,7 @@ class Area:
 class Imported:
     """A plan that was read; `notes` are sentences for a person about what was understood and what was not."""
 
-    plan: Plan
+    plan: Document
     areas: tuple[Area, ...] = ()
     notes: tuple[str, ...] = ()
 

@@ -198,9 +198,7 @@ def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: M
 
 def table(state: State, step: Table) -> None:
     """To where the table begins, then at its own times."""
-    data = state.work.files.get(step.file)
-    if data is None:
-        raise PlanError("field file", f"there is no file {step.file!r}", "Add the file, or correct its name.")
+    data = state.work.table(step.file)
     offset = state.work.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
     path = tables.read(data, offset, state.yaw_ned_rad)
     begin = path.at(0.0)

@@ -12,6 +12,7 @@ from missions.offboard.steps import MAX_STEPS, Action, Branch, Call, MissionStep
 from missions.values import FenceZone, HomePosition, Model
 
 MAX_CALL_DEPTH = 8
+TableText = Annotated[str, Field(max_length=1_000_000)]
 
 
 class Actions(Model):
@@ -56,6 +57,8 @@ class OffboardMission(Model):
         Field(max_length=100, default_factory=dict),
     ]
     """Lists of steps that `call` names."""
+    tables: dict[Name, TableText] = Field(max_length=20, default_factory=dict[str, str])
+    """Trajectories that `table` steps name, as the text of their CSV files."""
 
 
 def schema() -> dict[str, Any]:

@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from missions.check_space import allowed_area
+from missions.offboard import samples
 from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment
 from missions.offboard.state import Work
@@ -36,10 +37,11 @@ def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
         else:
             area = allowed_area(work.mission.fence, work.start.origin)
             shapely.prepare(area)
-    for part in _parts(timeline):
-        before = work.start.position_ned_m
-        for segment in part.segments:
-            path = _path(segment, before)
+    for way in samples.ways(timeline, work.start.position_ned_m):
+        before = way.before_ned_m
+        for segment in way.timeline.segments:
+            count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
+            path = samples.path_along(segment, before, np.linspace(0.0, segment.duration_s, count))
             found += _where(segment, path, work)
             if area is not None:
                 found += _fence(segment, path, area)
@@ -48,26 +50,6 @@ def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
             before = segment.end_ned_m
     found += _totals(timeline, work)
     return tuple(found)
-
-
-def _parts(timeline: Timeline) -> Iterator[Timeline]:
-    yield timeline
-    for way in (timeline.then, timeline.otherwise):
-        if way is not None:
-            yield from _parts(way)
-
-
-def _path(segment: Segment, before: tuple[float, float, float]) -> Array:
-    """Places along a segment, (N, 3) [m]."""
-    count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
-    times = np.linspace(0.0, segment.duration_s, count)
-    if isinstance(segment, CurveSegment):
-        return segment.curve.many(times).position_ned_m
-    if isinstance(segment, TableSegment):
-        return segment.path.many(times)[0]
-    if isinstance(segment, VelocitySegment):
-        return segment.line.many(times).position_ned_m
-    return np.array([before, segment.end_ned_m])
 
 
 def _where(segment: Segment, path: Array, work: Work) -> Iterator[MissionFinding]:
@@ -161,14 +143,14 @@ def energy_wh(timeline: Timeline, work: Work) -> float | None:
     power = work.vehicle.limits.power
     if power is None:
         return None
-    return power.energy_wh(timeline.duration_s, _climb_m(timeline, work.start.position_ned_m[2]))
+    return power.energy_wh(timeline.duration_s, climb_m(timeline, work.start.position_ned_m[2]))
 
 
-def _climb_m(timeline: Timeline, down_m: float) -> float:
+def climb_m(timeline: Timeline, down_m: float) -> float:
     """All metres upwards on the way with the most, from segment end to segment end."""
     climbed_m = 0.0
     for segment in timeline.segments:
         climbed_m += max(0.0, down_m - segment.end_ned_m[2])
         down_m = segment.end_ned_m[2]
     ways = [way for way in (timeline.then, timeline.otherwise) if way is not None]
-    return climbed_m + max((_climb_m(way, down_m) for way in ways), default=0.0)
+    return climbed_m + max((climb_m(way, down_m) for way in ways), default=0.0)

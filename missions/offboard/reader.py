@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from missions.bounded_json import decode, dump
+from missions.bounded_json import decode, dump, load
 from missions.errors import PlanError, field_path
 from missions.offboard.document import OffboardMission, check_calls
 
@@ -34,7 +34,7 @@ def read(data: str | bytes) -> OffboardMission:
     text = decode(data)
     if len(text) > MAX_BYTES:
         reason = f"{len(text) / 1e6:.1f} MB are too large, {MAX_BYTES // 1_048_576} MiB are the most"
-        raise PlanError("the file", reason, "Keep long trajectories in files of their own (step table).")
+        raise PlanError("the file", reason, "Give its trajectories (`tables`) fewer rows.")
     lines: dict[Path, int] = {}
     value = _parse(text, lines)
     try:
@@ -43,6 +43,32 @@ def read(data: str | bytes) -> OffboardMission:
         raise _complaint(error, value, lines) from None
     check_calls(mission)
     return mission
+
+
+def read_json(data: str | bytes) -> OffboardMission:
+    """The mission that a program sends as JSON, within the same bounds; its complaints have no lines.
+
+    Raises:
+        PlanError: It is out of bounds, no JSON, or not a mission; says step, field and what to do.
+    """
+    text = decode(data)
+    value = load(text)
+    if _size(value, 0) > MAX_VALUES:
+        raise PlanError("the mission", f"more than {MAX_VALUES} values", "Split the mission.")
+    try:
+        mission = OffboardMission.model_validate_json(text)
+    except ValidationError as error:
+        raise _complaint(error, value, {}) from None
+    check_calls(mission)
+    return mission
+
+
+def _size(value: Any, depth: int) -> int:
+    """How many values there are."""
+    if depth > MAX_DEPTH:
+        raise PlanError("the mission", f"nested deeper than {MAX_DEPTH} levels", "Use `call`.")
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return 1 + sum(_size(part, depth + 1) for part in parts)
 
 
 def _parse(text: str, lines: dict[Path, int]) -> Any:
@@ -117,14 +143,19 @@ class _Reader:
         return found
 
 
+def is_text(text: str) -> bool:
+    """Whether a plain scalar is read as this text, and not as a number or a word like `true`."""
+    return text.lower() not in _WORDS and not _NUMBER.fullmatch(text)
+
+
 def _scalar(event: yaml.ScalarEvent, line: int) -> Any:
     if event.style in ("'", '"', "|", ">"):
         return event.value
     text = event.value
+    if is_text(text):
+        return text
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
-    if not _NUMBER.fullmatch(text):
-        return text
     if len(text) > 40:
         raise PlanError(f"line {line}", f"a number of {len(text)} digits", "Correct this value.")
     number = float(text)
@@ -147,13 +178,14 @@ def _complaint(error: ValidationError, value: Any, lines: dict[Path, int]) -> Pl
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
     path = _without_tags(first["loc"], value)
     known = path
-    while known not in lines:
+    while known not in lines and known:
         known = known[:-1]
     message = str(first["msg"]).removeprefix("Value error, ").rstrip(".")[:300]
     if str(first["type"]) == "union_tag_not_found":
         message = "it does not say which step it is"
     fix = _FIXES.get(str(first["type"]), "Correct this value.")
-    return PlanError(f"line {lines[known]}{place_of(path)}", message, fix)
+    line = f"line {lines[known]}" if known in lines else ""
+    return PlanError(f"{line}{place_of(path)}".removeprefix(", ") or "the mission", message, fix)
 
 
 def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:

@@ -77,6 +77,18 @@ class Work:
             reason = f"more than {MAX_SEGMENTS} segments, {MAX_STEPS} steps or {MAX_POINTS} points"
             raise PlanError("the mission", reason, "Split it: repeats and branches multiply what is in them.")
 
+    def table(self, name: str) -> bytes:
+        """The trajectory that a step names: a file, else one of the document.
+
+        Raises:
+            PlanError: There is none.
+        """
+        if name in self.files:
+            return self.files[name]
+        if name in self.mission.tables:
+            return self.mission.tables[name].encode()
+        raise PlanError("field file", f"there is no file {name!r}", "Add the file, or correct its name.")
+
 
 @dataclass(slots=True)
 class State:

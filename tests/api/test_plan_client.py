@@ -67,6 +67,10 @@ def test_plans_are_kept_changed_checked_written_and_read(tmp_path):
         file = await plans.write_file(PLAN, "kml")
         read = await plans.read_file(file, "a.kml")
         assert len(read["plan"]["items"]) == 3
+        made = await plans.convert(PLAN, "Mast")
+        assert (await plans.check(made["plan"]))["flight"]["steps"][0]["place"] == "step 1"
+        assert b"step: take_off" in await plans.write_file(made["plan"], "yaml")
+        assert "OffboardMission" in (await plans.schema())["title"]
         center = {"lat_deg": 47.4, "lon_deg": 8.5}
         around = await plans.pattern("orbit", center=center, radius_m=20, altitude=AT_20_M)
         assert around["figures"]["lines_length_m"] > 50

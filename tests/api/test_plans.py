@@ -22,6 +22,16 @@ SQUARE = [
     {"lat_deg": lat, "lon_deg": lon}
     for lat, lon in ((47.4, 8.5), (47.401, 8.5), (47.401, 8.502), (47.4, 8.502))
 ]
+MISSION = {
+    "format": "offboard-gcs-mission",
+    "name": "Its own name",
+    "home": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488},
+    "steps": [
+        {"step": "take_off", "height_m": 10},
+        {"step": "fly", "points": [{"offset_ned_m": [30, 0, -10]}, {"offset_ned_m": [30, 40, -15]}]},
+        {"step": "land"},
+    ],
+}
 ANNA, BOB = {"X-Client": "anna"}, {"X-Client": "bob"}
 
 
@@ -191,3 +201,78 @@ def test_patterns_become_items(client):
     refused = client.post("plans/pattern", json={**survey, "outer": SQUARE[:2]})
     assert refused.status_code == 422
     assert "fewer than 3 corners" in refused.json()["detail"]
+
+
+def test_an_offboard_mission_is_kept_beside_plans_under_one_name(client):
+    keep(client)
+    kept = keep(client, "Mast", MISSION)
+    assert (kept["kind"], kept["item_count"], kept["plan"]["name"]) == ("offboard_mission", 3, "Mast")
+    listed = client.get("plans").json()["plans"]
+    assert [(each["name"], each["kind"]) for each in listed] == [
+        ("Mast", "offboard_mission"),
+        ("Tower", "waypoint_plan"),
+    ]
+    change = {"name": "Old mast", "plan": kept["plan"], "base_version": 1}
+    saved = client.put(f"plans/{kept['id']}", json=change, headers=BOB).json()
+    assert (saved["version"], saved["plan"]["name"]) == (2, "Old mast")
+    assert client.put(f"plans/{kept['id']}", json=change).json()["code"] == "conflict"
+    assert client.get(f"plans/{kept['id']}", params={"version": 1}).json() == kept
+
+
+def test_a_mission_that_is_none_names_step_and_field(client):
+    spoilt = {**MISSION, "steps": [{"step": "hold", "duration_s": "5"}]}
+    refused = client.post("plans", json={"name": "x", "plan": spoilt})
+    assert refused.status_code == 422
+    assert "step 1, field duration_s" in refused.json()["detail"]
+    assert client.get("plans").json() == {"plans": []}
+
+
+def test_a_mission_is_checked_with_findings_at_its_steps_times_and_a_path_to_draw(client):
+    spoilt = {**MISSION, "steps": [*MISSION["steps"][:2], {"step": "take_off", "height_m": 5}]}
+    power = {"hover_power_w": 180.0, "battery_wh": 5.0, "mass_kg": 2.0}
+    found = client.post("plans/check", json={"plan": spoilt, "power": power}).json()
+    places = {each["code"]: (each["severity"], each["place"]["step"]) for each in found["findings"]}
+    assert places["takeoff_in_air"] == ("error", "step 3")
+    assert places["landing_missing"] == ("warning", "the end")
+    assert "endurance_exceeded" not in places
+    assert found["kind"] == "offboard_mission"
+    assert 60 < found["estimates"]["length_m"] < 120
+    assert 0.5 < found["estimates"]["energy_wh"] < 5.0
+    flight = found["flight"]
+    assert [step["place"] for step in flight["steps"]] == ["step 1", "step 2"]
+    assert flight["origin"] == {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488}
+    assert flight["legs"][-1]["points"][-1][1:] == [30, 40, -15]
+
+
+def test_a_plan_becomes_a_mission_and_says_what_is_left_out(client):
+    rally = {**PLAN, "rally_points": [{"lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M}]}
+    made = client.post("plans/convert", json={"plan": rally, "name": "Mast"}).json()
+    assert [step["step"] for step in made["plan"]["steps"]] == ["take_off", "fly", "land"]
+    assert made["plan"]["name"] == "Mast"
+    assert "Rally points are left out" in made["notes"][0]
+    refused = client.post("plans/convert", json={"plan": {"items": []}, "name": "Mast"})
+    assert (refused.status_code, refused.json()["field"]) == (422, "plan")
+
+
+def test_a_mission_goes_out_as_yaml_and_comes_back(client):
+    written = client.post("plans/export", params={"format": "yaml"}, json={"plan": MISSION})
+    assert written.text.startswith("format: offboard-gcs-mission")
+    read = client.post("plans/import", params={"filename": "a.yaml"}, content=written.content).json()
+    assert (read["format"], read["kind"], read["plan"]["name"]) == (
+        "yaml",
+        "offboard_mission",
+        "Its own name",
+    )
+    refused = client.post("plans/export", params={"format": "kml"}, json={"plan": MISSION})
+    assert "Write it as yaml or json" in json.dumps(refused.json())
+    line = client.post(
+        "plans/import", params={"filename": "a.yaml"}, content=b"name: a\nsteps:\n- step: jump\n"
+    )
+    assert "line 3, step 1" in line.json()["detail"]
+
+
+def test_the_schema_of_both_documents_is_published(client):
+    mission = client.get("plans/schema/offboard_mission").json()
+    assert {"TakeOff", "Helix", "Branch"} <= set(mission["$defs"])
+    assert "RallyPoint" in client.get("plans/schema/waypoint_plan").json()["$defs"]
+    assert client.get("plans/schema/other").status_code == 422

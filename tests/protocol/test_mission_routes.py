@@ -9,6 +9,8 @@ import pytest
 from gcs_server.api import control_routes, mission_models, mission_routes, operation_routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused, Rejected
 from gcs_server.plans.store import PlanStore
+from missions.offboard.document import OffboardMission
+from missions.offboard.steps import Land
 from tests.protocol.api_calls import ANNA, BOB, MISSION, lines, station_of, view
 from tests.protocol.mission_world import MissionPilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
@@ -247,5 +249,16 @@ def test_an_operation_of_a_lost_vehicle_fails_in_words(jump, tmp_path):
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert "lost" in str(result)
         assert at.vehicle.mission.doing is None
+
+    story(jump, tmp_path, work)
+
+
+def test_an_offboard_mission_is_not_uploaded(jump, tmp_path):
+    async def work(at):
+        mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
+        kept = await at.station.plans.create("Mast", mission, by=("anna", "key"))
+        body = mission_models.UploadRequest.model_validate({"plan_id": kept.id})
+        with pytest.raises(InvalidRequest, match="the server flies it"):
+            await mission_routes.upload("1", body, at.station, ANNA)
 
     story(jump, tmp_path, work)

@@ -1,15 +1,18 @@
 """A file is read by what it holds, whatever it is called."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from missions.errors import PlanError
 from missions.formats import any_format
 from missions.formats.results import ImportOptions
+from missions.offboard.reader import read
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition
 
+TOWER = Path(__file__).parents[3] / "missions" / "examples" / "tower_inspection.yaml"
 AT_20_M = {"value_m": 20.0, "reference": "home"}
 PLAN = Plan.model_validate_json(
     json.dumps(
@@ -25,7 +28,7 @@ PLAN = Plan.model_validate_json(
 )
 
 
-@pytest.mark.parametrize("name", any_format.FORMATS)
+@pytest.mark.parametrize("name", [name for name in any_format.FORMATS if name != "yaml"])
 def test_every_format_is_recognised_by_its_content_and_gives_the_items_back(name):
     data = any_format.write(name, PLAN).data
     filename = "plan.csv" if name == "csv" else "renamed.bin"
@@ -33,6 +36,25 @@ def test_every_format_is_recognised_by_its_content_and_gives_the_items_back(name
     read = any_format.read(name, data, ImportOptions()).plan
     assert [item.kind for item in read.items] == ["takeoff", "waypoint", "return_home"]
     assert read.items[1].lat_deg == pytest.approx(47.401, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", any_format.MISSION_FORMATS)
+def test_a_mission_is_recognised_by_its_content_and_comes_back_the_same(name):
+    mission = read(TOWER.read_bytes())
+    data = any_format.write(name, mission).data
+    assert any_format.recognise(data, "renamed.bin") == name
+    assert any_format.read(name, data).plan == mission
+
+
+def test_a_format_that_cannot_hold_this_kind_of_plan_says_which_can():
+    with pytest.raises(PlanError, match="Write it as yaml or json"):
+        any_format.write("kml", read(TOWER.read_bytes()))
+    with pytest.raises(PlanError, match="make an offboard mission of it first"):
+        any_format.write("yaml", PLAN)
+
+
+def test_comments_that_are_lost_are_said():
+    assert "comments" in any_format.read("yaml", TOWER.read_bytes()).notes[0]
 
 
 def test_our_own_document_comes_back_the_same():

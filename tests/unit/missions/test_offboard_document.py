@@ -7,14 +7,15 @@ import json
 import time
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from missions.errors import PlanError
 from missions.offboard import document
 from missions.offboard.document import OffboardMission
-from missions.offboard.reader import MAX_VALUES, read
+from missions.offboard.reader import MAX_VALUES, read, read_json
 from missions.offboard.steps import FlyPoint, Hold, MissionStep, Orbit
+from missions.offboard.writer import write_yaml
 
 HEAD = "name: Test\nsteps:\n"
 LAND_ONLY = "  - {step: land}\n"
@@ -153,3 +154,49 @@ def test_a_place_is_said_in_one_way() -> None:
 def test_a_mission_made_in_python_is_that_of_the_file() -> None:
     made = OffboardMission(name="Test", steps=(Hold(duration_s=2.0),), missions={})
     assert read(HEAD + "  - {step: hold, duration_s: 2}") == made
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.text(min_size=1, max_size=100), st.floats(-1e4, 1e4), st.floats(0.0, 86_400.0))
+@example("1e5", 0.1, 0.0)
+@example("Null", -0.0, 1.0)
+@example("a: b\n # c \n", 1e-7, 2.0)
+def test_yaml_that_is_written_is_read_as_the_same_mission(text: str, metres: float, seconds: float) -> None:
+    try:
+        made = read_json(
+            json.dumps(
+                {
+                    "name": text,
+                    "steps": [
+                        {"step": "hold", "name": text, "duration_s": seconds},
+                        {"step": "fly", "points": [{"offset_ned_m": [metres, 0, -metres]}]},
+                        {"step": "call", "mission": text},
+                    ],
+                    "missions": {text: [{"step": "land"}]},
+                    "tables": {text: text},
+                }
+            )
+        )
+    except PlanError:
+        return  # no text that a document can hold
+    assert read(write_yaml(made)) == made
+
+
+def test_yaml_says_what_happens_when_something_goes_wrong_and_leaves_other_defaults_out() -> None:
+    written = write_yaml(read(HEAD + "  - {step: photo}\n")).decode()
+    assert "link_loss: hold" in written
+    assert "count" not in written
+
+
+def test_a_mistake_in_json_names_step_and_field() -> None:
+    steps = [{"step": "repeat", "times": 2, "steps": [{"step": "hold", "duration_s": -1}]}]
+    with pytest.raises(PlanError) as caught:
+        read_json(json.dumps({"name": "a", "steps": steps}))
+    assert caught.value.place == "step 1.1, field duration_s"
+    with pytest.raises(PlanError, match="no such mission"):
+        read_json(json.dumps({"name": "a", "steps": [{"step": "call", "mission": "b"}]}))
+    deep: dict[str, object] = {"step": "land"}
+    for _ in range(12):
+        deep = {"step": "repeat", "times": 1, "steps": [deep]}
+    with pytest.raises(PlanError, match="nested deeper"):
+        read_json(json.dumps({"name": "a", "steps": [deep]}))

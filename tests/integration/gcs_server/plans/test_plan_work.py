@@ -27,7 +27,13 @@ def run(story):
 
 
 def test_a_process_answers_what_a_thread_answers():
-    arguments = {"plan": plan_text(400), "parameters": {"MPC_XY_CRUISE": 3.0}, "home": None}
+    arguments = {
+        "plan": plan_text(400),
+        "parameters": {"MPC_XY_CRUISE": 3.0},
+        "home": None,
+        "origin": None,
+        "power": None,
+    }
 
     async def story(plan_work):
         return [await plan_work.run("check", arguments, small=small) for small in (True, False)]
@@ -76,7 +82,11 @@ def test_no_more_wait_than_there_is_room_for(monkeypatch):
         ended = await asyncio.gather(*waiting, return_exceptions=True)
         assert all(isinstance(each, asyncio.CancelledError) for each in ended)
         with pytest.raises(InvalidRequest):  # there is room again
-            await plan_work.run("check", {"plan": "[]", "parameters": {}, "home": None}, small=True)
+            await plan_work.run(
+                "check",
+                {"plan": "[]", "parameters": {}, "home": None, "origin": None, "power": None},
+                small=True,
+            )
 
     run(story)
 

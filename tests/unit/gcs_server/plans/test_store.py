@@ -180,3 +180,18 @@ def test_a_folder_that_cannot_be_made_is_an_error_in_words(tmp_path):
             await at.store.create("Tower", plan(), by=ANNA)
 
     story(tmp_path, work)
+
+
+def test_a_version_from_before_there_were_missions_is_a_waypoint_plan(tmp_path):
+    async def work(at):
+        kept = await at.store.create("Tower", plan(), by=ANNA)
+        file = at.folder / kept.id / "00000001.plan"
+        head, _, document = file.read_bytes().partition(b"\n")
+        fields = json.loads(head)
+        assert fields.pop("kind") == "waypoint_plan"
+        file.write_bytes(json.dumps(fields).encode() + b"\n" + document)
+        again = PlanStore(at.folder, Clock())
+        assert [head.kind for head in await again.all()] == ["waypoint_plan"]
+        again.close()
+
+    story(tmp_path, work)

@@ -1,0 +1,89 @@
+"""What the server knows of a vehicle that counts for a plan, and the check of a plan by it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from gcs_server.api.station import Station
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.vehicle.samples import Home
+from gcs_server.vehicle.vehicle import Vehicle
+from missions import documents
+from missions.documents import Document
+from missions.offboard.document import OffboardMission
+from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
+from missions.vehicle import PARAMETERS
+
+SMALL_ITEMS = 300
+"""Items and corners of a plan that a thread checks or writes within some 30 ms; larger ones get a process."""
+SMALL_MISSION_BYTES = 8_192
+"""Of a mission that a thread writes; checking one takes a process always."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What counts for a plan; empty without a vehicle."""
+
+    parameters: dict[str, float] = field(default_factory=dict[str, float])
+    """PX4's names."""
+    home: dict[str, float] | None = None
+    """`lat_deg`, `lon_deg`, `alt_amsl_m`."""
+    origin: dict[str, float] | None = None
+    """Of the local frame, the same keys."""
+    not_known: tuple[str, ...] = ()
+    """Sentences."""
+
+
+async def check_document(
+    station: Station, document: Document, vehicle: Vehicle | None, power: dict[str, float] | None = None
+) -> dict[str, Any]:
+    """Findings and estimates of a plan, by what is known of a vehicle; as `PlanCheck`."""
+    known = known_of(vehicle)
+    arguments = {
+        "plan": text_of(document),
+        "parameters": known.parameters,
+        "home": known.home,
+        "origin": known.origin,
+        "power": power,
+    }
+    small = not isinstance(document, OffboardMission) and is_small(document)
+    found = await station.plan_work.run("check", arguments, small=small)
+    return {**found, "vehicle": None if vehicle is None else vehicle.id, "not_known": known.not_known}
+
+
+def text_of(document: Document) -> str:
+    """As JSON, for the work on it."""
+    return documents.write(document).decode()
+
+
+def is_small(document: Document) -> bool:
+    """Whether a thread may work on it; what takes longer gets a process."""
+    if isinstance(document, OffboardMission):
+        return len(documents.write(document)) <= SMALL_MISSION_BYTES
+    corners = sum(len(zone.polygon) for zone in document.fence if zone.shape == "polygon")
+    weight = documents.count(document) + corners + len(document.fence) + len(document.rally_points)
+    return weight <= SMALL_ITEMS
+
+
+def known_of(vehicle: Vehicle | None) -> Known:
+    """What the server has heard of a vehicle."""
+    if vehicle is None:
+        return Known()
+    not_known: list[str] = []
+    found = {name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}}
+    parameters = {name: float(param.value) for name, param in found.items() if param is not None}
+    if not parameters:
+        not_known.append(
+            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults were taken."
+        )
+    elif missing := sorted(name for name in found if name not in parameters):
+        not_known.append(f"Not known, PX4's defaults were taken: {', '.join(missing)}.")
+    sample = vehicle.topic("home")
+    if sample is None:
+        not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's own was taken.")
+        return Known(parameters, not_known=tuple(not_known))
+    assert isinstance(sample.value, Home)
+    home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
+    origin = VehicleEstimates(vehicle).origin()
+    return Known(parameters, home, None if origin is None else asdict(origin), tuple(not_known))

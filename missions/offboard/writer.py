@@ -1,0 +1,68 @@
+"""Writes an offboard mission as YAML for people: what has its default value is left out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from missions.offboard.document import Actions, OffboardMission
+from missions.offboard.reader import is_text
+from missions.values import Model
+
+FIRST = ("format", "version", "step", "shape", "inclusion")
+"""Written first, and though they have defaults: they say what something is."""
+
+
+def write_yaml(mission: OffboardMission) -> bytes:
+    """The mission as YAML, UTF-8; `reader.read` gives the same mission."""
+    text = yaml.dump(
+        _plain(mission),
+        Dumper=_Dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=None,
+        width=120,
+    )
+    return text.encode()
+
+
+def _plain(value: Any) -> Any:
+    """Mappings, lists, texts and numbers; whole numbers without a point."""
+    if isinstance(value, Model):
+        fields = type(value).model_fields
+        return {
+            name: _plain(each)
+            for name, each in sorted(value, key=lambda pair: pair[0] not in FIRST)
+            if each is not None
+            and (
+                name in (*FIRST, "actions")
+                or isinstance(value, Actions)  # what happens when something goes wrong is always to be read
+                or each != fields[name].get_default(call_default_factory=True)
+            )
+        }
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return int(value)
+    return value
+
+
+class _Dumper(yaml.SafeDumper):
+    """Without anchors, and with quotes around texts that the reader would take for a number or a word."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Never an anchor: the reader refuses them."""
+        return True
+
+
+def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
+    style = None if is_text(text) else '"'
+    if "\n" in text:
+        style = "|" if not any(line.endswith((" ", "\r")) for line in text.split("\n")) else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)

@@ -1,0 +1,79 @@
+"""A mission as it is drawn before the flight: legs that join, and times that add up."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+
+from missions.offboard import samples
+from missions.offboard.compiler import compile_mission
+from missions.offboard.reader import read
+from tests.support.offboard_missions import DOWN, UP, flown, mission, timeline
+
+START = (0.0, 0.0, 0.0)
+ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns: 3"
+
+
+def test_legs_join_each_other_and_steps_add_up_to_the_flight() -> None:
+    found = timeline(
+        flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
+    )
+    legs = samples.legs(found, START)
+    assert (legs[0].points[0], legs[0].title) == ((0.0, 0.0, 0.0, 0.0), "Take off")
+    for before, after in itertools.pairwise(legs):
+        assert before.points[-1][1:] == pytest.approx(after.points[0][1:], abs=2e-3)
+        assert before.start_s + before.duration_s == pytest.approx(after.start_s)
+    steps = samples.step_times(found)
+    assert [step.place for step in steps] == [f"step {k}" for k in range(1, 6)]
+    assert sum(step.duration_s for step in steps) == pytest.approx(found.duration_s)
+    assert sum(step.length_m for step in steps) == pytest.approx(found.length_m)
+    assert [step.photos for step in steps] == [0, 0, 0, 3, 0]
+
+
+def test_a_repeated_step_is_one_whose_time_is_that_of_all_rounds() -> None:
+    found = timeline(UP + "- {step: repeat, times: 3, steps: [{step: hold, duration_s: 5}]}\n" + DOWN)
+    step = samples.step_times(found)[1]
+    assert (step.place, step.duration_s) == ("step 2.1", 15.0)
+
+
+def test_after_a_branch_both_ways_are_drawn_and_the_longer_one_is_timed() -> None:
+    branch = (
+        "- {step: branch, condition: {value: battery_share, above: 0.5}, then: [], "
+        "otherwise: [{step: fly, points: [{offset_ned_m: [0, 50, -10]}]}]}\n"
+    )
+    found = timeline(UP + branch + DOWN)
+    legs = samples.legs(found, START)
+    assert [(leg.place, leg.main) for leg in legs] == [
+        ("step 1", True),
+        ("step 3", False),
+        ("step 2 otherwise 1", True),
+        ("step 3", True),
+    ]
+    assert legs[1].points[0][1:] == legs[2].points[0][1:] == (0.0, 0.0, -10.0), "both begin at the branch"
+    assert [step.place for step in samples.step_times(found)] == ["step 1", "step 2 otherwise 1", "step 3"]
+
+
+def test_a_long_mission_is_sampled_farther_apart() -> None:
+    found = compile_mission(mission(flown(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
+    points = sum(len(leg.points) for leg in samples.legs(found, START))
+    assert points <= samples.MAX_POINTS
+    assert found.duration_s / samples.SPACING_S > samples.MAX_POINTS
+    assert all(
+        math.isfinite(value) for leg in samples.legs(found, START) for row in leg.points for value in row
+    )
+
+
+def test_a_landing_after_a_branch_is_checked_where_it_is() -> None:
+    """The straight way from start to landing leads through what the fence excludes; the path does not."""
+    point = "{{offset_ned_m: [{}, {}, -10]}}"
+    places = ", ".join(point.format(*at) for at in ((30, 0), (30, 45), (0, 45)))
+    way = f"[{{step: fly, points: [{places}]}}]"
+    condition = "{value: wind_speed_m_s, below: 9}"
+    text = (
+        "name: a\nhome: {lat_deg: 47.0, lon_deg: 8.0, alt_amsl_m: 480}\n"
+        "fence: [{shape: circle, inclusion: false, center: {lat_deg: 47.0, lon_deg: 8.0003}, radius_m: 3}]\n"
+        f"steps:\n{UP}- {{step: branch, condition: {condition}, then: {way}, otherwise: {way}}}\n{DOWN}"
+    )
+    assert compile_mission(read(text)).findings == ()
