@@ -114,7 +114,7 @@ class PlanToConvert(StrictBody):
     plan: PlanBody
     name: Name
     vehicle: str | None = Field(
-        default=None, max_length=32, description="For this vehicle's parameters, as far as known."
+        default=None, max_length=32, description="For this vehicle's parameters and home, as far as known."
     )
 
 

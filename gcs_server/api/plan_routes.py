@@ -73,10 +73,14 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
 
 @router.post("/convert", response_model=m.ConvertedPlan)
 async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
-    """The offboard mission that flies a waypoint plan by setpoints. Saves nothing."""
+    """The offboard mission that flies a waypoint plan by setpoints. Saves nothing.
+
+    With `vehicle` by its parameters, and from its home where the plan has none.
+    """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    parameters = known_of(vehicle).parameters
-    arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": parameters}
+    known = known_of(vehicle)
+    home = known.home if body.plan.planned_home is None else None
+    arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": known.parameters, "home": home}
     found = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
     return answer({**found, "plan": Raw(found["plan"].encode())})
 

@@ -346,9 +346,23 @@ class SyncPlans:
         """Deletes a plan with all its versions; raises as `save`."""
         self._portal.call(lambda: self._inner.delete(plan_id, base_version=base_version))
 
-    def check(self, plan: Plan, *, vehicle_id: str | None = None) -> dict[str, Any]:
-        """`findings` and `estimates`; with a vehicle by its parameters and home, as far as they are known."""
-        return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id))
+    def check(
+        self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
+    ) -> dict[str, Any]:
+        """`findings`, `estimates` and of an offboard mission `flight`: its path, what each step takes.
+
+        With a vehicle by its parameters and home, as far as they are known; with `power` (`hover_power_w`,
+        `battery_wh`, `mass_kg`) also its energy.
+        """
+        return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id, power=power))
+
+    def convert(self, plan: Plan, name: str, *, vehicle_id: str | None = None) -> dict[str, Any]:
+        """The offboard mission (`plan`) that flies a waypoint plan, and `notes`; saves nothing."""
+        return self._portal.call(lambda: self._inner.convert(plan, name, vehicle_id=vehicle_id))
+
+    def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
+        """The JSON Schema of `offboard_mission` or `waypoint_plan` documents."""
+        return self._portal.call(lambda: self._inner.schema(kind))
 
     def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
         """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
@@ -358,7 +372,10 @@ class SyncPlans:
         return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
 
     def write_file(self, plan: Plan, format: str) -> bytes:
-        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`."""
+        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`.
+
+        An offboard mission: `yaml` or `json`.
+        """
         return self._portal.call(lambda: self._inner.write_file(plan, format))
 
     def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:

@@ -160,11 +160,14 @@ def _pattern(arguments: Mapping[str, Any]) -> Values:
 
 
 def _convert(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `name`, `parameters`."""
+    """`plan` (JSON text), `name`, `parameters`, `home` (of the vehicle, null: the plan's own)."""
     from missions.offboard.from_plan import from_plan
 
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
-    made = from_plan(plan_document.read(arguments["plan"]), arguments["name"], vehicle)
+    plan = plan_document.read(arguments["plan"])
+    if arguments["home"] is not None:
+        plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
+    made = from_plan(plan, arguments["name"], vehicle)
     return {"plan": documents.write(made.mission).decode(), "notes": list(made.notes)}
 
 

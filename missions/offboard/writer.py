@@ -59,9 +59,13 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
-    style = None if is_text(text) else '"'
-    if "\n" in text:
-        style = "|" if not any(line.endswith((" ", "\r")) for line in text.split("\n")) else '"'
+    lines = text.split("\n")
+    plain = all(line.isprintable() and line == line.strip() for line in lines)
+    style = '"'
+    if plain and len(lines) > 1:
+        style = "|"
+    elif plain and is_text(text):
+        style = None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 

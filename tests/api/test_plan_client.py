@@ -15,6 +15,7 @@ from tests.protocol.mission_world import MissionPilot
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {"kind": "return_home"}]}
 
 
@@ -67,7 +68,7 @@ def test_plans_are_kept_changed_checked_written_and_read(tmp_path):
         file = await plans.write_file(PLAN, "kml")
         read = await plans.read_file(file, "a.kml")
         assert len(read["plan"]["items"]) == 3
-        made = await plans.convert(PLAN, "Mast")
+        made = await plans.convert({**PLAN, "planned_home": HOME}, "Mast")
         assert (await plans.check(made["plan"]))["flight"]["steps"][0]["place"] == "step 1"
         assert b"step: take_off" in await plans.write_file(made["plan"], "yaml")
         assert "OffboardMission" in (await plans.schema())["title"]

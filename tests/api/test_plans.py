@@ -247,7 +247,7 @@ def test_a_mission_is_checked_with_findings_at_its_steps_times_and_a_path_to_dra
 def test_a_plan_becomes_a_mission_and_says_what_is_left_out(client):
     rally = {**PLAN, "rally_points": [{"lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M}]}
     made = client.post("plans/convert", json={"plan": rally, "name": "Mast"}).json()
-    assert [step["step"] for step in made["plan"]["steps"]] == ["take_off", "fly", "land"]
+    assert [step["step"] for step in made["plan"]["steps"]] == ["take_off", "fly", "fly", "land"]
     assert made["plan"]["name"] == "Mast"
     assert "Rally points are left out" in made["notes"][0]
     refused = client.post("plans/convert", json={"plan": {"items": []}, "name": "Mast"})

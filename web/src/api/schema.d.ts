@@ -1353,9 +1353,52 @@ export interface paths {
          * @description What is wrong with a plan, as findings, and what its flight takes; changes nothing.
          *
          *     With `vehicle`, its parameters and its home count, as far as the server knows them; `not_known` says what
-         *     it does not know, and PX4's defaults and the plan's own home are taken instead.
+         *     it does not know, and PX4's defaults and the plan's own home are taken instead. An offboard mission is
+         *     compiled for a start on the ground at home; `flight` is its path and what each step takes.
          */
         post: operations["check_plan_api_v1_plans_check_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/convert": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Convert Plan
+         * @description The offboard mission that flies a waypoint plan by setpoints. Saves nothing.
+         *
+         *     With `vehicle` by its parameters, and from its home where the plan has none.
+         */
+        post: operations["convert_plan_api_v1_plans_convert_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/plans/schema/{kind}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Plan Schema
+         * @description The JSON Schema of the documents of a kind.
+         */
+        get: operations["plan_schema_api_v1_plans_schema__kind__get"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -1373,7 +1416,7 @@ export interface paths {
         put?: never;
         /**
          * Import Plan
-         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ or our own JSON. Saves nothing.
+         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, our own JSON, or YAML. Saves nothing.
          *
          *     The body is the file as it is.
          */
@@ -1720,6 +1763,33 @@ export interface components {
             ];
         };
         /**
+         * Actions
+         * @description What the runner does when something goes wrong; the vehicle's own failsafes stay above it.
+         */
+        Actions: {
+            /**
+             * Failure
+             * @description A step cannot be flown.
+             * @default hold
+             * @enum {string}
+             */
+            failure: "continue" | "hold" | "return" | "land";
+            /**
+             * Low Battery
+             * @description Low battery.
+             * @default return
+             * @enum {string}
+             */
+            low_battery: "continue" | "hold" | "return" | "land";
+            /**
+             * Link Loss
+             * @description The server loses the link to the vehicle and finds it again.
+             * @default hold
+             * @enum {string}
+             */
+            link_loss: "continue" | "hold" | "return" | "land";
+        };
+        /**
          * ActuatorsOrder
          * @description Motors and servos; refused on MAVLink links.
          * @example {
@@ -2033,6 +2103,49 @@ export interface components {
             thrust: number;
         };
         /**
+         * AttitudeStep
+         * @description An attitude with thrust for a short time: nothing holds position or height meanwhile.
+         */
+        AttitudeStep: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "attitude";
+            /**
+             * Roll Rad
+             * @description Roll [rad].
+             * @default 0
+             */
+            roll_rad: number;
+            /**
+             * Pitch Rad
+             * @description Pitch [rad].
+             * @default 0
+             */
+            pitch_rad: number;
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Thrust
+             * @description Thrust.
+             */
+            thrust: number;
+            /**
+             * Duration S
+             * @description Duration [s].
+             */
+            duration_s: number;
+        };
+        /**
          * Available
          * @description Whether a type of setpoint can be flown now.
          */
@@ -2157,6 +2270,96 @@ export interface components {
             received_unix_s: number;
             /** @description The sample itself. */
             value: components["schemas"]["Battery"];
+        };
+        /**
+         * Bounds
+         * @description Lower limits for this mission than the vehicle's own.
+         */
+        Bounds: {
+            /**
+             * Speed M S
+             * @description Speed [m/s].
+             */
+            speed_m_s?: number | null;
+            /**
+             * Climb M S
+             * @description Climb [m/s].
+             */
+            climb_m_s?: number | null;
+            /**
+             * Descent M S
+             * @description Descent [m/s].
+             */
+            descent_m_s?: number | null;
+            /**
+             * Acceleration M S2
+             * @description Acceleration [m/s²].
+             */
+            acceleration_m_s2?: number | null;
+            /**
+             * Jerk M S3
+             * @description Jerk m s3.
+             */
+            jerk_m_s3?: number | null;
+            /**
+             * Tilt Rad
+             * @description Tilt [rad].
+             */
+            tilt_rad?: number | null;
+            /**
+             * Yaw Rate Rad S
+             * @description Yaw rate [rad/s].
+             */
+            yaw_rate_rad_s?: number | null;
+        };
+        /**
+         * Branch
+         * @description One list of steps or another, decided when it is reached; an unknown value counts as false.
+         */
+        Branch: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "branch";
+            condition: components["schemas"]["Condition"];
+            /**
+             * Then
+             * @description Then.
+             */
+            then: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            /**
+             * Otherwise
+             * @description Otherwise.
+             * @default []
+             */
+            otherwise: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+        };
+        /**
+         * Call
+         * @description The steps of another mission of the document's `missions`.
+         */
+        Call: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "call";
+            /**
+             * Mission
+             * @description Mission.
+             */
+            mission: string;
         };
         /**
          * CameraFocus
@@ -2389,8 +2592,11 @@ export interface components {
              * @description What people call it.
              */
             name: string;
-            /** @description The plan's document (docs/missions.md). */
-            plan: components["schemas"]["Plan"];
+            /**
+             * Plan
+             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             */
+            plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Base Version
              * @description The version that was changed: the newest one, else 409.
@@ -2516,12 +2722,40 @@ export interface components {
              * @description Items.
              * @default []
              */
-            items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
+            items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
             /**
              * Original
              * @description JSON text of the complex item in the file.
              */
             original: string;
+        };
+        /**
+         * Condition
+         * @description A value that is above or below a bound, and stays so for a time.
+         */
+        Condition: {
+            /**
+             * Value
+             * @description `battery_share` is 0 to 1, `distance_m` the distance sensor's.
+             * @enum {string}
+             */
+            value: "battery_share" | "wind_speed_m_s" | "ground_speed_m_s" | "distance_m" | "satellites" | "horizontal_error_m";
+            /**
+             * Above
+             * @description Above.
+             */
+            above?: number | null;
+            /**
+             * Below
+             * @description Below.
+             */
+            below?: number | null;
+            /**
+             * For S
+             * @description For [s].
+             * @default 0
+             */
+            for_s: number;
         };
         /**
          * Control
@@ -2725,6 +2959,19 @@ export interface components {
              * @description The caller's key.
              */
             your_key: string;
+        };
+        /**
+         * ConvertedPlan
+         * @description An offboard mission made of a waypoint plan; nothing is saved.
+         */
+        ConvertedPlan: {
+            /** @description The mission. */
+            plan: components["schemas"]["OffboardMission"];
+            /**
+             * Notes
+             * @description What the plan had and the mission has not; sentences.
+             */
+            notes: string[];
         };
         /**
          * CorridorPattern
@@ -3174,6 +3421,69 @@ export interface components {
             message: string;
         };
         /**
+         * FigureEight
+         * @description A figure-eight through its centre.
+         */
+        FigureEight: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * Speed M S
+             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             */
+            speed_m_s?: number | null;
+            /**
+             * Heading
+             * @description Heading.
+             * @default keep
+             * @enum {string}
+             */
+            heading: "keep" | "along_path";
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /** @description Look at. */
+            look_at?: components["schemas"]["Place"] | null;
+            /**
+             * Photo Every M
+             * @description Photo every [m].
+             */
+            photo_every_m?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "figure_eight";
+            center: components["schemas"]["Place"];
+            /**
+             * Length M
+             * @description From tip to tip.
+             */
+            length_m: number;
+            /**
+             * Width M
+             * @description Of each loop.
+             */
+            width_m: number;
+            /**
+             * Rounds
+             * @description Rounds.
+             * @default 1
+             */
+            rounds: number;
+            /**
+             * Axis Ned Rad
+             * @description Direction of its length, clockwise from north.
+             * @default 0
+             */
+            axis_ned_rad: number;
+        };
+        /**
          * FindingModel
          * @description One thing that is wrong with a plan.
          */
@@ -3223,6 +3533,130 @@ export interface components {
              * @description Index in `rally_points`.
              */
             rally_point: number | null;
+            /**
+             * Step
+             * @description Step of an offboard mission: `step 3`, `step 4.2`.
+             */
+            step: string | null;
+        };
+        /**
+         * Fly
+         * @description Fly through points: on straight legs with bends, or exactly through them on a smooth curve.
+         */
+        Fly: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * Speed M S
+             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             */
+            speed_m_s?: number | null;
+            /**
+             * Heading
+             * @description Heading.
+             * @default keep
+             * @enum {string}
+             */
+            heading: "keep" | "along_path";
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /** @description Look at. */
+            look_at?: components["schemas"]["Place"] | null;
+            /**
+             * Photo Every M
+             * @description Photo every [m].
+             */
+            photo_every_m?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "fly";
+            /**
+             * Points
+             * @description Points.
+             */
+            points: components["schemas"]["FlyPoint"][];
+            /**
+             * Curve
+             * @description Curve.
+             * @default straight
+             * @enum {string}
+             */
+            curve: "straight" | "smooth";
+        };
+        /**
+         * FlyPoint
+         * @description A point to fly through.
+         */
+        FlyPoint: {
+            /**
+             * Position Ned M
+             * @description From the vehicle's local origin.
+             */
+            position_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Offset Ned M
+             * @description From where the mission starts.
+             */
+            offset_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
+            lat_deg?: number | null;
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
+            lon_deg?: number | null;
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
+            alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Alt home (above home) [m].
+             */
+            alt_home_m?: number | null;
+            /**
+             * Yaw Ned Rad
+             * @description The heading there; between points with one it turns evenly.
+             */
+            yaw_ned_rad?: number | null;
+            /**
+             * Stop
+             * @description Stop.
+             * @default false
+             */
+            stop: boolean;
+            /**
+             * Hold S
+             * @description Wait there; it stops for that.
+             * @default 0
+             */
+            hold_s: number;
+            /**
+             * Corner M
+             * @description How far from the point a bend between straight legs may pass.
+             * @default 1
+             */
+            corner_m: number;
         };
         /**
          * FollowOrder
@@ -3394,98 +3828,6 @@ export interface components {
              * @default 0
              */
             use_altitude: number | null;
-        };
-        /**
-         * Gimbal
-         * @description The gimbal as its manager and device report it (281, 285, 265, 280).
-         */
-        Gimbal: {
-            /**
-             * Gimbal Device Id
-             * @description Gimbal device id.
-             */
-            gimbal_device_id: number;
-            /**
-             * Roll Rad
-             * @description Roll [rad].
-             */
-            roll_rad: number;
-            /**
-             * Pitch Rad
-             * @description Pitch [rad].
-             */
-            pitch_rad: number;
-            /**
-             * Yaw Frd Rad
-             * @description Relative to the vehicle's heading.
-             */
-            yaw_frd_rad: number | null;
-            /**
-             * Yaw Ned Rad
-             * @description Relative to north.
-             */
-            yaw_ned_rad: number | null;
-            /**
-             * Q
-             * @description As the device sent it; its yaw is in the frame that `yaw_in_earth_frame` says.
-             */
-            q: [
-                number,
-                number,
-                number,
-                number
-            ];
-            /**
-             * Yaw In Earth Frame
-             * @description Yaw in earth frame.
-             */
-            yaw_in_earth_frame: boolean;
-            /**
-             * Yaw Lock
-             * @description Yaw lock.
-             */
-            yaw_lock: boolean;
-            /**
-             * Primary Control
-             * @description (system id, component id) of who is in control; None when nobody is.
-             */
-            primary_control: [
-                number,
-                number
-            ] | null;
-            /**
-             * Secondary Control
-             * @description Secondary control.
-             */
-            secondary_control: [
-                number,
-                number
-            ] | null;
-            /**
-             * Flags
-             * @description GIMBAL_DEVICE_FLAGS.
-             */
-            flags: number;
-            /**
-             * Pitch Min Rad
-             * @description Pitch min [rad].
-             */
-            pitch_min_rad: number | null;
-            /**
-             * Pitch Max Rad
-             * @description Pitch max [rad].
-             */
-            pitch_max_rad: number | null;
-            /**
-             * Yaw Min Rad
-             * @description Yaw min [rad].
-             */
-            yaw_min_rad: number | null;
-            /**
-             * Yaw Max Rad
-             * @description Yaw max [rad].
-             */
-            yaw_max_rad: number | null;
         };
         /**
          * GimbalAngles
@@ -3773,7 +4115,7 @@ export interface components {
              */
             received_unix_s: number;
             /** @description The sample itself. */
-            value: components["schemas"]["Gimbal"];
+            value: components["schemas"]["gcs_server__api__reflect__Gimbal"];
         };
         /**
          * GimbalView
@@ -3798,7 +4140,7 @@ export interface components {
             /** @description The place this server asked it to look at; null: none, or ended since. */
             roi: components["schemas"]["Roi"] | null;
             /** @description State, limits, and who is in control. */
-            gimbal: components["schemas"]["Gimbal"] | null;
+            gimbal: components["schemas"]["gcs_server__api__reflect__Gimbal"] | null;
         };
         /**
          * GlobalPosition
@@ -4320,6 +4662,74 @@ export interface components {
             known_unix_s: number | null;
         };
         /**
+         * Helix
+         * @description Circles around a place while climbing; negative `climb_m` descends.
+         */
+        Helix: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * Speed M S
+             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             */
+            speed_m_s?: number | null;
+            /**
+             * Heading
+             * @description Heading.
+             * @default keep
+             * @enum {string}
+             */
+            heading: "keep" | "along_path";
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /** @description Look at. */
+            look_at?: components["schemas"]["Place"] | null;
+            /**
+             * Photo Every M
+             * @description Photo every [m].
+             */
+            photo_every_m?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "helix";
+            center: components["schemas"]["Place"];
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
+            radius_m: number;
+            /**
+             * Turns
+             * @description Turns.
+             * @default 1
+             */
+            turns: number;
+            /**
+             * Clockwise
+             * @description Clockwise.
+             * @default true
+             */
+            clockwise: boolean;
+            /**
+             * Start Angle Ned Rad
+             * @description Bearing of the start from the centre; None: the nearest point.
+             */
+            start_angle_ned_rad?: number | null;
+            /**
+             * Climb M
+             * @description Climb [m].
+             */
+            climb_m: number;
+        };
+        /**
          * History
          * @description The last minutes at up to 4 Hz, oldest first.
          */
@@ -4362,6 +4772,32 @@ export interface components {
             value: {
                 [key: string]: unknown;
             };
+        };
+        /**
+         * Hold
+         * @description Hold the position.
+         */
+        Hold: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "hold";
+            /**
+             * Duration S
+             * @description Duration [s].
+             */
+            duration_s: number;
+            /**
+             * Yaw Ned Rad
+             * @description Turn to it first; None keeps the heading.
+             */
+            yaw_ned_rad?: number | null;
         };
         /**
          * HoldOnExpiry
@@ -4580,9 +5016,18 @@ export interface components {
              * @description In which format the file is.
              * @enum {string}
              */
-            format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz";
-            /** @description The plan's document. */
-            plan: components["schemas"]["Plan"];
+            format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz" | "yaml";
+            /**
+             * Kind
+             * @description Which kind of plan it is.
+             * @enum {string}
+             */
+            kind: "waypoint_plan" | "offboard_mission";
+            /**
+             * Plan
+             * @description The plan's document.
+             */
+            plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Areas
              * @description Areas that are no part of the plan.
@@ -4731,11 +5176,20 @@ export interface components {
             changed_by: string;
             /**
              * Item Count
-             * @description Items of the mission as it is uploaded.
+             * @description Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included.
              */
             item_count: number;
-            /** @description The plan's document. */
-            plan: components["schemas"]["Plan"];
+            /**
+             * Kind
+             * @description Flown by the vehicle, or by the server's setpoints.
+             * @enum {string}
+             */
+            kind: "waypoint_plan" | "offboard_mission";
+            /**
+             * Plan
+             * @description The plan's document.
+             */
+            plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
         };
         /**
          * KillRequest
@@ -4750,65 +5204,6 @@ export interface components {
              * @description Exactly `motors stop, vehicle {id} falls`, with the vehicle's id.
              */
             confirm: string;
-        };
-        /**
-         * Land
-         * @description Fly to the place and land. `precision`: 0 off, 1 where a target is seen, 2 required.
-         */
-        Land: {
-            /**
-             * Autocontinue
-             * @description Go on to the next item when this one is done.
-             * @default true
-             */
-            autocontinue: boolean;
-            /**
-             * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
-             * @default []
-             */
-            spare_params: [
-                number,
-                number | null
-            ][];
-            /**
-             * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
-             */
-            original?: string | null;
-            /**
-             * Lat Deg
-             * @description Lat [deg].
-             */
-            lat_deg: number;
-            /**
-             * Lon Deg
-             * @description Lon [deg].
-             */
-            lon_deg: number;
-            altitude: components["schemas"]["Altitude"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            kind: "land";
-            /**
-             * Abort Altitude M
-             * @description Abort altitude [m].
-             * @default 0
-             */
-            abort_altitude_m: number | null;
-            /**
-             * Precision
-             * @description Precision.
-             * @default 0
-             */
-            precision: number | null;
-            /**
-             * Yaw Ned Deg
-             * @description Yaw ned (north, east, down of the local origin) [deg].
-             */
-            yaw_ned_deg?: number | null;
         };
         /**
          * LandNowRequest
@@ -5959,8 +6354,11 @@ export interface components {
              * @description What people call it.
              */
             name: string;
-            /** @description The plan's document (docs/missions.md). */
-            plan: components["schemas"]["Plan"];
+            /**
+             * Plan
+             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             */
+            plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
         };
         /**
          * Notice
@@ -6082,6 +6480,38 @@ export interface components {
             words: string;
         };
         /**
+         * OffboardFlight
+         * @description An offboard mission as it will be flown, from the ground at home.
+         */
+        OffboardFlight: {
+            /**
+             * Steps
+             * @description On the way that takes longest, in their order.
+             */
+            steps: components["schemas"]["PlanStepTime"][];
+            /**
+             * Legs
+             * @description The path, segment by segment, on all ways.
+             */
+            legs: components["schemas"]["PlanLeg"][];
+            /**
+             * Needs
+             * @description The estimates that the vehicle must have.
+             */
+            needs: string[];
+            /**
+             * Start Ned M
+             * @description Where it starts, from the local origin [m].
+             */
+            start_ned_m: [
+                number,
+                number,
+                number
+            ];
+            /** @description The local origin on the earth; null: neither vehicle nor mission says it. */
+            origin: components["schemas"]["PlanOrigin"] | null;
+        };
+        /**
          * OffboardLimits
          * @description What setpoints are held to.
          */
@@ -6092,6 +6522,71 @@ export interface components {
             operator: components["schemas"]["OperatorLimits"];
             /** @description Of the operator's. */
             origin: components["schemas"]["LimitsOrigin"];
+        };
+        /**
+         * OffboardMission
+         * @description A mission that the server flies by offboard setpoints.
+         */
+        OffboardMission: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            format: "offboard-gcs-mission";
+            /**
+             * Version
+             * @default 1
+             * @constant
+             */
+            version: 1;
+            /**
+             * Name
+             * @description Name.
+             */
+            name: string;
+            /**
+             * Description
+             * @description Description.
+             * @default
+             */
+            description: string;
+            /** @description Where it is planned to start, for planning without a vehicle. */
+            home?: components["schemas"]["HomePosition"] | null;
+            /** @default {} */
+            limits: components["schemas"]["Bounds"];
+            /**
+             * @default {
+             *       "failure": "hold",
+             *       "low_battery": "return",
+             *       "link_loss": "hold"
+             *     }
+             */
+            actions: components["schemas"]["Actions"];
+            /**
+             * Fence
+             * @description Fence.
+             * @default []
+             */
+            fence: (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
+            /**
+             * Steps
+             * @description Steps.
+             */
+            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            /**
+             * Missions
+             * @description Lists of steps that `call` names.
+             */
+            missions?: {
+                [key: string]: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            };
+            /**
+             * Tables
+             * @description Trajectories that `table` steps name, as the text of their CSV files.
+             */
+            tables?: {
+                [key: string]: string;
+            };
         };
         /**
          * OffboardStarted
@@ -6527,6 +7022,69 @@ export interface components {
              * @description An attitude that is sent turns by no more than this a second.
              */
             slew_attitude_rad_s: number | null;
+        };
+        /**
+         * Orbit
+         * @description Circles around a place, at its height.
+         */
+        Orbit: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * Speed M S
+             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             */
+            speed_m_s?: number | null;
+            /**
+             * Heading
+             * @description Heading.
+             * @default keep
+             * @enum {string}
+             */
+            heading: "keep" | "along_path";
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /** @description Look at. */
+            look_at?: components["schemas"]["Place"] | null;
+            /**
+             * Photo Every M
+             * @description Photo every [m].
+             */
+            photo_every_m?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "orbit";
+            center: components["schemas"]["Place"];
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
+            radius_m: number;
+            /**
+             * Turns
+             * @description Turns.
+             * @default 1
+             */
+            turns: number;
+            /**
+             * Clockwise
+             * @description Clockwise.
+             * @default true
+             */
+            clockwise: boolean;
+            /**
+             * Start Angle Ned Rad
+             * @description Bearing of the start from the centre; None: the nearest point.
+             */
+            start_angle_ned_rad?: number | null;
         };
         /**
          * OrbitPattern
@@ -7045,6 +7603,34 @@ export interface components {
             rounds: number;
         };
         /**
+         * Photo
+         * @description Take pictures while holding.
+         */
+        Photo: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "photo";
+            /**
+             * Count
+             * @description Count.
+             * @default 1
+             */
+            count: number;
+            /**
+             * Interval S
+             * @description Interval [s].
+             * @default 1
+             */
+            interval_s: number;
+        };
+        /**
          * PhotoCoverage
          * @description Pictures with overlaps at a distance to what they show.
          */
@@ -7161,14 +7747,57 @@ export interface components {
             camera: number | null;
         };
         /**
+         * Place
+         * @description A place, said in one of three ways: local, relative to the start of the mission, or on the earth.
+         */
+        Place: {
+            /**
+             * Position Ned M
+             * @description From the vehicle's local origin.
+             */
+            position_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Offset Ned M
+             * @description From where the mission starts.
+             */
+            offset_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
+            lat_deg?: number | null;
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
+            lon_deg?: number | null;
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
+            alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Alt home (above home) [m].
+             */
+            alt_home_m?: number | null;
+        };
+        /**
          * Plan
          * @description A waypoint plan, flown by PX4.
          */
         Plan: {
             /**
-             * Format
-             * @default offboard-gcs-plan
-             * @constant
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
              */
             format: "offboard-gcs-plan";
             /**
@@ -7194,7 +7823,7 @@ export interface components {
              * @description Items.
              * @default []
              */
-            items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"] | components["schemas"]["ComplexItem"])[];
+            items: (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"] | components["schemas"]["ComplexItem"])[];
             /**
              * Fence
              * @description Fence.
@@ -7219,12 +7848,20 @@ export interface components {
          */
         PlanCheck: {
             /**
+             * Kind
+             * @description Which kind of plan it is.
+             * @enum {string}
+             */
+            kind: "waypoint_plan" | "offboard_mission";
+            /**
              * Findings
              * @description In the order of the checks; empty: nothing is wrong.
              */
             findings: components["schemas"]["FindingModel"][];
             /** @description Of the whole flight. */
             estimates: components["schemas"]["PlanEstimates"];
+            /** @description Of an offboard mission. */
+            flight: components["schemas"]["OffboardFlight"] | null;
             /**
              * Vehicle
              * @description For which vehicle it was checked.
@@ -7315,6 +7952,47 @@ export interface components {
             known_altitudes: boolean;
         };
         /**
+         * PlanLeg
+         * @description One segment as a line.
+         */
+        PlanLeg: {
+            /**
+             * Place
+             * @description Which step: "step 3", "step 4.2".
+             */
+            place: string;
+            /**
+             * Title
+             * @description For people: the step's name, or what it is.
+             */
+            title: string;
+            /**
+             * Start S
+             * @description By plan.
+             */
+            start_s: number;
+            /**
+             * Duration S
+             * @description Duration [s].
+             */
+            duration_s: number;
+            /**
+             * Main
+             * @description On the way that takes longest; false: after a branch, on the other one.
+             */
+            main: boolean;
+            /**
+             * Points
+             * @description t_s since the leg began, and north, east, down of the local origin [m].
+             */
+            points: [
+                number,
+                number,
+                number,
+                number
+            ][];
+        };
+        /**
          * PlanList
          * @description All plans.
          */
@@ -7326,12 +8004,87 @@ export interface components {
             plans: components["schemas"]["PlanVersion"][];
         };
         /**
+         * PlanOrigin
+         * @description The zero of a local NED frame on the earth.
+         */
+        PlanOrigin: {
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
+            lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
+            lon_deg: number;
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
+            alt_amsl_m: number;
+        };
+        /**
+         * PlanStepTime
+         * @description What one step takes on the way that takes longest, its repeats together.
+         */
+        PlanStepTime: {
+            /**
+             * Place
+             * @description Place.
+             */
+            place: string;
+            /**
+             * Start S
+             * @description When it begins for the first time, by plan.
+             */
+            start_s: number;
+            /**
+             * Duration S
+             * @description Duration [s].
+             */
+            duration_s: number;
+            /**
+             * Length M
+             * @description Length [m].
+             */
+            length_m: number;
+            /**
+             * Photos
+             * @description Photos.
+             */
+            photos: number;
+        };
+        /**
          * PlanToCheck
          * @description What to check.
          */
         PlanToCheck: {
+            /**
+             * Plan
+             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             */
+            plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
+            /**
+             * Vehicle
+             * @description For this vehicle's parameters and home, as far as known.
+             */
+            vehicle?: string | null;
+            /** @description For the energy; null: neither energy nor endurance is checked. */
+            power?: components["schemas"]["Power"] | null;
+        };
+        /**
+         * PlanToConvert
+         * @description The waypoint plan to make an offboard mission of.
+         */
+        PlanToConvert: {
             /** @description The plan's document (docs/missions.md). */
             plan: components["schemas"]["Plan"];
+            /**
+             * Name
+             * @description What people call it.
+             */
+            name: string;
             /**
              * Vehicle
              * @description For this vehicle's parameters and home, as far as known.
@@ -7343,8 +8096,11 @@ export interface components {
          * @description What to write as a file.
          */
         PlanToExport: {
-            /** @description The plan's document (docs/missions.md). */
-            plan: components["schemas"]["Plan"];
+            /**
+             * Plan
+             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             */
+            plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
         };
         /**
          * PlanVersion
@@ -7378,9 +8134,15 @@ export interface components {
             changed_by: string;
             /**
              * Item Count
-             * @description Items of the mission as it is uploaded.
+             * @description Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included.
              */
             item_count: number;
+            /**
+             * Kind
+             * @description Flown by the vehicle, or by the server's setpoints.
+             * @enum {string}
+             */
+            kind: "waypoint_plan" | "offboard_mission";
         };
         /**
          * PlanVersions
@@ -7708,6 +8470,33 @@ export interface components {
                 number | null,
                 number | null
             ];
+        };
+        /**
+         * Power
+         * @description What a flight's energy is estimated from: constant power in flight, and the work of climbing.
+         */
+        Power: {
+            /**
+             * Hover Power W
+             * @description Electrical power to hover [W].
+             */
+            hover_power_w: number;
+            /**
+             * Battery Wh
+             * @description What the full battery gives [Wh].
+             */
+            battery_wh: number;
+            /**
+             * Mass Kg
+             * @description With battery and load [kg].
+             */
+            mass_kg: number;
+            /**
+             * Reserve
+             * @description Share of the battery that is not planned with.
+             * @default 0.2
+             */
+            reserve: number;
         };
         /**
          * Problem
@@ -8134,6 +8923,32 @@ export interface components {
              * @default false
              */
             wait: boolean;
+        };
+        /**
+         * Repeat
+         * @description The same steps several times.
+         */
+        Repeat: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "repeat";
+            /**
+             * Times
+             * @description Times.
+             */
+            times: number;
+            /**
+             * Steps
+             * @description Steps.
+             */
+            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
         };
         /**
          * Replay
@@ -8663,6 +9478,80 @@ export interface components {
             too_many_streams: number;
         };
         /**
+         * Spiral
+         * @description Circles that widen or narrow to `end_radius_m`.
+         */
+        Spiral: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * Speed M S
+             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             */
+            speed_m_s?: number | null;
+            /**
+             * Heading
+             * @description Heading.
+             * @default keep
+             * @enum {string}
+             */
+            heading: "keep" | "along_path";
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+            /** @description Look at. */
+            look_at?: components["schemas"]["Place"] | null;
+            /**
+             * Photo Every M
+             * @description Photo every [m].
+             */
+            photo_every_m?: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "spiral";
+            center: components["schemas"]["Place"];
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
+            radius_m: number;
+            /**
+             * Turns
+             * @description Turns.
+             * @default 1
+             */
+            turns: number;
+            /**
+             * Clockwise
+             * @description Clockwise.
+             * @default true
+             */
+            clockwise: boolean;
+            /**
+             * Start Angle Ned Rad
+             * @description Bearing of the start from the centre; None: the nearest point.
+             */
+            start_angle_ned_rad?: number | null;
+            /**
+             * End Radius M
+             * @description End radius [m].
+             */
+            end_radius_m: number;
+            /**
+             * Climb M
+             * @description Climb [m].
+             * @default 0
+             */
+            climb_m: number;
+        };
+        /**
          * StartGroup
          * @description Vehicles in flight that begin together at one instant and are kept apart.
          * @example {
@@ -9057,6 +9946,36 @@ export interface components {
             speed_m_s?: number | null;
         };
         /**
+         * Table
+         * @description A trajectory from a file, flown at its own times: CSV, or a NumPy array (.npy).
+         *
+         *     CSV columns: t_s, north_m, east_m, down_m, and yaw_ned_rad where wanted; a NumPy array (N, 4 or 5) has the
+         *     same order. Positions are local, or relative to the start of the mission.
+         */
+        Table: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "table";
+            /**
+             * File
+             * @description File.
+             */
+            file: string;
+            /**
+             * Relative
+             * @description Relative.
+             * @default true
+             */
+            relative: boolean;
+        };
+        /**
          * TakeControl
          * @description How to take control.
          * @example {
@@ -9075,6 +9994,33 @@ export interface components {
              * @description What the flying vehicle is told once, should this client not be heard for `lease_s`: `nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never against somebody who steers.
              */
             on_expiry?: ("nothing" | "hold" | "land" | "rtl") | null;
+        };
+        /**
+         * TakeOff
+         * @description Arm and climb; the mission goes on at that height.
+         */
+        TakeOff: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "take_off";
+            /**
+             * Height M
+             * @description Above where the vehicle stands.
+             */
+            height_m: number;
+            /**
+             * Timeout S
+             * @description Timeout [s].
+             * @default 60
+             */
+            timeout_s: number;
         };
         /**
          * Takeoff
@@ -10112,6 +11058,41 @@ export interface components {
             ];
         };
         /**
+         * VelocityStep
+         * @description A velocity for a time, reached and left within acceleration and jerk.
+         */
+        VelocityStep: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "velocity";
+            /**
+             * Velocity Ned M S
+             * @description Velocity ned (north, east, down of the local origin) [m/s].
+             */
+            velocity_ned_m_s: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Duration S
+             * @description Changes of speed included.
+             */
+            duration_s: number;
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            yaw_ned_rad?: number | null;
+        };
+        /**
          * Version
          * @description Which server this is.
          */
@@ -10238,6 +11219,44 @@ export interface components {
              * @default 0
              */
             camera: number | null;
+        };
+        /**
+         * Wait
+         * @description Hold until a person goes on, or until a condition; at the timeout do `on_timeout`.
+         */
+        Wait: {
+            /**
+             * Name
+             * @description For people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "wait";
+            /**
+             * Until
+             * @description Until.
+             */
+            until: components["schemas"]["Condition"] | "person";
+            /**
+             * Message
+             * @description What the person is asked.
+             */
+            message?: string | null;
+            /**
+             * Timeout S
+             * @description Timeout [s].
+             */
+            timeout_s: number;
+            /**
+             * On Timeout
+             * @description On timeout.
+             * @default hold
+             * @enum {string}
+             */
+            on_timeout: "continue" | "hold" | "return" | "land";
         };
         /**
          * Warnings
@@ -10433,6 +11452,98 @@ export interface components {
             rate_hz: number;
         };
         /**
+         * Gimbal
+         * @description The gimbal as its manager and device report it (281, 285, 265, 280).
+         */
+        gcs_server__api__reflect__Gimbal: {
+            /**
+             * Gimbal Device Id
+             * @description Gimbal device id.
+             */
+            gimbal_device_id: number;
+            /**
+             * Roll Rad
+             * @description Roll [rad].
+             */
+            roll_rad: number;
+            /**
+             * Pitch Rad
+             * @description Pitch [rad].
+             */
+            pitch_rad: number;
+            /**
+             * Yaw Frd Rad
+             * @description Relative to the vehicle's heading.
+             */
+            yaw_frd_rad: number | null;
+            /**
+             * Yaw Ned Rad
+             * @description Relative to north.
+             */
+            yaw_ned_rad: number | null;
+            /**
+             * Q
+             * @description As the device sent it; its yaw is in the frame that `yaw_in_earth_frame` says.
+             */
+            q: [
+                number,
+                number,
+                number,
+                number
+            ];
+            /**
+             * Yaw In Earth Frame
+             * @description Yaw in earth frame.
+             */
+            yaw_in_earth_frame: boolean;
+            /**
+             * Yaw Lock
+             * @description Yaw lock.
+             */
+            yaw_lock: boolean;
+            /**
+             * Primary Control
+             * @description (system id, component id) of who is in control; None when nobody is.
+             */
+            primary_control: [
+                number,
+                number
+            ] | null;
+            /**
+             * Secondary Control
+             * @description Secondary control.
+             */
+            secondary_control: [
+                number,
+                number
+            ] | null;
+            /**
+             * Flags
+             * @description GIMBAL_DEVICE_FLAGS.
+             */
+            flags: number;
+            /**
+             * Pitch Min Rad
+             * @description Pitch min [rad].
+             */
+            pitch_min_rad: number | null;
+            /**
+             * Pitch Max Rad
+             * @description Pitch max [rad].
+             */
+            pitch_max_rad: number | null;
+            /**
+             * Yaw Min Rad
+             * @description Yaw min [rad].
+             */
+            yaw_min_rad: number | null;
+            /**
+             * Yaw Max Rad
+             * @description Yaw max [rad].
+             */
+            yaw_max_rad: number | null;
+        };
+        /**
          * Health
          * @description SYS_STATUS bit masks (MAV_SYS_STATUS_SENSOR) and CPU load.
          */
@@ -10483,6 +11594,111 @@ export interface components {
              * @description How many it knows.
              */
             vehicles: number;
+        };
+        /**
+         * Land
+         * @description Fly to the place and land. `precision`: 0 off, 1 where a target is seen, 2 required.
+         */
+        missions__items__Land: {
+            /**
+             * Autocontinue
+             * @default true
+             */
+            autocontinue: boolean;
+            /**
+             * Spare Params
+             * @default []
+             */
+            spare_params: [
+                number,
+                number | null
+            ][];
+            /** Original */
+            original?: string | null;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            altitude: components["schemas"]["Altitude"];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "land";
+            /**
+             * Abort Altitude M
+             * @default 0
+             */
+            abort_altitude_m: number | null;
+            /**
+             * Precision
+             * @default 0
+             */
+            precision: number | null;
+            /** Yaw Ned Deg */
+            yaw_ned_deg?: number | null;
+        };
+        /**
+         * Gimbal
+         * @description How the gimbal points from here on, while other steps are flown.
+         */
+        missions__offboard__steps__Gimbal: {
+            /** Name */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "gimbal";
+            /**
+             * Track
+             * @enum {string}
+             */
+            track: "fixed" | "look_at" | "along_path" | "sweep" | "release";
+            /**
+             * Pitch Rad
+             * @default 0
+             */
+            pitch_rad: number;
+            /**
+             * Yaw Rad
+             * @default 0
+             */
+            yaw_rad: number;
+            place?: components["schemas"]["Place"] | null;
+            /**
+             * Sweep Pitch Rad
+             * @default 0
+             */
+            sweep_pitch_rad: number;
+            /**
+             * Sweep Yaw Rad
+             * @default 0
+             */
+            sweep_yaw_rad: number;
+            /**
+             * Period S
+             * @default 10
+             */
+            period_s: number;
+        };
+        /**
+         * Land
+         * @description Land here and disarm.
+         */
+        missions__offboard__steps__Land: {
+            /** Name */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "land";
+            /**
+             * Timeout S
+             * @default 300
+             */
+            timeout_s: number;
         };
     };
     responses: {
@@ -14822,6 +16038,124 @@ export interface operations {
             };
         };
     };
+    convert_plan_api_v1_plans_convert_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlanToConvert"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ConvertedPlan"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    plan_schema_api_v1_plans_schema__kind__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                kind: "waypoint_plan" | "offboard_mission";
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     import_plan_api_v1_plans_import_post: {
         parameters: {
             query?: {
@@ -14893,8 +16227,8 @@ export interface operations {
     export_plan_api_v1_plans_export_post: {
         parameters: {
             query: {
-                /** @description `plan` is QGroundControl's, `json` our own. */
-                format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz";
+                /** @description `plan` is QGroundControl's, `json` our own; of a mission `yaml` or `json`. */
+                format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz" | "yaml";
             };
             header?: never;
             path?: never;
@@ -14918,6 +16252,7 @@ export interface operations {
                     "application/geo+json": unknown;
                     "application/vnd.google-earth.kml+xml": unknown;
                     "application/vnd.google-earth.kmz": unknown;
+                    "application/yaml": unknown;
                 };
             };
             400: components["responses"]["Refused400"];

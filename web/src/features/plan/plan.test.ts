@@ -145,7 +145,7 @@ describe('fixes', () => {
     code,
     severity: 'error',
     text: '',
-    place: { row, zone: null, rally_point: null },
+    place: { row, zone: null, rally_point: null, step: null },
     fix: null,
   });
   it('add a take-off where the plan starts', () => {
