@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Query, Request, Response
 from msgspec import Raw
@@ -85,7 +85,7 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     return answer({**found, "plan": Raw(found["plan"].encode())})
 
 
-@router.get("/schema/{kind}", response_class=Response)
+@router.get("/schema/{kind}", response_model=dict[str, Any])
 async def plan_schema(kind: Kind) -> Response:
     """The JSON Schema of the documents of a kind."""
     return answer(documents.schema(kind))
