@@ -6,7 +6,7 @@ Made by tools/build_sync_client.py from the asynchronous client: change that, th
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
