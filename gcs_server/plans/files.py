@@ -155,7 +155,10 @@ class PlanFiles:
 def _head(said: Any) -> PlanVersion:
     if not isinstance(said, dict):
         raise ValueError("its first line is no JSON object")
-    fields = {"kind": "waypoint_plan"} | cast(dict[str, Any], said)  # older files do not say it
+    fields: dict[str, Any] = {
+        "kind": "waypoint_plan",
+        **cast(dict[str, Any], said),
+    }  # older files do not say it
     types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
     time = fields.get("changed_unix_s")
     if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):
