@@ -45,7 +45,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
             # who watches is told why and what to do; what is open to all needs no control
             bob.get_by_role("button", name="Arm", exact=True).click()
             said = bob.get_by_role("alert").filter(has_text="Not in control")
-            expect(said).to_contain_text("Anna has control of this vehicle. Ask for control")
+            expect(said).to_contain_text("Anna has control of this vehicle. Request control")
             bob.keyboard.press("h")
             told = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
             expect(told).to_be_visible()
@@ -53,12 +53,12 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
             # asked by keyboard, with a reason; nobody is forced who is there
             bob.keyboard.press("c")
             expect(bob.get_by_text("Ask first: Anna is there.")).to_be_visible()
-            expect(bob.get_by_role("button", name="Take it by force …")).to_be_hidden()
+            expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
             assert in_both_themes(bob) == []
             bob.get_by_label("Why (shown to Anna)").fill("I see it better")
-            bob.get_by_role("button", name="Ask for control").click()
+            bob.get_by_role("button", name="Request control").click()
             prompt = anna.get_by_role("region", name="Control is asked for")
-            expect(prompt).to_contain_text("Bob asks for control")
+            expect(prompt).to_contain_text("Bob requests control")
             expect(prompt).to_contain_text("I see it better")
             anna.keyboard.press("Escape")
             assert in_both_themes(anna) == []
@@ -77,7 +77,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
         with SyncGcs(url, client="look") as gcs:
             wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving")
         anna.keyboard.press("c")
-        anna.get_by_role("button", name="Take it by force …").click()
+        anna.get_by_role("button", name="Take control by force …").click()
         expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is told")
         hold_space(anna)
         expect(anna.get_by_role("button", name="You have control")).to_be_visible()

@@ -82,7 +82,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         # Started, flown, renewed for as long as somebody sees the page.
         before = places(drones)
         room.get_by_label("Keep apart, at least").fill("1")
-        room.get_by_label("Good for, seconds").fill("4")
+        room.get_by_label("Valid for, seconds").fill("4")
         tab_to(page, "Start group…")
         page.keyboard.press("Enter")
         hold_space(page)
@@ -97,7 +97,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
             return all(now[0] - was[0] > north_m for now, was in zip(places(drones), before, strict=True))
 
         wait_until(lambda: flown(5.5), "both six metres north", 30)
-        expect(card).to_contain_text("Renewed while this page is in sight")
+        expect(card).to_contain_text("Renewed while this page is visible")
         assert number(card.locator(".figures b").first.inner_text()) > 1
         wait_until(lambda: time.monotonic() - began_s > 10, "longer than it is good for")
         group = gcs.request("GET", "/groups")["groups"][-1]
@@ -105,7 +105,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
 
         # Another offset for all, from where they are; then held by one press.
         room.get_by_label("Move, North").fill("3")
-        room.get_by_label("Good for, seconds").fill("30")
+        room.get_by_label("Valid for, seconds").fill("30")
         room.get_by_role("button", name="Send to group").click()
         wait_until(lambda: flown(8.4), "three metres more", 30)
         expect(page.get_by_label("Sent setpoints").get_by_role("listitem").first).to_contain_text(
@@ -123,7 +123,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(room.get_by_role("button", name="Send to group")).to_have_count(0)
 
         # Nobody sees the page: it renews nothing, the group expires into Hold.
-        room.get_by_label("Good for, seconds").fill("3")
+        room.get_by_label("Valid for, seconds").fill("3")
         room.get_by_role("button", name="Start group…").click()
         hold_space(page)
         expect(card).to_contain_text("Flying")

@@ -145,7 +145,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
     with opened(browser, station.url, scene=False) as page:
         large_map(page)
         menu = menu_at(page, 60, 60)
-        expect(menu).to_contain_text("It is on the ground: take off first.")
+        expect(menu).to_contain_text("The vehicle is on the ground: take off first.")
         expect(menu.get_by_role("button", name="Go here")).to_have_attribute("aria-disabled", "true")
 
 

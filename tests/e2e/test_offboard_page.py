@@ -159,7 +159,7 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         room.get_by_label("Position, Up").fill("12")
         expect(room).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
         room.get_by_role("button", name="Start…").click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("asks for: Position 5.0")
+        expect(page.get_by_role("alertdialog")).to_contain_text("starts a setpoint stream: Position 5.0")
         slide(page)
         expect(pill(page)).to_have_text("Offboard")
         assert streamed(drone)["setpoint"]["position_ned_m"][0] == 5
@@ -195,10 +195,10 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         room = open_room(page)
         room.get_by_role("button", name="Gamepad").click()
         expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
-        room.get_by_role("button", name="Start, standing still").click()
+        room.get_by_role("button", name="Start, hovering").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
-        room.get_by_role("button", name="Take the sticks").click()
+        room.get_by_role("button", name="Use the sticks").click()
         expect(room).to_contain_text("Stands still")
 
         page.evaluate("testPad.axes = [0, 0, 0, -1]")
@@ -207,7 +207,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         )
         assert streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
         page.evaluate("testPad.held = true")
-        expect(room).to_contain_text("Sticks fly")
+        expect(room).to_contain_text("Sticks fly the vehicle")
         wait_until(lambda: speed_m_s(drone) > 0.7, "the stick flown")
         assert in_both_themes(page) == []
         page.evaluate("testPad.held = false")
@@ -219,9 +219,9 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         expect(page.get_by_label("Sent setpoints")).to_contain_text("Gamepad · taken")
 
         page.evaluate("testPad.held = true")
-        expect(room).to_contain_text("Sticks fly")
+        expect(room).to_contain_text("Sticks fly the vehicle")
         page.evaluate("testPad.there = false")
-        expect(room.get_by_role("alert")).to_contain_text("The gamepad is gone.")
+        expect(room.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
         expect(pill(page)).to_have_text("Holding")  # nothing renewed it: held, then Hold
         wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
 

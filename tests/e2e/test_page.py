@@ -80,7 +80,7 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Ready")
 
         page.get_by_role("button", name="Take off", exact=True).click()
-        height = page.get_by_label("Height above home")
+        height = page.get_by_label("Altitude above home")
         height.fill("999")
         expect(page.get_by_role("alertdialog")).to_contain_text("from 1 to 120 m above home")
         slide(page)
@@ -308,8 +308,8 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             end(first, signal.SIGKILL)
             notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()
-            expect(notice).to_contain_text("What you see is old")
-            expect(chip).to_contain_text("server away")
+            expect(notice).to_contain_text("The values shown are old")
+            expect(chip).to_contain_text("no server")
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
@@ -319,6 +319,6 @@ def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_p
             wait_until(lambda: answers(url), "the second server")
             notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
-            expect(chip).not_to_contain_text("server away")
+            expect(chip).not_to_contain_text("no server")
             assert told.value.post_data_json["mode"] == "top"
     context.close()

@@ -80,7 +80,8 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         page.keyboard.press("Enter")
         expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Hold all flying (1)").click()
-        expect(page.get_by_label("Vehicle list").get_by_role("status")).to_have_text("The vehicle took Hold.")
+        said = page.get_by_label("Vehicle list").get_by_role("status")
+        expect(said).to_have_text("The vehicle switched to Hold.")
         wait_until(lambda: two.status()["mode"] == "hold", "Hold of all that fly")
         assert in_both_themes(page) == []
         page.keyboard.press("Escape")

@@ -27,7 +27,7 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         page.locator(".pill").get_by_role("button").click()
         panel = page.get_by_role("region", name="Readiness")
         expect(panel).to_contain_text("Ready to arm in Hold")
-        expect(panel).to_contain_text("In the vehicle’s own words.")
+        expect(panel).to_contain_text("Texts from the vehicle.")
         row = {name: panel.get_by_role("row", name=name) for name in ("Offboard", "Hold", "Position slow")}
         expect(row["Offboard"]).to_contain_text("No offboard setpoints arrive.")
         expect(row["Position slow"]).to_contain_text("No manual control.")
@@ -52,7 +52,7 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         page.keyboard.press("Shift+A")
         hold_space(page)
         refusal = page.get_by_role("alert").filter(has_text="Arm")
-        refusal.get_by_role("button", name="Why, for every mode").click()
+        refusal.get_by_role("button", name="Show what blocks each mode").click()
         expect(panel).to_contain_text("Cannot arm in Position")
         expect(panel).to_contain_text("The vehicle is in Position and cannot be armed in it. Choose Hold.")
         press(panel.get_by_role("button", name="Switch to Hold"), "Enter")

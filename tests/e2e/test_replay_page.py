@@ -174,4 +174,4 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
         expect(page.locator(".pill .who")).to_contain_text(re.compile("Hold|Orbit|Take off|Return|Land"))
         bar.get_by_role("button", name="Close the replay").click()
         expect(bar).to_have_count(0)
-        expect(page.get_by_text("No vehicle heard yet")).to_be_visible()
+        expect(page.get_by_text("No vehicle connected yet")).to_be_visible()

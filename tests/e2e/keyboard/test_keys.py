@@ -38,7 +38,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         commands = refuse_commands(page)
         page.keyboard.press("p")
         room = page.get_by_role("region", name="Offboard room")
-        box = room.get_by_role("checkbox", name="Renew it while this page is open")
+        box = room.get_by_role("checkbox", name="Renew while this page is open")
         box.focus()
         page.keyboard.press("Space")
         page.keyboard.press("h")
@@ -46,7 +46,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         assert commands.pop().endswith("/vehicles/101/hold")
 
         room.locator("summary").first.press("Enter")
-        choice = room.get_by_label("It shall")
+        choice = room.get_by_label("Action when setpoints stop")
         choice.focus()
         before = choice.input_value()
         page.keyboard.press("h")
@@ -54,7 +54,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         assert commands.pop().endswith("/vehicles/101/hold")
         assert choice.input_value() == before
 
-        field = room.get_by_label("Good for, seconds")
+        field = room.get_by_label("Valid for, seconds")
         field.press("h")
         assert commands == []  # a text is typed there
 

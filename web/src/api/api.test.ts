@@ -16,7 +16,7 @@ describe('problems', () => {
     expect(furtherReasons(problem)).toEqual(['Preflight Fail: ekf2 missing data']);
   });
   it('names the field of a malformed request', () => {
-    const problem = parseProblem(422, { title: 'Not possible as asked', code: 'invalid_request', detail: 'alt_home_m: too high', field: 'alt_home_m' });
+    const problem = parseProblem(422, { title: 'Invalid request', code: 'invalid_request', detail: 'alt_home_m: too high', field: 'alt_home_m' });
     expect(problem.field).toBe('alt_home_m');
     const plain = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
     expect(plain).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });

@@ -6,13 +6,13 @@ export type Outcome<T> = { ok: true; value: T } | { ok: false; problem: Problem 
 
 export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
 
-/** Longer than any command's own deadline, so that the server's answer comes first [ms]. */
+/** Request timeout [ms]; longer than any command's deadline, so that the server answers first. */
 const TIMEOUT_MS = 45_000;
 
 export class ApiClient {
   /**
-   * @param who how this page calls itself in the journal, and the id that tells it from pages of the same name.
-   * @param signedOut called where the server wants a token that this page has not (it was changed meanwhile).
+   * @param who this page's name in the journal, and its unique id.
+   * @param signedOut called when the server rejects this page's token (it may have been changed).
    */
   constructor(
     private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
@@ -21,12 +21,12 @@ export class ApiClient {
     private readonly base = '/api/v1',
   ) {}
 
-  /** As it is now: a person may rename a page. */
+  /** The present identity: a person may rename the page. */
   get name(): string {
     return typeof this.who === 'string' ? this.who : this.who.name;
   }
 
-  /** What the server tells this page from others by; null until it has said so. */
+  /** The server's key for this client; null until the server has sent it. */
   get key(): string | null {
     return typeof this.who === 'string' ? null : this.who.key;
   }
@@ -52,7 +52,7 @@ export class ApiClient {
     return this.send('POST', path, 'application/octet-stream', file, (response) => response.json().catch(() => null) as Promise<T>);
   }
 
-  /** Asks for a file; `notes` are the sentences that a header carries about it as JSON. */
+  /** Downloads a file; `notes` are texts about it, sent as JSON in a header. */
   download(path: string, body: object, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
     return this.send('POST', path, 'application/json', JSON.stringify(body), async (response) => {
       const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');
@@ -88,7 +88,7 @@ export class ApiClient {
   }
 }
 
-/** A name for this page that tells two of them apart in the journal. */
+/** A default name for this page, different for two pages in the journal. */
 export function pageName(random: () => number = Math.random): string {
   return `page-${Math.floor(random() * 0xffff)
     .toString(16)

@@ -22,7 +22,7 @@ const TITLES: Readonly<Record<string, string>> = {
   no_reply: 'No answer',
   disconnected: 'Link lost',
   unknown_vehicle: 'Unknown vehicle',
-  invalid_request: 'Not possible as asked',
+  invalid_request: 'Invalid request',
 };
 
 function text(value: unknown): string | null {
@@ -44,7 +44,7 @@ function validation(value: unknown): { detail: string; field: string | null } | 
   return lines.length === 0 ? null : { detail: lines.join('; '), field };
 }
 
-/** The problem in a response's body; one is made up from the status where the body says nothing. */
+/** The problem in a response's body, or one made from the status if the body has none. */
 export function parseProblem(status: number, body: unknown): Problem {
   const raw = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
   const invalid = validation(raw['errors']) ?? validation(raw['detail']);
@@ -61,11 +61,11 @@ export function parseProblem(status: number, body: unknown): Problem {
   };
 }
 
-/** Nothing came back at all. */
+/** The problem shown when the server sent no answer. */
 export function unreachable(): Problem {
   return {
     title: 'The server did not answer',
-    detail: 'The command may or may not have reached the vehicle: look at what it does.',
+    detail: 'The command may or may not have reached the vehicle: check what it does.',
     reasons: [],
     remedy: 'Is the ground station still running? The page reconnects by itself.',
     code: 'unreachable',
@@ -74,7 +74,7 @@ export function unreachable(): Problem {
   };
 }
 
-/** Reasons the detail does not already say. */
+/** Reasons that the detail does not already contain. */
 export function furtherReasons(problem: Problem): string[] {
   return problem.reasons.filter((reason) => !problem.detail.includes(reason));
 }

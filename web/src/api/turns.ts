@@ -1,13 +1,13 @@
 /**
- * One order to a vehicle at a time. Requests travel side by side, so that a renewal sent just before a new order may
- * arrive after it, and would take it back: what is sent in turn waits for the answer to what was sent before. Not for
- * long: an order that a person gave and has forgotten must not move anything.
+ * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
+ * arrive after it and would undo it. So each request waits for the answer to the one before, but not for
+ * long: an old request must not move the vehicle unexpectedly.
  */
 
 import type { Outcome } from './client';
 import { unreachable } from './problems';
 
-/** So long an order waits for its turn [ms]. */
+/** Longest wait for the answer to earlier requests [ms]. */
 const PATIENCE_MS = 3000;
 
 export class Turns {
@@ -18,7 +18,7 @@ export class Turns {
     return vehicles.some((id) => this.last.has(id));
   }
 
-  /** Calls `send` once all that was sent to these vehicles before has been answered; not at all if that takes too long. */
+  /** Calls `send` once all earlier requests to these vehicles have been answered; does not call it if that takes too long. */
   async run<T>(vehicles: readonly string[], send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
     const before = Promise.allSettled(vehicles.map((id) => this.last.get(id)));
     const mine = inTime(before).then((free) => (free ? send() : { ok: false as const, problem: notSent() }));
@@ -41,5 +41,5 @@ function inTime(before: Promise<unknown>): Promise<boolean> {
 }
 
 function notSent(): ReturnType<typeof unreachable> {
-  return { ...unreachable(), title: 'Not sent', detail: 'What was sent to this vehicle before has had no answer yet, so this order was not sent.' };
+  return { ...unreachable(), title: 'Not sent', detail: 'An earlier request to this vehicle has not been answered yet, so this one was not sent.' };
 }

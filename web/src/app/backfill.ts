@@ -1,4 +1,4 @@
-/** What the socket does not bring: the fleet as it stands, and the last minutes, after each (re)connection. */
+/** Loads what the socket does not send: the fleet's present state and the last minutes, after each (re)connection. */
 
 import type { ApiClient } from '../api/client';
 import type { TelemetryStore } from '../live/store';
@@ -24,7 +24,7 @@ export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<
   if (!answer.ok) return { ids: store.ids(), forgotten: false };
   const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
-  // A replay that was sent to another moment meanwhile has another vehicle under the same id: the answer is not its.
+  // A replay that has jumped to another time meanwhile has a new vehicle with the same id: the answer does not belong to it.
   const same = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
   const forgotten = store.keepOnly(ids);
   store.apply({ type: 'samples', samples: same.flatMap(vehicleSamples) });
@@ -36,7 +36,7 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
   const samples: WireSample[] = [];
   const add = (topic: string, value: unknown, received_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
-    // Without a time it is older than anything that the socket told: the socket tells some values only once.
+    // Without a time it counts as older than any sample from the socket, which sends some values only once.
     const at = typeof received_unix_s === 'number' ? received_unix_s : 0;
     samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: at, value });
   };

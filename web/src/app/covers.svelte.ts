@@ -1,4 +1,4 @@
-/** Which parts of the stage panels cover, so that map and 3D view keep the vehicle in the middle of what is free. */
+/** Tracks which parts of the stage are covered by panels, so that map and 3D view keep the vehicle in the middle of the free area. */
 
 import { widest, type Edge } from './free';
 

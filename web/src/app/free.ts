@@ -1,4 +1,4 @@
-/** What panels leave free of the stage: its middle is where map and 3D view have what is looked at. */
+/** The area of the stage that no panel covers; map and 3D view put the followed vehicle in its middle. */
 
 import type { Pixel } from '../vehicle/geo';
 
@@ -7,14 +7,14 @@ export type Edge = 'left' | 'right' | 'top' | 'bottom';
 /** Between panels and the stage's edge [px]. */
 const MARGIN_PX = 12;
 
-/** Of several panels at an edge the widest counts. */
+/** If several panels lie at one edge, the widest counts. */
 export function widest(panels: Iterable<{ edge: Edge; px: number }>): Record<Edge, number> {
   const covered = { left: 0, right: 0, top: 0, bottom: 0 };
   for (const { edge, px } of panels) covered[edge] = Math.max(covered[edge], px);
   return covered;
 }
 
-/** The middle of what is free, right of and below the stage's own [px]; a stage that is covered keeps its own. */
+/** Offset of the free area's middle from the stage's, right and down [px]; zero if panels cover the whole stage. */
 export function freeMiddle(stage: { width: number; height: number }, covered: Readonly<Record<Edge, number>>): Pixel {
   const { width, height } = stage;
   const from = (px: number): number => (px === 0 ? 0 : px + MARGIN_PX);
@@ -25,7 +25,7 @@ export function freeMiddle(stage: { width: number; height: number }, covered: Re
   };
 }
 
-/** The same as shares of the stage, as the 3D view is told. */
+/** The same offset as a fraction of the stage's size, for the 3D view. */
 export function asShares(middle: Pixel, stage: { width: number; height: number }): [number, number] {
   const share = (px: number, of: number): number => (of > 0 ? Number(Math.max(-0.4, Math.min(px / of, 0.4)).toFixed(4)) : 0);
   return [share(middle.x, stage.width), share(middle.y, stage.height)];

@@ -1,8 +1,8 @@
 /**
  * Who this page is to the server: a name for people, and an id that tells this tab from every other.
  *
- * The id lives as long as the tab, reloads included. A tab that was duplicated brings a copy of its original's: it is
- * known by the mark that a page leaves when it goes, which the copy of a living page lacks.
+ * The id lasts as long as the tab, reloads included. A duplicated tab starts with a copy of the original's id; it is
+ * detected because a page sets a mark when it unloads, and the copy of an open page has no such mark.
  */
 
 import { pageName } from '../api/client';
@@ -15,13 +15,13 @@ const LONGEST_NAME = 40;
 export interface Identity {
   name: string;
   readonly id: string;
-  /** What the server tells clients apart by, made of the id; null until it has said so. */
+  /** The server's key for this client, derived from the id; null until the server has sent it. */
   key: string | null;
 }
 
 type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 
-/** A browser's storage; where it is switched off, what is kept is gone with the page. */
+/** The browser's storage; if it is switched off, values last only as long as the page. */
 export function memory(storage: () => Memory): Memory {
   try {
     const found = storage();
@@ -33,7 +33,7 @@ export function memory(storage: () => Memory): Memory {
   }
 }
 
-/** The identity of this tab; made where there is none yet, or where it is another tab's. */
+/** The identity of this tab; a new one if there is none, or if the stored one belongs to another tab. */
 export function identity(tab: Memory, browser: Memory, random: () => number = Math.random): Identity {
   const known = tab.getItem(LEFT) === null ? null : tab.getItem(ID);
   tab.removeItem(LEFT);
@@ -48,12 +48,12 @@ export function identity(tab: Memory, browser: Memory, random: () => number = Ma
   return { id, key: null, name: browser.getItem(NAME) ?? pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0) };
 }
 
-/** To be called when the page goes: the next one in this tab is the same client. */
+/** Call when the page unloads, so that the next page in this tab is the same client. */
 export function leave(tab: Memory): void {
   tab.setItem(LEFT, '1');
 }
 
-/** A person's own name for this browser's pages; empty takes the made-up one again. */
+/** Sets the person's name for this browser's pages; empty restores the default name. */
 export function rename(who: Identity, name: string, browser: Memory): void {
   const own = name.trim().slice(0, LONGEST_NAME);
   if (own === '') browser.removeItem(NAME);

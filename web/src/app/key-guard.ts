@@ -1,8 +1,8 @@
 /**
- * A key that went down on one control acts on no other.
+ * A key pressed on one control never acts on another.
  *
  * A confirmation closes while the key that confirmed it is still down, and the focus goes back to another button: the
- * keyboard's repeats, and the release, would press that one.
+ * key's repeats and its release would press that button.
  */
 
 /** Keys that press the control that has the focus. */
@@ -17,7 +17,7 @@ export interface PressedKey<T> {
 export class KeyGuard<T = EventTarget> {
   private readonly pressedOn = new Map<string, T | null>();
 
-  /** @param quiet whether a question has just closed by itself: a key that was meant for it, and comes too late, presses nothing. */
+  /** @param quiet whether a confirmation has just closed by itself: a late key press meant for it must press nothing. */
   constructor(private readonly quiet: () => boolean = () => false) {}
 
   /** A key went down; true: it must act on nothing. */
@@ -40,7 +40,7 @@ export class KeyGuard<T = EventTarget> {
     return !same;
   }
 
-  /** The window lost the keyboard: what happens to the keys is not known any more. */
+  /** The window lost the focus: the state of the keys is no longer known. */
   clear(): void {
     this.pressedOn.clear();
   }

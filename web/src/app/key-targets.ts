@@ -1,6 +1,6 @@
-/** Whom a key belongs to: the page's single-key shortcuts, or the control that has the focus. Pure. */
+/** Decides whether a key is a shortcut of the page or belongs to the focused control. Pure. */
 
-/** What is read of the element that a key event goes to. */
+/** The properties read from a key event's target element. */
 export interface KeyTarget {
   readonly tagName?: string;
   /** Of an INPUT. */
@@ -14,7 +14,7 @@ export interface KeyTarget {
 /** Input types without a text to type; every other type, also an unknown one, is a text field to browsers. */
 const NOT_TYPED: ReadonlySet<string> = new Set(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden']);
 const TEXT_ROLES: ReadonlySet<string> = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
-/** Hold (also with Caps Lock), Land now, Stop motors: they come before a list's type-ahead. */
+/** Keys of Hold (also with Caps Lock), Land now and Stop motors: they override a list's type-ahead. */
 const SAFETY_KEYS: ReadonlySet<string> = new Set(['h', 'H', 'L', 'K']);
 
 /** Whether characters are typed into it. */
@@ -27,7 +27,7 @@ export function takesText(target: KeyTarget | null): boolean {
   return TEXT_ROLES.has(target.getAttribute?.('role') ?? '') && target.getAttribute?.('aria-readonly') !== 'true';
 }
 
-/** Whether a character moves its choice: a list of options goes to the next that begins with it. */
+/** Whether the control has type-ahead: a character selects the next option that begins with it. */
 export function typesAhead(target: KeyTarget | null): boolean {
   return target?.tagName?.toUpperCase() === 'SELECT' || target?.getAttribute?.('role') === 'listbox';
 }
@@ -35,21 +35,21 @@ export function typesAhead(target: KeyTarget | null): boolean {
 /**
  * Whether a character pressed there is a shortcut of the page.
  *
- * @param key as the event says it, so capital with Shift.
+ * @param key the event's `key`, so a capital with Shift.
  */
 export function isShortcut(key: string, target: KeyTarget | null): boolean {
   if (takesText(target)) return false;
   return !typesAhead(target) || SAFETY_KEYS.has(key);
 }
 
-/** The character of a key; on a keyboard of another script the Latin letter that stands on the same key. */
+/** The character of a key; on a non-Latin keyboard the Latin letter of the same physical key. */
 export function characterOf(event: { readonly key: string; readonly code: string }): string {
   const letter = /^Key([A-Z])$/.exec(event.code)?.[1];
   if (letter === undefined || event.key.length !== 1 || event.key.charCodeAt(0) < 128) return event.key;
   return event.key === event.key.toLowerCase() ? letter.toLowerCase() : letter;
 }
 
-/** Whether it is a control: Space, Enter and arrows pressed there are its own. A panel that was only given the focus is none. */
+/** Whether the element is a control, which handles Space, Enter and arrows itself. A panel that merely has the focus is not one. */
 export function isControl(target: KeyTarget | null): boolean {
   return target !== null && target.tagName?.toUpperCase() !== 'BODY' && (target.tabIndex ?? -1) >= 0;
 }

@@ -1,5 +1,5 @@
 /**
- * The keyboard: one table, registered by the features, shown by the `?` sheet and obeyed here; also for keys pressed inside
+ * Keyboard shortcuts: features register them, the `?` sheet lists them, and this module handles them; also keys pressed inside
  * the 3D view.
  *
  * Space and Enter are in no table: they belong to the control that has the focus (`ui/Slide.svelte` confirms by them).
@@ -14,7 +14,7 @@ import { shortcuts } from './shortcuts.svelte';
 import { theme } from './theme.svelte';
 
 registry.addKeys([
-  { order: 110, keys: 'Space held', what: 'Confirm what is asked, on its slider', inScene: true },
+  { order: 110, keys: 'Space held', what: 'Confirm the open question, on its slider', inScene: true },
   { order: 120, keys: 'Esc', what: 'Cancel, close', inScene: true },
   { order: 230, keys: 'Shift D', what: 'Light or dark', inScene: false, on: { 'Shift D': () => theme.toggle() } },
 ]);
@@ -24,7 +24,7 @@ function escape(): boolean {
   return true;
 }
 
-/** As the registered lines name it: `h`, `Shift L`, `?`, `7`. */
+/** The name that shortcut lines use: `h`, `Shift L`, `?`, `7`. */
 function nameOfKey(key: string, shift: boolean): string {
   if (!/^[a-z]$/i.test(key)) return key;
   return shift ? `Shift ${key.toUpperCase()}` : key.toLowerCase();
@@ -40,7 +40,7 @@ function obey(event: KeyboardEvent): boolean {
   return act !== undefined && act(page.facts) !== false;
 }
 
-/** Obeys the keys of a window (the page's, or the 3D view's) until the returned function is called. */
+/** Handles the keys of a window (the page's or the 3D view's) until the returned function is called. */
 export function listenToKeys(on: Window): () => void {
   const inScene = on !== window;
   const guard = new KeyGuard(() => actions.hasJustClosed());
@@ -48,12 +48,12 @@ export function listenToKeys(on: Window): () => void {
     event.preventDefault();
     event.stopImmediatePropagation();
   };
-  // Before any control sees it: what is pressed on one acts on no other.
+  // Runs before any control: a key pressed on one control must not act on another.
   const first = (event: KeyboardEvent): void => {
     if (guard.down(event)) stop(event);
   };
   const up = (event: KeyboardEvent): void => {
-    if (guard.up(event)) event.preventDefault(); // no stop: a control that waits for the release still hears of it
+    if (guard.up(event)) event.preventDefault(); // not stopped: a control that waits for the release still gets the event
   };
   const down = (event: KeyboardEvent): void => {
     if (inScene && /^[wasdqe]$/i.test(event.key)) return; // the 3D view's own

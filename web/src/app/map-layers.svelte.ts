@@ -1,4 +1,4 @@
-/** What features draw on the large map and let people edit there: points, lines and areas. The stage draws and picks them. */
+/** Map layers that features show on the large map: points, lines and areas, editable if wanted. The stage draws and picks them. */
 
 import type { Place } from '../vehicle/geo';
 
@@ -11,7 +11,7 @@ export interface LayerPoint extends Place {
   /** `middle`: between two points, inserts one; `corner`: of an area; `cross`: looked at, not flown to. */
   readonly mark: 'disc' | 'corner' | 'middle' | 'cross' | 'home';
   readonly tone: Tone;
-  /** In the disc, or nothing. */
+  /** Text in the disc; empty for none. */
   readonly text: string;
   readonly selected: boolean;
 }
@@ -34,7 +34,7 @@ export interface LayerPicture {
   readonly areas: readonly LayerArea[];
 }
 
-/** What becomes of a person's gestures. Points are named by their `id`. */
+/** Handles a person's gestures on the layer. Points are named by their `id`. */
 export interface LayerEditor {
   /** Clicked, or Enter on it. @param more with Shift or Ctrl: the others stay selected. */
   pick: (id: string, more: boolean) => void;
@@ -61,7 +61,7 @@ export interface MapLayer {
 class MapLayers {
   private layers = $state.raw<readonly MapLayer[]>([]);
 
-  /** From now on drawn, the newest on top. @returns what takes it away. */
+  /** Adds a layer on top of the others. @returns a function that removes it. */
   show(layer: MapLayer): () => void {
     this.layers = [...this.layers, layer];
     return () => (this.layers = this.layers.filter((one) => one !== layer));

@@ -1,6 +1,6 @@
 /**
- * The page's own state: which vehicle, which theme, what is painted. Telemetry itself stays outside (`live/`): `tick`
- * changes at most once per animation frame and whoever reads `facts` is painted again then.
+ * The page's state: selected vehicle, theme, repaint counters. Telemetry stays outside (`live/`): `tick`
+ * changes at most once per animation frame, and components that read `facts` are repainted then.
  */
 
 import { ApiClient } from '../api/client';
@@ -28,18 +28,18 @@ class Page {
       memory(() => localStorage),
     ),
   );
-  /** Loaded anew, the server's sign-in page comes. */
+  /** Reloading shows the server's sign-in page. */
   readonly api = new ApiClient(this.who, () => location.reload());
-  /** Of all vehicles, with every event. */
+  /** Socket for all vehicles and every event. */
   readonly socket: TelemetrySocket;
-  /** Of a large fleet: the vehicles in sight, in full; samples only. */
+  /** Socket for a large fleet: all topics of the vehicles in use; samples only. */
   private readonly closeSocket: TelemetrySocket;
   private closeOpen = false;
   private subscribed = '';
   /** Vehicles whose last minutes have been asked for. */
   private readonly pastOf = new Set<string>();
   tick = $state(0);
-  /** Of what shows all vehicles: as `tick` with a small fleet, seldom with a large one. */
+  /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large one. */
   fleetTick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
   /** Vehicle the person chose; the first one where none was. */
@@ -48,7 +48,7 @@ class Page {
   readonly onTelemetry: (() => void)[] = [];
   /** Called for each event, of whichever vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];
-  /** What the chosen values need besides what the page itself reads. */
+  /** Topics of the chosen values, in addition to those that the page reads itself. */
   private moreTopics: readonly string[] = [];
   /** Vehicles that a feature needs in full besides the selected one: those that this page renews setpoints for. */
   readonly inSight: (() => Iterable<string>)[] = [];
@@ -70,7 +70,7 @@ class Page {
       (state) => {
         this.connection = state;
         this.store.connected = state.phase === 'open';
-        // A socket that is refused does not say why, a call does.
+        // A refused socket gives no reason; a request does.
         if (state.phase === 'waiting') void this.api.get('/version');
       },
       () => this.store.vehicles.size > 0,
@@ -88,7 +88,7 @@ class Page {
     );
   }
 
-  /** Address of a socket of the API, with who this page is. */
+  /** URL of a WebSocket of the API, with this page's identity. */
   socketUrl(path: string): string {
     const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
     return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.who.name, client_id: this.who.id }).toString()}`;
@@ -103,7 +103,7 @@ class Page {
     );
   }
 
-  /** Which of the clients that the server speaks of is this page. */
+  /** Recognises this page among the clients that the server names. */
   private async learnKey(): Promise<void> {
     const me = await this.api.get<{ key: string }>('/me');
     if (me.ok) this.who.key = me.value.key;
@@ -165,7 +165,7 @@ class Page {
     return this.factsNow(id);
   }
 
-  /** The same without a repaint at each frame: who lists all vehicles follows `fleetTick`. */
+  /** The same without a repaint at each frame, for views of all vehicles, which follow `fleetTick`. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
@@ -190,7 +190,7 @@ class Page {
     return ofClose(this.store.vehicles.size, ids, this.moreTopics, this.store.isArmed(ids));
   }
 
-  /** Subscribes anew where what is in sight has changed. */
+  /** Changes the subscription if the vehicles in use have changed. */
   private followSight(): void {
     const close = this.closeSubscription();
     const all = JSON.stringify(this.fleetSubscription());
@@ -208,7 +208,7 @@ class Page {
     }
   }
 
-  /** @param only the one that has just come: the others have their past already. */
+  /** @param only the vehicle that has just appeared; the others have their history already. */
   private async backfill(only: string | null = null): Promise<void> {
     const { ids, forgotten } = await loadFleet(this.api, this.store);
     if (forgotten) this.socket.resubscribe();
@@ -220,7 +220,7 @@ class Page {
     this.lookBack();
   }
 
-  /** Of a large fleet the past of a vehicle is asked for once it is selected. */
+  /** In a large fleet a vehicle's history is loaded when it is selected. */
   private lookBack(): void {
     const id = this.selectedId;
     if (id === null || this.pastOf.has(id) || !this.store.connected) return;

@@ -1,10 +1,10 @@
-/** What a room is about to send, for map and 3D view to draw. */
+/** The setpoint that a room is about to send, drawn by map and 3D view. */
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';
 import type { Place } from '../vehicle/geo';
 
-/** What is not sent yet, where the map can draw it. */
+/** The unsent setpoint as a point on the map. */
 export interface MapPreview {
   vehicle: string;
   place: Place;
@@ -12,7 +12,7 @@ export interface MapPreview {
   label: string;
 }
 
-/** The same as the 3D view takes it. */
+/** The same in the 3D view's format. */
 export interface ScenePreview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
@@ -20,9 +20,9 @@ export interface ScenePreview {
 }
 
 class Preview {
-  /** Not painted from: the map reads it once per frame. */
+  /** Not reactive: the map reads it once per frame. */
   map: MapPreview | null = null;
-  /** Null: none. The 3D view is told whenever it changes. */
+  /** Null: no preview. Each change is sent to the 3D view. */
   scene = $state.raw<ScenePreview | null>(null);
   /** Set by the open room: a handle was dragged in 3D. */
   onDrag: ((event: WireEvent) => void) | null = null;

@@ -19,9 +19,9 @@ export interface Room {
   icon: IconName;
   hint: string;
   order: number;
-  /** It can be used before any vehicle is connected: its parts have a `station` room. */
+  /** Set if the room works before any vehicle is connected: its parts then have a `station` component. */
   withoutVehicle?: boolean;
-  /** It has a toolbar along the upper edge of the stage: what else lies there begins below it. */
+  /** Set if the room has a toolbar along the stage's upper edge: other parts there are placed below it. */
   toolbar?: boolean;
   load: () => Promise<RoomParts>;
 }
@@ -56,7 +56,7 @@ export interface Panel extends Part {
  */
 export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards';
 
-/** One of `component` and `ofVehicle` says what is shown. */
+/** Set exactly one of `component` and `ofVehicle`. */
 export interface Part {
   component?: Component;
   /** Shown only while there is a vehicle. */
@@ -72,7 +72,7 @@ export interface SlotPart extends Part {
 
 /** A line of the keyboard sheet and what its keys do. */
 export interface KeyLine {
-  /** As it stands on the sheet. */
+  /** Text of the keys on the sheet. */
   keys: string;
   what: string;
   /** Also obeyed while the 3D view has the keyboard (it moves its camera by W A S D Q E). */

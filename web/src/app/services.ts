@@ -1,4 +1,4 @@
-/** What one feature does for another: the contract stands here, the feature provides it, others ask for it by name. */
+/** Services that features offer each other: the interfaces are here, a feature provides one, others get it by name. */
 
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
@@ -14,7 +14,7 @@ export type Roi = components['schemas']['Roi'];
 
 export interface Services {
   offboard: {
-    /** Starts the stream with what is wished, else where the vehicle is. */
+    /** Starts the stream with the given setpoint, else at the vehicle's position. */
     start: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
@@ -23,7 +23,7 @@ export interface Services {
     /** Whether yaw is held relative to north. */
     lock: (facts: VehicleFacts) => boolean;
     roiOf: (facts: VehicleFacts) => Roi | null;
-    /** Asks the server anew who controls it and what it looks at. */
+    /** Asks the server again who controls the gimbal and what its ROI is. */
     askHolder: (facts: VehicleFacts) => Promise<void>;
   };
   stage: {
@@ -31,11 +31,11 @@ export interface Services {
     /** Which of the two fills the stage. */
     readonly main: 'map' | 'scene';
     camera: Camera;
-    /** Makes the other one large. */
+    /** Swaps map and 3D view. */
     swap: () => void;
     /** Makes the map large. */
     showMap: () => void;
-    /** Puts places into what panels leave free of the map. */
+    /** Fits positions into the part of the map that no panel covers. */
     showPlaces: (places: readonly Place[]) => void;
   };
 }
@@ -47,7 +47,7 @@ export function provide<K extends keyof Services>(name: K, service: Services[K])
 }
 
 /**
- * @throws Error: no feature provides it (a mistake of the build, not of a person).
+ * @throws Error: no feature provides it (a programming error).
  */
 export function service<K extends keyof Services>(name: K): Services[K] {
   const found = provided[name];

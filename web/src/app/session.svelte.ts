@@ -1,4 +1,4 @@
-/** What every feature shares: one order to a vehicle at a time, and the actions that ask for confirmation. */
+/** Objects shared by all features: the request queue per vehicle, and the actions that ask for confirmation. */
 
 import { Turns } from '../api/turns';
 import { ActionController } from './actions/controller.svelte';

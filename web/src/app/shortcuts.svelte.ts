@@ -1,4 +1,4 @@
-/** Whether the page's single-key shortcuts work; who dictates or hits keys by accident switches them off (WCAG 2.1.4). */
+/** Whether the page's single-key shortcuts work; people who use speech input, or press keys by accident, can switch them off (WCAG 2.1.4). */
 
 import { memory } from './identity';
 
@@ -9,7 +9,7 @@ const KEY = 'gcs-shortcuts';
 export class Shortcuts {
   on = $state(true);
 
-  /** @param kept the browser's memory: the setting outlives the page. */
+  /** @param kept the browser's storage: the setting outlives the page. */
   constructor(private readonly kept: Kept) {
     this.on = kept.getItem(KEY) !== 'off';
   }

@@ -1,4 +1,4 @@
-/** Light or dark: follows the system until it is set; what was set is remembered on this machine. */
+/** Light or dark theme: the system's until a person chooses one; the choice is kept in this browser. */
 
 export type ThemeChoice = 'system' | 'light' | 'dark';
 
@@ -27,14 +27,14 @@ class Theme {
     this.write();
   }
 
-  /** The other one of light and dark; back on what the system says it follows the system again. */
+  /** Switches between light and dark; a choice equal to the system's theme follows the system again. */
   toggle(): void {
     const wanted = this.shown === 'dark' ? 'light' : 'dark';
     this.choice = wanted === (this.systemDark ? 'dark' : 'light') ? 'system' : wanted;
     try {
       localStorage.setItem(KEY, this.choice);
     } catch {
-      // not remembered then
+      // storage is switched off: the choice lasts until the page closes
     }
     this.write();
   }

@@ -173,7 +173,7 @@ const actionFacts: ActionFacts = {
 
 describe('what is asked', () => {
   it('says the height of the return once the vehicle has told it', () => {
-    expect(question('rtl', actionFacts)?.effect).toContain('its return height');
+    expect(question('rtl', actionFacts)?.effect).toContain('its return altitude');
     expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('at most 60 m above home');
     expect(question('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
   });

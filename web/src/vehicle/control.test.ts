@@ -48,7 +48,7 @@ describe('who has control', () => {
     expect(ownRequest(asked, 'b')).toEqual(ASKING);
   });
   it('lets force come after the question', () => {
-    expect(forceHint(ANNAS, 'b', false)).toBe('Ask first: Anna is there.');
+    expect(forceHint(ANNAS, 'b', false)).toBe('Request control first: Anna is connected.');
     expect(forceHint({ ...ANNAS, requests: [ASKING] }, 'b', false)).toBe('12 s left to answer.');
     expect(forceHint({ ...ANNAS, requests: [{ ...ASKING, answer_left_s: 0 }] }, 'b', false)).toBeNull();
     expect(forceHint(ANNAS, 'b', true)).toBeNull();

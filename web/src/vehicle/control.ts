@@ -44,7 +44,7 @@ export function notYours(action: string, holder: string | null): { detail: strin
   if (holder === null || OPEN.has(action)) return null;
   return {
     detail: `${holder} has control of this vehicle.`,
-    remedy: 'Ask for control at the upper right (key C). Hold, Land now and Stop motors work without it.',
+    remedy: 'Request control at the upper right (key C). Hold, Land now and Stop motors work without it.',
   };
 }
 
@@ -67,7 +67,7 @@ export function toAnswer(control: Control | null, key: string | null): ControlRe
 export function forceHint(control: Control, key: string | null, denied: boolean): string | null {
   const asked = ownRequest(control, key);
   if (!control.can_be_asked || denied) return null;
-  if (asked === null) return `Ask first: ${control.holder ?? 'the holder'} is there.`;
+  if (asked === null) return `Request control first: ${control.holder ?? 'the holder'} is connected.`;
   return asked.answer_left_s > 0 ? `${Math.ceil(asked.answer_left_s)} s left to answer.` : null;
 }
 

@@ -101,9 +101,9 @@ export function readOffboard(value: unknown): OffboardStatus | null {
 const STATES: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'Starting',
-  undoing: 'Not started: going back',
-  holding: 'Expired: holding the place',
-  to_hold: 'Expired: going to Hold',
+  undoing: 'Not started: switching back',
+  holding: 'Expired: holding position',
+  to_hold: 'Expired: switching to Hold',
   landing: 'Expired: landing',
 };
 

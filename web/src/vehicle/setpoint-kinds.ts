@@ -56,7 +56,7 @@ export interface KindSpec {
 }
 
 const RAD = Math.PI / 180;
-const FT_HIGH = 'Nothing holds height or place: the vehicle drifts, climbs or sinks as it is told.';
+const FT_HIGH = 'Altitude and position are not held: the vehicle drifts, climbs or descends.';
 
 function axes(
   prefix: string,
@@ -99,17 +99,24 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'position_body',
     name: 'Offset',
-    frame: 'from where it is, along its heading',
+    frame: 'from the current position, along the heading',
     care: null,
     groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP))],
     yaw: 'offset',
   },
-  { kind: 'velocity', name: 'Velocity', frame: 'local, north east up', care: 'It keeps moving until told otherwise.', groups: [SPEED], yaw: 'angle_or_rate' },
+  {
+    kind: 'velocity',
+    name: 'Velocity',
+    frame: 'local, north east up',
+    care: 'The vehicle keeps moving until the setpoint changes or expires.',
+    groups: [SPEED],
+    yaw: 'angle_or_rate',
+  },
   {
     kind: 'velocity_body',
     name: 'Velocity, heading',
-    frame: 'along its heading',
-    care: 'It keeps moving until told otherwise.',
+    frame: 'along the heading',
+    care: 'The vehicle keeps moving until the setpoint changes or expires.',
     groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))],
     yaw: 'angle_or_rate',
   },
@@ -117,7 +124,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'acceleration',
     name: 'Acceleration',
     frame: 'local, north east up',
-    care: 'Speed grows for as long as it lasts.',
+    care: 'The speed grows for as long as the setpoint is valid.',
     groups: [PUSH],
     yaw: 'angle_or_rate',
   },
@@ -129,14 +136,14 @@ export const KINDS: readonly KindSpec[] = [
     yaw: 'angle_or_rate',
     groups: [
       { ...PLACE, nullable: true },
-      { ...SPEED, title: 'Velocity, or fed forward', nullable: true, optional: true },
-      { ...PUSH, title: 'Acceleration, or fed forward', nullable: true, optional: true },
+      { ...SPEED, title: 'Velocity (or feed-forward)', nullable: true, optional: true },
+      { ...PUSH, title: 'Acceleration (or feed-forward)', nullable: true, optional: true },
     ],
   },
   {
     kind: 'attitude',
     name: 'Attitude',
-    frame: 'against the horizon',
+    frame: 'relative to the horizon',
     care: FT_HIGH,
     yaw: 'none',
     groups: [
@@ -150,7 +157,7 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'rates',
     name: 'Body rates',
-    frame: 'about its own axes',
+    frame: 'about the body axes',
     care: 'Not levelled: the vehicle keeps turning. ' + FT_HIGH,
     yaw: 'none',
     groups: [
@@ -165,15 +172,15 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'follow',
     name: 'Follow a vehicle',
-    frame: 'an offset along its heading',
+    frame: 'an offset along the other’s heading',
     care: null,
-    groups: [group('offset_frd_m', 'Offset from it', axes('o', FRU, 'm', 0.5, UP))],
+    groups: [group('offset_frd_m', 'Offset from the other', axes('o', FRU, 'm', 0.5, UP))],
     yaw: 'follow',
   },
   {
     kind: 'thrust_torque',
     name: 'Thrust and torque',
-    frame: 'its own axes, −1 to 1',
+    frame: 'body axes, −1 to 1',
     care: FT_HIGH,
     yaw: 'none',
     groups: [
@@ -189,7 +196,7 @@ export const KINDS: readonly KindSpec[] = [
       ),
     ],
   },
-  { kind: 'actuators', name: 'Motors and servos', frame: 'each by itself', care: FT_HIGH, groups: [], yaw: 'none' },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', care: FT_HIGH, groups: [], yaw: 'none' },
 ];
 
 export function specOf(kind: Kind): KindSpec {

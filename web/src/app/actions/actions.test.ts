@@ -32,7 +32,7 @@ describe('actions', () => {
     const worst = { ...facts, lost: true, replayed: false };
     for (const action of ['hold', 'kill'] as ActionName[]) expect(unavailable(action, worst)).toBeNull();
     expect(unavailable('land', worst)).not.toBeNull();
-    expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('It is in the air.');
+    expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('The vehicle is in the air.');
   });
 
   it('say of a recording that it takes no commands, whatever is pressed', () => {

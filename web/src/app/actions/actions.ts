@@ -1,4 +1,4 @@
-/** What can be asked of a vehicle from the bar: name, effect in one sentence with numbers, and the call it makes. */
+/** The vehicle actions: their names, confirmation texts with numbers, and API requests. */
 
 import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
@@ -7,7 +7,7 @@ import type { StartWish } from '../../vehicle/setpoint';
 export type ActionName =
   'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto' | 'mission/start';
 
-/** What the sentences need to know; null is unknown. */
+/** Values for the confirmation texts; null is unknown. */
 export interface ActionFacts {
   vehicleId: string;
   vehicleName: string;
@@ -19,13 +19,13 @@ export interface ActionFacts {
   streaming: boolean;
   takeoffAlt_home_m: number;
   battery_percent: number | null;
-  /** Another client that has control; null: nobody is in this page's way. */
+  /** The other client that has control; null if this page may command the vehicle. */
   holder?: string | null;
-  /** RTL_RETURN_ALT; null until the vehicle has told it. */
+  /** RTL_RETURN_ALT; null until the parameter has been read. */
   returnAlt_home_m?: number | null;
 }
 
-/** Where "Go here" goes; distances from where the vehicle was when it was asked. */
+/** Target of "Go here"; distances are from the vehicle's position when the menu was opened. */
 export interface Goal {
   lat_deg: number;
   lon_deg: number;
@@ -33,7 +33,7 @@ export interface Goal {
   distance_m: number;
   /** Null where the vehicle's cruise speed is not known. */
   time_s: number | null;
-  /** Told once the vehicle took the request, or did not. */
+  /** Called when the vehicle has accepted or refused the request. */
   settled?: (taken: boolean) => void;
 }
 
@@ -53,18 +53,18 @@ function m(value: number | null): string {
 }
 
 function heightNow(facts: ActionFacts): string {
-  return facts.alt_home_m === null ? 'an unknown height' : `${fixed(facts.alt_home_m, 1)} m above home`;
+  return facts.alt_home_m === null ? 'an unknown altitude' : `${fixed(facts.alt_home_m, 1)} m above home`;
 }
 
-/** Which height it comes back at, as far as the vehicle has told it. */
+/** The altitude and distance of the return flight, as far as known. */
 function returns(facts: ActionFacts): string {
   const alt_m = facts.returnAlt_home_m ?? null;
-  if (alt_m === null) return `Climbs to its return height, flies ${m(facts.fromHome_m)} back`;
+  if (alt_m === null) return `Climbs to its return altitude, flies ${m(facts.fromHome_m)} back`;
   if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m) return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${m(facts.fromHome_m)} back`;
   return `Climbs to at most ${fixed(alt_m, 0)} m above home, flies ${m(facts.fromHome_m)} back`;
 }
 
-/** The confirmation's words; null where the action needs none: Hold is always one press. */
+/** The confirmation's text; null if the action needs no confirmation (Hold never does). */
 export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StartWish | null = null): Question | null {
   const end = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
@@ -81,7 +81,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'disarm':
       return {
         title: `Disarm ${name}`,
-        effect: facts.inAir ? 'The vehicle reports to be in the air and will refuse.' : 'The motors stop on the ground.',
+        effect: facts.inAir ? 'The vehicle reports that it is in the air and will refuse.' : 'The motors stop on the ground.',
         verb: 'Disarm',
         danger: false,
       };
@@ -95,7 +95,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land':
       return {
         title: `Land ${name}`,
-        effect: `Sinks from ${heightNow(facts)} where it is, ${m(facts.fromHome_m)} from home, and disarms.${end}`,
+        effect: `Descends from ${heightNow(facts)} at its current position, ${m(facts.fromHome_m)} from home, and disarms.${end}`,
         verb: 'Land',
         danger: false,
       };
@@ -105,8 +105,8 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       return {
         title: `Fly the mission of ${name}`,
         effect: facts.inAir
-          ? `Flies on with the mission that it holds, from its current step. Hold pauses it.${end}`
-          : `${facts.armed ? 'Takes' : 'Arms, takes'} off and flies the mission that it holds, from its first step. Hold pauses it.`,
+          ? `Continues the mission stored on the vehicle from its current step. Hold pauses it.${end}`
+          : `${facts.armed ? 'Takes' : 'Arms, takes'} off and flies the mission stored on the vehicle from its first step. Hold pauses it.`,
         verb: 'Fly',
         danger: false,
       };
@@ -115,30 +115,30 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. It is ${heightNow(facts)} now.${end}`,
+            effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. The vehicle is at ${heightNow(facts)} now.${end}`,
             verb: 'Go',
             danger: false,
           };
     case 'offboard_start':
       if (start !== null)
-        return { title: `Offboard ${name}`, effect: `The server takes over and asks for: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
+        return { title: `Offboard ${name}`, effect: `The server starts a setpoint stream: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
       return {
         title: `Offboard ${name}`,
-        effect: 'The server takes over and holds this position by setpoints; nudge it from the card. Hold ends it.',
+        effect: 'The server holds this position by streaming setpoints; nudge it from the card. Hold ends it.',
         verb: 'Start',
         danger: false,
       };
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Sinks at once from ${heightNow(facts)} where it is, whoever has control.${end}`,
+        effect: `Descends at once from ${heightNow(facts)} at its current position, whoever has control.${end}`,
         verb: 'Land now',
         danger: false,
       };
     case 'force_control':
       return {
         title: `Take control of ${name} by force`,
-        effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle flies on as it does.`,
+        effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle keeps doing what it does now.`,
         verb: 'Take',
         danger: true,
       };
@@ -171,18 +171,18 @@ export function call(action: Exclude<ActionName, 'offboard_start'>, facts: Actio
   return { path: `${base}/${action}` };
 }
 
-/** Why an action makes no sense now, as a tooltip; null where it does. Hold and Stop motors always do with a vehicle. */
+/** Tooltip that says why an action is not possible now; null if it is. Hold and Stop motors always are. */
 export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A recording takes no commands.';
   if (action === 'hold' || action === 'kill' || action === 'force_control') return null;
   if (facts.lost) return 'No connection to the vehicle.';
-  if (action === 'takeoff' && facts.inAir) return 'It is in the air.';
-  if (action === 'goto' && !facts.inAir) return 'It is on the ground: take off first.';
-  if ((action === 'land' || action === 'land_now' || action === 'rtl') && !facts.inAir && !facts.armed) return 'It is on the ground.';
+  if (action === 'takeoff' && facts.inAir) return 'The vehicle is in the air.';
+  if (action === 'goto' && !facts.inAir) return 'The vehicle is on the ground: take off first.';
+  if ((action === 'land' || action === 'land_now' || action === 'rtl') && !facts.inAir && !facts.armed) return 'The vehicle is on the ground.';
   return null;
 }
 
-/** Progress in words while the vehicle has not shown it yet. */
+/** Progress texts shown until the vehicle reports the change. */
 export const ASKED: Readonly<Record<ActionName, string>> = {
   arm: 'Arming',
   disarm: 'Disarming',
@@ -198,7 +198,7 @@ export const ASKED: Readonly<Record<ActionName, string>> = {
   'mission/start': 'Mission',
 };
 
-/** What the sentences need to know of a vehicle as it is now. */
+/** Reads the values for the confirmation texts from a vehicle's present state. */
 export function actionFacts(facts: VehicleFacts, takeoffAlt_home_m: number): ActionFacts {
   return {
     vehicleId: facts.id,

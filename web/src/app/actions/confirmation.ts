@@ -1,5 +1,5 @@
 /**
- * A confirmation as a state machine: asked, held or slid to its end, expired, cancelled. Time comes in with each call.
+ * State machine of a confirmation: asking, confirmed (knob held or slid to its end), expired, cancelled. Callers pass the time.
  * It expires after five seconds without a touch, never while a finger or a key is on it.
  */
 
@@ -8,17 +8,17 @@ export const HOLD_S = 0.8;
 export const HOLD_DANGER_S = 1.5;
 /** Arrow key presses from one end of the knob's way to the other. */
 export const KNOB_STEPS = 10;
-/** The most that counts as held between two looks [s]: a page that stood still cannot know whether the key was let go. */
+/** Longest interval between two calls that counts as held [s]: after a longer pause the key may have been released unseen. */
 export const LONGEST_LOOK_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
 export class Confirmation {
   phase: Phase = 'asking';
-  /** What is asked is not valid as it stands: it cannot be confirmed until it is. */
+  /** The typed value is not valid: nothing can be confirmed until it is. */
   blocked = false;
   private deadline_s: number;
-  /** When the held key was last looked at; null: none is held. */
+  /** Time of the last call while a key is held; null if none is held. */
   private lookedAt_s: number | null = null;
   private held_s = 0;
   /** Where the knob is, 0–1: slid by a pointer or stepped by arrow keys. */
@@ -44,14 +44,14 @@ export class Confirmation {
   /** Space or Enter went down on the knob; the keyboard's own repeats change nothing. */
   press(now_s: number): void {
     if (this.blocked)
-      this.touch(now_s); // somebody is at it: there is time to put it right
+      this.touch(now_s); // the person is active: restart the timeout
     else if (this.phase === 'asking' && this.lookedAt_s === null && !this.sliding) {
       this.lookedAt_s = now_s;
       this.held_s = 0;
     }
   }
 
-  /** The key came up before its time, or the knob lost the keyboard: what was held or stepped counts as nothing. */
+  /** The key was released too early, or the knob lost the focus: progress goes back to zero. */
   release(now_s: number): void {
     this.lookedAt_s = null;
     this.held_s = 0;
@@ -82,7 +82,7 @@ export class Confirmation {
     this.touch(now_s);
   }
 
-  /** Someone changes a value in it: the five seconds start again. */
+  /** The person changed a value: the five seconds start again. */
   touch(now_s: number): void {
     this.deadline_s = now_s + EXPIRES_AFTER_S;
   }
@@ -91,7 +91,7 @@ export class Confirmation {
     if (this.phase === 'asking') this.phase = 'cancelled';
   }
 
-  /** Looked at once per painted frame. */
+  /** Called once per painted frame; returns the present state. */
   tick(now_s: number): Phase {
     if (this.phase !== 'asking') return this.phase;
     if (this.lookedAt_s !== null) {

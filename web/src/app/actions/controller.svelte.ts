@@ -1,4 +1,4 @@
-/** Asks, confirms, sends, and keeps the refusal beside the button that was pressed. */
+/** Asks for confirmation, sends commands, and keeps a refusal beside the button that was pressed. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
@@ -9,10 +9,10 @@ import { actionFacts, ASKED, call, question, unavailable, type ActionFacts, type
 import type { StartWish } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
-/** Where a button stands, so that what comes back appears there. */
+/** The part of the page where a button is, so that its result appears there. */
 export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
 
-/** A question about several vehicles at once: its words as of now, and what is done once it is confirmed. */
+/** A confirmation for several vehicles: its present text, and the call made once it is confirmed. */
 export interface Together {
   what: string;
   /** The vehicles, for what comes back. */
@@ -21,7 +21,7 @@ export interface Together {
   run: () => Promise<Outcome<unknown>>;
 }
 
-/** In place of a vehicle's id, where several are asked at once. */
+/** Used as the vehicle id of a command to several vehicles. */
 export const TOGETHER = 'together';
 
 export interface Asked {
@@ -29,7 +29,7 @@ export interface Asked {
   place: Place;
   facts: VehicleFacts;
   goal: Goal | null;
-  /** What the stream begins with; null: where the vehicle is. */
+  /** The stream's first setpoint; null means the vehicle's position. */
   start: StartWish | null;
   /** Null: it concerns one vehicle. */
   together: Together | null;
@@ -43,9 +43,9 @@ export interface Running {
   place: Place;
   vehicle: string;
   vehicleName: string;
-  /** What the server last said of it; null before the first word. */
+  /** The server's latest progress text; null before the first. */
   told: string | null;
-  /** 0–1 where the vehicle counts. */
+  /** Progress 0–1, if the vehicle reports it. */
   fraction: number | null;
 }
 
@@ -56,11 +56,11 @@ export interface Refusal {
 }
 
 const TAKEOFF_DEFAULT_M = 10;
-/** So long after a question closed by itself, a key that was meant for it presses nothing else [s]. */
+/** After a confirmation has closed by itself, Space and Enter press nothing else for this long [s]. */
 const SETTLES_S = 0.6;
-/** PX4's parameter for the height it returns at [m above home]. */
+/** PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT = 'RTL_RETURN_ALT';
-/** The API's own bounds [m]. */
+/** The API's limits [m]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
 function notNow(detail: string): Problem {
@@ -72,10 +72,10 @@ export class ActionController {
   running = $state.raw<Running[]>([]);
   refusals = $state.raw<Partial<Record<Place, Refusal>>>({});
   takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
-  /** What is wrong with the height as it is typed; null where nothing is. */
+  /** What is wrong with the typed altitude; null if nothing is. */
   takeoffProblem = $state<string | null>(null);
   private readonly returnAlt_home_m = new Map<string, number>();
-  /** Painted once per frame: the knob's place and the seconds left. */
+  /** Updated once per frame: the knob's position and the seconds left. */
   progress = $state(0);
   left_s = $state(0);
   private nextId = 1;
@@ -86,7 +86,7 @@ export class ActionController {
     private readonly nowS: () => number,
     /** Starts the stream where the vehicle is; lives with the offboard card. */
     private readonly startOffboard: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>,
-    /** The vehicle as it is now: between the question and its answer it flies on. */
+    /** The vehicle's present state: it has moved since the question was opened. */
     private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
@@ -95,7 +95,7 @@ export class ActionController {
     return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
 
-  /** A button or a key: opens the confirmation, or acts at once where none is needed. */
+  /** Handles a button or key: opens the confirmation, or acts at once if none is needed. */
   request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar', goal: Goal | null = null, start: StartWish | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(place);
@@ -134,11 +134,11 @@ export class ActionController {
     this.left_s = confirmation.left_s(this.nowS());
   }
 
-  /** As it is typed: what is no height, or none the server takes, is said and cannot be confirmed. */
+  /** Takes the typed altitude; one that is no number or outside the API's limits is reported and cannot be confirmed. */
   typeTakeoffHeight(alt_home_m: number): void {
     const { min, max } = TAKEOFF_RANGE_M;
     const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
-    this.takeoffProblem = good ? null : `A height from ${min} to ${max} m above home is needed.`;
+    this.takeoffProblem = good ? null : `Enter an altitude from ${min} to ${max} m above home.`;
     if (good) this.takeoffAlt_home_m = alt_home_m;
     if (this.asked === null) return;
     this.asked.confirmation.blocked = !good;
@@ -150,7 +150,7 @@ export class ActionController {
     this.typeTakeoffHeight(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
   }
 
-  /** A word of the server about a command that still waits; those of other clients are not ours to show. */
+  /** Handles the server's progress event of a running command; events of other clients' commands are ignored. */
   heard(event: WireEvent): void {
     if (event.kind !== 'progress' || this.api.key === null || event['client_key'] !== this.api.key) return;
     const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
@@ -185,7 +185,7 @@ export class ActionController {
     else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
   }
 
-  /** What the page heard by itself, shown as the refusal of a button in that place would be. */
+  /** Shows a problem that no button caused, as a refusal in that part of the page. */
   tell(what: string, vehicleName: string, place: Place, problem: Problem): void {
     this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
   }
@@ -229,7 +229,7 @@ export class ActionController {
     return { ...actionFacts(facts, this.takeoffAlt_home_m), holder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
   }
 
-  /** The words wait for nothing: they say the height once the vehicle has told it. */
+  /** Does not wait: the text shows the altitude once the parameter has been read. */
   private async askReturnHeight(id: string): Promise<void> {
     const answer = await this.api.get<{ value: unknown }>(`/vehicles/${encodeURIComponent(id)}/params/${RETURN_ALT}`);
     if (!answer.ok || typeof answer.value.value !== 'number') return;

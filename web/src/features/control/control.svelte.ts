@@ -1,4 +1,4 @@
-/** Taking, asking for, giving and releasing control, for the selected vehicle. */
+/** Takes, requests, gives and releases control of the selected vehicle. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient } from '../../api/client';
@@ -11,7 +11,7 @@ const REASON_MAX = 200;
 export class ControlDesk {
   open = $state(false);
   reason = $state('');
-  /** Vehicles whose holder said no to this page. */
+  /** Vehicles whose holder denied this page's request. */
   private readonly denials = $state<Record<string, boolean>>({});
 
   constructor(
@@ -35,7 +35,7 @@ export class ControlDesk {
   ask(facts: VehicleFacts): void {
     const reason = this.reason.trim().slice(0, REASON_MAX);
     this.denials[facts.id] = false;
-    void this.post('Ask for control', facts, 'request', reason === '' ? {} : { reason });
+    void this.post('Request control', facts, 'request', reason === '' ? {} : { reason });
   }
 
   /** Gives control up, or takes a request back. */
@@ -51,7 +51,7 @@ export class ControlDesk {
     void this.post('Keep control', facts, 'deny', { client: to.key });
   }
 
-  /** By key: answers the first who asks; false where nobody does. */
+  /** Keyboard answer to the first request; false if there is none. */
   answer(facts: VehicleFacts | null, give: boolean): boolean {
     const asking = facts === null ? null : toAnswer(facts.control, this.api.key);
     if (facts === null || asking === null) return false;
@@ -60,7 +60,7 @@ export class ControlDesk {
     return true;
   }
 
-  /** Events of control: a denial of ours stays known until control changes. */
+  /** Handles control events: a denial of this page's request is kept until control changes. */
   heard(event: WireEvent): void {
     if (event.kind !== 'control' || event.vehicle === null) return;
     if (event['action'] === 'denied' && event['to_key'] === this.api.key) this.denials[event.vehicle] = true;

@@ -1,4 +1,4 @@
-/** The one desk of this page where control is taken, asked for, given and released. */
+/** The page's only ControlDesk instance. */
 
 import { page } from '../../app/page.svelte';
 import { actions } from '../../app/session.svelte';

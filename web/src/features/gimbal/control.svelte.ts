@@ -1,4 +1,4 @@
-/** Steers the gimbal: angles while the pad is dragged, rates while an arrow is held; both axes stop when let go. */
+/** Controls the gimbal: angles while the pad is dragged, rates while an arrow is held; both axes stop on release. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
@@ -8,7 +8,7 @@ import { LatestSender } from './latest';
 import { limits, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 
-/** The pad was let go, or no key pressed, for this long [ms]: the vehicle is asked where the camera stopped. */
+/** After this long without a drag or key [ms] the last angles are sent once more, to learn where the camera stopped. */
 const SETTLES_MS = 400;
 /** How fast an arrow turns the camera [deg/s]. */
 export const RATE_DEG_S = 20;
@@ -22,18 +22,18 @@ interface Order {
 }
 
 export class GimbalControl {
-  /** The angles last asked for: the ring on the pad. */
+  /** The target angles: the ring on the pad. */
   asked = $state.raw<Angles | null>(null);
   /** Yaw stays where it points while the vehicle turns. Null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
-  /** Why the camera does not look where it was sent, by vehicle; null: it does, or it is on its way. */
+  /** Why the camera has not reached its target, by vehicle; null if it has or is still moving. */
   private limited = $state.raw<{ id: string; text: string } | null>(null);
   private settling: ReturnType<typeof setTimeout> | undefined;
   private orders = 0;
-  /** Whether this server is in control, by vehicle and holder as the server was last asked. */
+  /** Whether this server has gimbal control, by vehicle and holder, from the last answer of the server. */
   private mine = $state.raw<{ key: string; mine: boolean }>({ key: '', mine: false });
-  /** The place the station asked it to look at, by vehicle, as the server was last asked. */
+  /** The ROI that this server set, by vehicle, from the last answer of the server. */
   private roi = $state.raw<{ id: string; roi: Roi | null }>({ id: '', roi: null });
   private readonly sender: LatestSender<Order>;
   private turning = false;
@@ -47,7 +47,7 @@ export class GimbalControl {
     );
   }
 
-  /** Whether the holder now reported is this server; false until the server has said so. */
+  /** Whether the reported holder is this server; false until the server has confirmed it. */
   inControl(facts: VehicleFacts): boolean {
     return this.mine.mine && this.mine.key === holderKey(facts);
   }
@@ -61,7 +61,7 @@ export class GimbalControl {
     this.roi = { id: facts.id, roi: answer.value.roi };
   }
 
-  /** Where the station asked it to look, until something of ours ended that; null: nowhere, or not known. */
+  /** The ROI set by this server until one of its commands ended it; null if there is none or it is not known. */
   roiOf(facts: VehicleFacts): Roi | null {
     return this.roi.id === facts.id ? this.roi.roi : null;
   }
@@ -99,19 +99,19 @@ export class GimbalControl {
     this.settling = setTimeout(() => void this.settle(facts, body), SETTLES_MS);
   }
 
-  /** Where it stopped short of what it was sent to; null: nowhere. */
+  /** Why the camera stopped before its target; null if it did not. */
   limitedOf(facts: VehicleFacts): string | null {
     return this.limited?.id === facts.id ? this.limited.text : null;
   }
 
-  /** Says the same angles once more and waits until the camera stands; whatever is sent meanwhile goes at once. */
+  /** Sends the same angles again and waits until the camera stops; other commands are not delayed. */
   private async settle(facts: VehicleFacts, body: object): Promise<void> {
     const mine = this.orders;
     const answer = await this.api.post<{ limited: { text: string } | null }>(`${base(facts)}/angles`, { ...body, wait: true });
     if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: facts.id, text: answer.value.limited.text };
   }
 
-  /** A newer order: what was said of the one before is over. */
+  /** A new command was sent: the result of the one before no longer counts. */
   private push(order: Order): void {
     clearTimeout(this.settling);
     this.orders += 1;

@@ -26,7 +26,7 @@ describe('gimbal', () => {
   });
   it('says who steers', () => {
     expect(owner(null, false).who).toBe('nobody');
-    expect(owner([255, 190], true).text).toBe('this station');
+    expect(owner([255, 190], true).text).toBe('this server');
     expect(owner([1, 1], false).who).toBe('vehicle');
     expect(owner([254, 191], false).text).toContain('254');
   });

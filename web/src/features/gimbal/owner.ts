@@ -1,4 +1,4 @@
-/** Who steers the gimbal, in words. */
+/** Describes who controls the gimbal. */
 
 export interface Owner {
   who: 'station' | 'other' | 'vehicle' | 'nobody';
@@ -13,8 +13,8 @@ const AUTOPILOT = 1;
  * @param inControl whether that is this server, as the server says.
  */
 export function owner(primary: readonly [number, number] | null, inControl: boolean): Owner {
-  if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'nobody steers' };
-  if (inControl) return { who: 'station', text: 'this station' };
+  if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'not controlled' };
+  if (inControl) return { who: 'station', text: 'this server' };
   if (primary[1] === AUTOPILOT) return { who: 'vehicle', text: 'the vehicle itself' };
   return { who: 'other', text: `system ${primary[0]}, component ${primary[1]}` };
 }

@@ -49,7 +49,7 @@ export function clamp(angles: Angles, l: Limits): Angles {
 /** Degrees that an arrow key turns; with Shift, and by PageUp and PageDown, ten times that. */
 const KEY_STEP_DEG = 1;
 
-/** The angles after a key on the pad, held inside the limits; null for a key that is none of its. */
+/** The angles after a key on the pad, held inside the limits; null for a key that the pad does not handle. */
 export function stepped(angles: Angles, key: string, shift: boolean, l: Limits): Angles | null {
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
   const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, l);

@@ -44,8 +44,8 @@ const KINDS: Readonly<Record<string, string>> = {
   armed: 'The vehicle armed',
   disarmed: 'The vehicle disarmed',
   command: 'A command was carried out',
-  link: 'Noticed by the station: the link',
-  warning: 'Noticed by the station',
+  link: 'Reported by the server: link',
+  warning: 'Reported by the server',
 };
 
 /** Who says so. */

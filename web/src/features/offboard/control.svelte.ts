@@ -18,7 +18,7 @@ function noPosition(age_s: number | null): Outcome<never> {
       detail:
         age_s === null
           ? 'The vehicle reports no local position, so there is nothing to hold.'
-          : `The last local position is ${ageText(age_s)} old: where it is now is not known.`,
+          : `The last local position is ${ageText(age_s)} old: the current position is not known.`,
       reasons: [],
       remedy: 'Wait until it reports its position, then try again.',
       code: 'refused',

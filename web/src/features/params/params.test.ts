@@ -76,10 +76,10 @@ test('what is typed is a number, or it is not sent', () => {
 
 test('what is not meant is said before it is sent', () => {
   const speed = facts({ min: 3, max: 20, unit: 'm/s' });
-  expect([objection(speed, 99), objection(speed, 2.9)]).toEqual(['It is meant to be 3 to 20 m/s.', 'It is meant to be 3 to 20 m/s.']);
+  expect([objection(speed, 99), objection(speed, 2.9)]).toEqual(['Outside the documented range: 3 to 20 m/s.', 'Outside the documented range: 3 to 20 m/s.']);
   expect([objection(speed, 20), objection(speed, 3), objection(null, 1e9), objection(facts({ min: 0.1 }), Math.fround(0.1))]).toEqual([null, null, null, null]);
   const action = facts({ choices: [{ value: 1, label: 'Land' }] });
-  expect([objection(action, 1), objection(action, 2)]).toEqual([null, 'It is none of the values that have a meaning.']);
+  expect([objection(action, 1), objection(action, 2)]).toEqual([null, 'Not one of the documented values.']);
   const mask = facts({
     bits: [
       { value: 0, label: 'a' },

@@ -107,15 +107,15 @@ export function typed(text: string, isInteger: boolean): number | null {
 /** What speaks against a value, before it is sent; null where nothing does. The server looks at the same. */
 export function objection(facts: Facts | null, value: number): string | null {
   if (facts === null) return null;
-  if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'It is none of the values that have a meaning.';
+  if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'Not one of the documented values.';
   if (facts.bits.length > 0) {
     const known = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
     const rest = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(known / 2 ** bit) % 2 === 0);
-    return value < 0 || rest ? 'It has bits that have no meaning.' : null;
+    return value < 0 || rest ? 'It sets bits that are not documented.' : null;
   }
   const low = facts.min !== null && value < facts.min && !same(value, facts.min);
   const high = facts.max !== null && value > facts.max && !same(value, facts.max);
-  return low || high ? `It is meant to be ${rangeText(facts)}.` : null;
+  return low || high ? `Outside the documented range: ${rangeText(facts)}.` : null;
 }
 
 /** As the vehicle holds them: 32 bits. */
@@ -131,9 +131,9 @@ export function stateText(list: Parameters['list'] | null): string {
     case 'reading':
       return `reading${share} …`;
     case 'failed':
-      return `not all:${share}`;
+      return `incomplete:${share}`;
     case 'outdated':
-      return `${list.received}, read before the link was away`;
+      return `${list.received}, read before the connection was lost`;
     default:
       return `${list.received}${list.source === 'cache' ? ', unchanged since they were read' : ''}`;
   }

@@ -50,7 +50,7 @@ export function readReadiness(value: unknown): Readiness | null {
 export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
   if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const now = readiness.modes.find((m) => m.mode === mode);
-  if (now === undefined) return { text: 'Not known', detail: 'Its checks say nothing of the mode it is in.', tone: 'neutral' };
+  if (now === undefined) return { text: 'Not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
   const shut = armed ? !now.can_run : !now.can_arm;
   if (!shut) return { text: armed ? `${now.label} may be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
   const causes = (armed ? now.running : now.arming).map((c) => c.cause).join(' ');

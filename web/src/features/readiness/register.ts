@@ -11,4 +11,4 @@ registry.addPanel({
   toggle: () => readiness.toggle(),
   close: () => readiness.close(),
 });
-registry.addKeys([{ order: 150, keys: 'Y', what: 'Why it cannot arm or fly a mode', inScene: true, on: { y: () => readiness.toggle() } }]);
+registry.addKeys([{ order: 150, keys: 'Y', what: 'Why the vehicle cannot arm or fly a mode', inScene: true, on: { y: () => readiness.toggle() } }]);

@@ -105,7 +105,7 @@ describe('the time bar', () => {
       running: false,
       problem: null,
     });
-    expect(words).toBe('– · no vehicle heard at its begin · 2.0 MB · x.tlog');
+    expect(words).toBe('– · no vehicle in the first minute of the recording · 2.0 MB · x.tlog');
   });
 });
 

@@ -143,7 +143,7 @@ export function size(bytes: number): string {
 }
 
 export function vehicleWords(vehicles: readonly number[]): string {
-  if (vehicles.length === 0) return 'no vehicle heard at its begin';
+  if (vehicles.length === 0) return 'no vehicle in the first minute of the recording';
   return `${vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${vehicles.join(', ')}`;
 }
 

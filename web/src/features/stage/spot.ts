@@ -19,8 +19,8 @@ export const GO_WITHIN_M = 1000;
 
 const RECORDED = 'A recording takes no commands.';
 const UNHEARD = 'No connection to the vehicle.';
-const NO_PLACE = 'Its position is not known.';
-const NO_HOME = 'Its home is not known, so no height above it.';
+const NO_PLACE = 'The vehicle’s position is not known.';
+const NO_HOME = 'The home position is not known.';
 
 /** How fast it flies by itself, as its parameters say; null is unknown. */
 export interface Speeds {
@@ -58,7 +58,7 @@ export function whyNotGo(facts: VehicleFacts, spot: Place): string | null {
   const way = distance_m(facts, spot);
   if (way === null || facts.global?.stale === true) return NO_PLACE;
   if (facts.home === null) return NO_HOME;
-  if (!facts.inAir) return 'It is on the ground: take off first.';
+  if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
   const { text, unit } = metres(way);
   return way > GO_WITHIN_M ? `${text} ${unit} away: go in steps of ${GO_WITHIN_M} m at most.` : null;
 }
@@ -76,7 +76,7 @@ export function lookAngles(facts: VehicleFacts, spot: Place, point_home_m: numbe
 function whyNoCamera(facts: VehicleFacts): string | null {
   if (facts.replayed) return RECORDED;
   if (facts.lost) return UNHEARD;
-  if (facts.gimbal === null) return 'It reports no gimbal.';
+  if (facts.gimbal === null) return 'The vehicle reports no gimbal.';
   return facts.global === null || facts.global.stale ? NO_PLACE : null;
 }
 
@@ -86,7 +86,7 @@ export function whyNotLook(facts: VehicleFacts, spot: Place, point_home_m: numbe
   if (why !== null) return why;
   if (!inControl) return 'Take control of the gimbal first (its card).';
   const angles = lookAngles(facts, spot, point_home_m);
-  if (angles === null) return 'Its heading is not known.';
+  if (angles === null) return 'The vehicle’s heading is not known.';
   const reach = limits(facts.gimbal?.value ?? null);
   const beyond = (value: number, min: number, max: number): boolean => reach.told && (value < min - 0.05 || value > max + 0.05);
   if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Beyond the gimbal’s reach: pitch ${fixed(angles.pitch_deg, 0)}°.`;

@@ -102,11 +102,11 @@ async function probe(): Promise<SceneState> {
   try {
     const response = await fetch(SCENE_URL, { signal: AbortSignal.timeout(6000), headers: { Accept: 'text/html' } });
     void response.body?.cancel();
-    if (!response.ok) return { phase: 'absent', why: `it answers ${response.status}` };
+    if (!response.ok) return { phase: 'absent', why: `the server answered ${response.status}` };
     const isPage = response.headers.get('content-type')?.includes('text/html') === true;
-    return isPage ? { phase: 'there' } : { phase: 'absent', why: 'what answers is no page' };
+    return isPage ? { phase: 'there' } : { phase: 'absent', why: 'the answer is not a page' };
   } catch {
-    return { phase: 'absent', why: 'it does not answer' };
+    return { phase: 'absent', why: 'the server does not answer' };
   }
 }
 

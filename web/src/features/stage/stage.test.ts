@@ -116,7 +116,7 @@ describe('what can be done at a place', () => {
   });
   it('is refused in words where it does not apply', () => {
     expect(whyNotGo(facts({ inAir: false }), EAST_30)).toMatch(/take off first/);
-    expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home is not known/);
+    expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home position is not known/);
     expect(whyNotGo(facts(), placeAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
     expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);

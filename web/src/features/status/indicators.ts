@@ -110,7 +110,7 @@ export function linkIndicator(
     return {
       ...empty('Link'),
       text: 'unknown',
-      word: 'server away',
+      word: 'no server',
       severity: 'danger',
       details: [['', 'This page has no connection to the server: the state of the vehicle’s link is not known.']],
     };

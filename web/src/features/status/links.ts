@@ -97,14 +97,14 @@ function recordingLine(link: LinkLine): string {
   const file = link.recording;
   if (file === null) return 'not recorded';
   if (file.stopped !== null) return file.stopped;
-  if (file.file === null) return 'begins with the first frame';
+  if (file.file === null) return 'starts with the first frame';
   return join([file.file, bytesText(file.bytes), file.started_unix_s === null ? null : `since ${timeOfDay(file.started_unix_s)}`]);
 }
 
 /** What is on disk of each link, as the station says it; the longest running file gives the time shown. */
 export function recordingIndicator(links: readonly LinkLine[], known: boolean, now_unix_s: number): Indicator {
   const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
-  if (!known) return { ...base, text: UNKNOWN, details: [['', 'The station has not said yet.']] };
+  if (!known) return { ...base, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
   const live = links.filter((l) => !l.replay && !l.forward);
   if (live.length === 0) {
     const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'No link is open that could be recorded.';

@@ -68,7 +68,7 @@ export function isFailsafe(status: Status): boolean {
 
 export function statusWords(facts: StatusFacts): StatusWords {
   const { status } = facts;
-  if (status === null) return { title: 'No vehicle state', who: 'nothing heard yet', tone: 'neutral' };
+  if (status === null) return { title: 'No vehicle state', who: 'no telemetry yet', tone: 'neutral' };
   if (facts.lost) {
     const last = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
     if (facts.offline === true) return { title: 'No connection to the server', who: last, tone: 'danger' };
@@ -82,7 +82,7 @@ export function statusWords(facts: StatusFacts): StatusWords {
     return { title: 'Disarmed', who, tone: 'neutral' };
   }
   const now = flown(status, facts.stream);
-  if (isFailsafe(status)) return { title: `Failsafe: ${now.title}`, who: 'the vehicle decided, not what was asked', tone: 'danger' };
+  if (isFailsafe(status)) return { title: `Failsafe: ${now.title}`, who: 'failsafe: the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors turn · ${status.mode_label}`, tone: 'caution' };
   }

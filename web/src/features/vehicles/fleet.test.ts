@@ -15,7 +15,7 @@ function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
 describe('list of vehicles', () => {
   it('calls a vehicle lost only where the server says so, not where the server itself is away', () => {
     expect(stateWords(facts('1', { lost: true }))).toEqual({ words: 'lost', tone: 'danger' });
-    expect(stateWords(facts('1', { lost: true, offline: true }))).toEqual({ words: 'server away', tone: 'danger' });
+    expect(stateWords(facts('1', { lost: true, offline: true }))).toEqual({ words: 'no server', tone: 'danger' });
     expect(stateWords(facts('1')).words).toBe('disarmed');
   });
 
@@ -52,8 +52,8 @@ describe('list of vehicles', () => {
     await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
     expect(asked).toHaveLength(20);
     expect(new Set(asked).size).toBe(20);
-    expect(list.said).toEqual({ text: '19 of 20 vehicles took Hold. Not: 7 Quad.', refused: true });
-    expect(heldWords(3, [])).toBe('All 3 vehicles took Hold.');
+    expect(list.said).toEqual({ text: '19 of 20 vehicles switched to Hold. Not: 7 Quad.', refused: true });
+    expect(heldWords(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
 
   it('removes a silent vehicle, and says why one stays', async () => {

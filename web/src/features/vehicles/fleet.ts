@@ -27,7 +27,7 @@ const LOW_PERCENT = 25;
 
 /** What a vehicle does; a server that this page cannot reach says nothing of the vehicle's own connection. */
 export function stateWords(facts: VehicleFacts): { words: string; tone: Row['tone'] } {
-  if (facts.offline) return { words: 'server away', tone: 'danger' };
+  if (facts.offline) return { words: 'no server', tone: 'danger' };
   if (facts.lost) return { words: 'lost', tone: 'danger' };
   const status = facts.status?.value;
   if (status === undefined) return { words: '', tone: 'dim' };
@@ -75,7 +75,7 @@ export function stepped(at: number, count: number, key: string): number | null {
 
 /** What came of holding several vehicles. */
 export function heldWords(asked: number, refused: readonly string[]): string {
-  if (refused.length === 0) return asked === 1 ? 'The vehicle took Hold.' : `All ${asked} vehicles took Hold.`;
+  if (refused.length === 0) return asked === 1 ? 'The vehicle switched to Hold.' : `All ${asked} vehicles switched to Hold.`;
   const named = refused.slice(0, 5).join(', ') + (refused.length > 5 ? ` and ${refused.length - 5} more` : '');
-  return `${asked - refused.length} of ${asked} vehicles took Hold. Not: ${named}.`;
+  return `${asked - refused.length} of ${asked} vehicles switched to Hold. Not: ${named}.`;
 }

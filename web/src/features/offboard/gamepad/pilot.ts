@@ -67,7 +67,7 @@ export class Pilot {
     const held = pad?.pressed[this.deadman] === true;
     const say = (order: PadOrder | null, ended: string | null = null): Step => ({ phase: this.phase, order, ended, sticks, held });
     if (this.phase === 'off') return say(null);
-    const why = blind(pad, around) ?? (this.mode === 'attitude' && around.yaw_ned_rad === null ? 'The vehicle no longer reports where it points.' : null);
+    const why = blind(pad, around) ?? (this.mode === 'attitude' && around.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
     if (why !== null) {
       this.phase = 'off';
       return say(STAND, why);
@@ -92,7 +92,7 @@ export class Pilot {
 }
 
 function blind(pad: PadSnapshot | null, around: Surroundings): string | null {
-  if (pad === null) return 'The gamepad is gone.';
+  if (pad === null) return 'The gamepad was disconnected.';
   if (!around.visible) return 'The page was hidden.';
   return around.focused ? null : 'The window was left.';
 }

@@ -66,7 +66,7 @@ export function stateWords(group: Group, now_unix_s: number): { text: string; to
     case 'flying':
       return { text: 'Flying', tone: 'ok' };
     case 'holding':
-      return { text: 'Being held', tone: 'caution' };
+      return { text: 'Going into Hold', tone: 'caution' };
     case 'ended':
       return { text: 'Ended', tone: 'dim' };
   }
@@ -75,10 +75,10 @@ export function stateWords(group: Group, now_unix_s: number): { text: string; to
 const STREAMS: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'joins',
-  holding: 'expired: holds its place',
-  to_hold: 'goes to Hold',
+  holding: 'expired: holds its position',
+  to_hold: 'switches to Hold',
   landing: 'expired: lands',
-  undoing: 'goes back',
+  undoing: 'switches back',
 };
 
 /** What a member flies: its stream, then its mode as the vehicle shows it. */

@@ -57,13 +57,13 @@ describe('what a group is to do', () => {
   it('is said in words before it is done: vehicles, action, effect', () => {
     expect(togetherWords(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
     expect(togetherWords(FLY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
-    expect(togetherWords(PAIR)).toBe('hold the places where they are');
+    expect(togetherWords(PAIR)).toBe('hold their positions');
     const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersGoOn: true });
     expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
     expect(asked.effect).toBe(
-      'Each switches to Offboard where it is; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Kept 5.0 m apart, who comes nearer holds. Ends in Hold after 5.0 s; Hold group ends it.',
+      'Each switches to Offboard where it is; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Kept 5.0 m apart, a vehicle that comes nearer holds. Ends in Hold after 5.0 s; Hold group ends it.',
     );
-    expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is in sight');
+    expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is visible');
   });
 });
 

@@ -99,7 +99,7 @@ export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordere
   if (nowhere.length === 0) return { ok: true, setpoints };
   return {
     ok: false,
-    detail: `${listed(nowhere)} ${nowhere.length === 1 ? 'reports' : 'report'} no local position now: there is nothing to add the offset to.`,
+    detail: `${listed(nowhere)} ${nowhere.length === 1 ? 'reports' : 'report'} no local position now, so the offset has no reference.`,
   };
 }
 
@@ -123,7 +123,7 @@ export function startBody(
 
 /** The API's names of fields as this form calls them; the rest is the server's own words. */
 export function formWords(words: string): string {
-  return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Good for”');
+  return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
 
 const WAYS: readonly (readonly [string, string])[] = [
@@ -138,7 +138,7 @@ export function togetherWords(draft: Draft): string {
   const parts = vector(draft)
     .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${WAYS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
     .filter((p) => p !== null);
-  if (parts.length === 0) return draft.how === 'move' ? 'hold the places where they are' : 'stand still';
+  if (parts.length === 0) return draft.how === 'move' ? 'hold their positions' : 'stand still';
   return `${draft.how === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
 }
 
@@ -146,8 +146,8 @@ export function togetherWords(draft: Draft): string {
 export function startQuestion(names: readonly string[], draft: Draft): Question {
   const start = typed(draft.startIn_s) === null ? 'as soon as all are' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = lastingOf(draft);
-  const ends = renew ? 'Renewed while this page is in sight' : `Ends in Hold after ${fixed(valid_for_s, 1)} s`;
-  const near = draft.othersGoOn ? 'who comes nearer holds' : 'else all hold';
+  const ends = renew ? 'Renewed while this page is visible' : `Ends in Hold after ${fixed(valid_for_s, 1)} s`;
+  const near = draft.othersGoOn ? 'a vehicle that comes nearer holds' : 'or else all hold';
   return {
     title: `Group: ${listed(names)}`,
     effect: `Each switches to Offboard where it is; ${start}, all ${togetherWords(draft)} together. Kept ${fixed(typed(draft.apart_m), 1)} m apart, ${near}. ${ends}; Hold group ends it.`,

@@ -117,7 +117,7 @@ export function build(form: Form): Built {
   }
   if (form.kind === 'trajectory') controlled(spec.groups, form, errors);
   if (form.kind === 'follow') {
-    if (form.other === '') errors['other'] = 'Which vehicle is followed?';
+    if (form.other === '') errors['other'] = 'Choose the vehicle to follow.';
     const offset = setpoint['offset_frd_m'] as (number | null)[];
     if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M)
       errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
@@ -141,7 +141,7 @@ function controlled(groups: readonly Group[], form: Form, errors: Record<string,
     const axes = given.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;
     if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true))
-      errors[first.key] = `${name} is controlled by nothing: give a position, a velocity or an acceleration.`;
+      errors[first.key] = `${name} is not controlled: give a position, a velocity or an acceleration.`;
   });
 }
 

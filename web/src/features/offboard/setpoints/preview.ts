@@ -77,7 +77,7 @@ export function previewPlace(preview: Preview, facts: VehicleFacts): Place | nul
 /** "12.4 m away, 3.0 m up, turns 40° right". */
 export function wayWords(preview: Preview, facts: VehicleFacts): string {
   const at = facts.local?.value.position_ned_m;
-  if (at === undefined) return 'Where it is now is not known.';
+  if (at === undefined) return 'The vehicle’s position is not known.';
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
   const away = Math.hypot(n, e);
   const { text, unit } = metres(away);

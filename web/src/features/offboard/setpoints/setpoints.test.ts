@@ -57,7 +57,7 @@ describe('forms', () => {
     const mixed = setOff({ ...formHere('trajectory', FACTS, null), without: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
     expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
-      p0: expect.stringMatching(/^North is controlled by nothing/) as string,
+      p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
     });
     expect(good(put(formHere('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
@@ -73,7 +73,7 @@ describe('forms', () => {
 
   it('follow somebody, not nobody, and not too near', () => {
     const form = formHere('follow', FACTS, null);
-    expect(bad(form)).toEqual({ other: 'Which vehicle is followed?' });
+    expect(bad(form)).toEqual({ other: 'Choose the vehicle to follow.' });
     expect(good({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
     expect(bad({ ...put(put(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
     expect(previewOf({ type: 'follow', offset_frd_m: [-5, 0, -2] }, FACTS)).toBeNull();
