@@ -65,6 +65,25 @@ def test_mavproxy_loads_parameters_arms_and_takes_off(watched: Watched, tmp_path
         watched.drone.until_disarmed(timeout_s=120)
 
 
+TROUBLE = (b"request timed out", b"no sessions available", b"Remove failed", b"Create directory failed")
+"""What MAVProxy says of a vehicle whose sessions it does not understand."""
+
+
+def test_mavproxy_connects_and_makes_directories_without_asking_twice(
+    watched: Watched, tmp_path: Path
+) -> None:
+    with mavproxy(watched, tmp_path, "ftp,param") as (say, shows):
+        # It looks for a file of parameters first, and asks for the list when the vehicle has none.
+        shows(b"Received 929 parameters", "the parameters")
+        for n in range(10):
+            say(f"ftp mkdir folder{n}")
+            shows(f"Creating directory folder{n}".encode(), "the command")
+        say("ftp list /")
+        shows(b"folder9", "the last directory in the list")
+        said = (tmp_path / "mavproxy.txt").read_bytes()
+        assert [words for words in TROUBLE if words in said] == []
+
+
 def test_mavproxy_loads_waypoints_that_are_flown_and_reads_them_back(
     watched: Watched, tmp_path: Path
 ) -> None:

@@ -14,7 +14,17 @@ class FtpClient:
         self._sequence = 0
 
     def ask(
-        self, opcode, data=b"", *, size=None, offset=0, session=0, component=1, sequence=None, wait_s=0.2
+        self,
+        opcode,
+        data=b"",
+        *,
+        size=None,
+        offset=0,
+        session=0,
+        system=1,
+        component=1,
+        sequence=None,
+        wait_s=0.2,
     ):
         """[(header, data)] of all answers."""
         self._sequence += 2
@@ -23,7 +33,7 @@ class FtpClient:
             session, opcode, len(data) if size is None else size, 0, 0, 0, offset,
         )  # fmt: skip
         layout, payload = pack(
-            "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=component, payload=head + data
+            "FILE_TRANSFER_PROTOCOL", target_system=system, target_component=component, payload=head + data
         )
         self._sim.feed(0, self._link, frame_v2(layout, payload, 0, 255, 190))
         answers = []

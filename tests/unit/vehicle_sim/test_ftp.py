@@ -66,6 +66,29 @@ def test_there_is_one_session_and_a_directory_can_hold_it(client):
     assert client.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
 
 
+@pytest.mark.parametrize("asked", [0, 1, 37])
+def test_opening_answers_the_vehicle_s_own_session(client, asked):
+    ((header, _),) = client.ask(ftp.OPEN_RO, GENERAL, session=asked)
+    assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
+    client.one(ftp.RESET)
+    ((header, _),) = client.ask(ftp.CREATE, b"new", session=asked)
+    assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
+
+
+def test_bursts_and_writes_go_to_the_open_file_by_any_session_but_reads_and_ends_do_not(client):
+    client.one(ftp.CREATE, b"a")
+    assert client.one(ftp.WRITE, b"hello", session=9) == (ftp.ACK, b"\x05\0\0\0")
+    assert client.one(ftp.READ, size=5, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
+    assert client.one(ftp.TERMINATE, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
+    ((first, data), (last, _)) = client.ask(ftp.BURST, size=239, session=9)
+    assert (first[1], data, last[1], last[2]) == (ftp.SESSION, b"hello", ftp.SESSION, ftp.NAK)
+
+
+def test_a_request_to_every_system_is_answered_and_one_to_another_is_not(client):
+    assert client.one(ftp.LIST, b"etc/extras", system=0)[0] == ftp.ACK
+    assert client.ask(ftp.LIST, b"/", system=2) == []
+
+
 def test_a_session_of_one_link_is_not_anothers():
     sim = VehicleSim()
     ground, onboard = FtpClient(sim, "gcs"), FtpClient(sim, "api")

@@ -2,7 +2,8 @@
 
 Opcodes, errors and header are MAVLink's ("File Transfer Protocol"); what surprises was recorded on a PX4:
 a directory can be opened (and holds the session), a burst ends after 40 kB, an error keeps the errno of the
-last system call that failed.
+last system call that failed. The one session is number 0, whatever number the client asked with: whoever
+opens a file is told so, and reads and closes it by that number; bursts and writes go to the open file by any.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from vehicle_sim.mavlink.context import Context
+from vehicle_sim.mavlink.context import AUTOPILOT_COMPONENT, Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.storage.files import VehicleFiles
@@ -22,8 +23,11 @@ HEADER = struct.Struct("<HBBBBBBI")
 """Sequence, session, opcode, size, requested opcode, burst complete, padding, offset."""
 DATA_BYTES = 239
 ACK, NAK = 128, 129
+SESSION = 0
+"""The only one: what opening a file answers, and what a burst carries."""
 NONE, TERMINATE, RESET, LIST, OPEN_RO, READ, CREATE, WRITE, REMOVE = range(9)
 MAKE_DIRECTORY, REMOVE_DIRECTORY, OPEN_WO, TRUNCATE, RENAME, CRC32, BURST = range(9, 16)
+OPENING = frozenset({OPEN_RO, CREATE, OPEN_WO})
 FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_OPCODE = 2, 3, 4, 5, 6, 7
 FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
 BURST_BYTES = 40_000
@@ -107,7 +111,9 @@ class FtpService:
 
     def request(self, link: Link, message: Message) -> None:
         """One request; the same sequence number again gets the same answer again."""
-        if not self._context.is_for_me(message):
+        if message.target_system not in (0, self._context.system_id) or (
+            message.target_component not in (0, AUTOPILOT_COMPONENT)
+        ):
             return
         raw = bytes(message.payload)
         sequence, number, opcode, size, _, _, _, offset = HEADER.unpack_from(raw)
@@ -124,14 +130,16 @@ class FtpService:
                 raise Refusal(INVALID_DATA_SIZE)
             request = _Request(offset, raw[HEADER.size : HEADER.size + size])
             if opcode == BURST:
-                self._begin_burst(session, number, message, answer_sequence, offset)
+                self._begin_burst(session, message, answer_sequence, offset)
                 return
             work = self._work.get(opcode)
             if work is None:
                 raise Refusal(UNKNOWN_OPCODE)
-            if number and opcode in (TERMINATE, READ, WRITE):
+            if number != SESSION and opcode in (TERMINATE, READ):
                 raise Refusal(INVALID_SESSION)
             data, kind = work(session, request), ACK
+            if opcode in OPENING:
+                number = SESSION
         except Refusal as refusal:
             data, kind = self._error(session, refusal.code), NAK
         except OSError as error:
@@ -276,10 +284,8 @@ class FtpService:
 
     # --- bursts ----------------------------------------------------------------------------------------
 
-    def _begin_burst(
-        self, session: _Session, number: int, message: Message, sequence: int, offset: int
-    ) -> None:
-        if number or session.path is None:
+    def _begin_burst(self, session: _Session, message: Message, sequence: int, offset: int) -> None:
+        if session.path is None:
             raise Refusal(INVALID_SESSION)
         if self._files.is_directory(session.path):
             raise OSError(errno.EISDIR, "a directory")
@@ -299,7 +305,7 @@ class FtpService:
             data, kind = self._error(session, refusal.code), NAK
         except OSError as error:
             data, kind = self._failed(session, error), NAK
-        self._answer(link, session, to, (burst.sequence, 0, kind, BURST, complete, burst.offset), data)
+        self._answer(link, session, to, (burst.sequence, SESSION, kind, BURST, complete, burst.offset), data)
         burst.sequence = (burst.sequence + 1) & 0xFFFF
         burst.offset += len(data)
         if complete or kind == NAK:
