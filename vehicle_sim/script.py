@@ -7,6 +7,8 @@
       - {when: mission, after_s: 20, vehicles: [1], motor: {number: 2, works: false}}
       - {above_m: 15, battery_percent: 12}
       - {when: landed, gps: ok, link: {name: gcs, up: true}}
+      - {at_s: 60, driver: {name: sensor_baro_sim, runs: false}}
+      - {when: disarmed, side_down: left}                lain on its side, for a calibration
 
 Each event happens once for each vehicle, in the step in which its time or state comes.
 """
@@ -23,7 +25,10 @@ import numpy as np
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.commands.sides import Side
+from vehicle_sim.frames import quaternion_from_euler
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.yaml_fields import Fields, read_yaml
 
@@ -224,6 +229,22 @@ def _glitch(fields: Fields) -> Action:
     return lambda sim, row: sim.simulation.set_gps_offset(row, offset)
 
 
+def _driver(fields: Fields) -> Action:
+    inside = fields.mapping("driver")
+    if inside is None:
+        raise fields.problem("driver", "must be {name: sensor_gps_sim, runs: false}")
+    driver = Driver(inside.text("name", choices=tuple(each.value for each in Driver)))
+    runs = inside.flag("runs", False)
+    inside.finish()
+    return lambda sim, row: sim.simulation.set_driver(row, driver, runs)
+
+
+def _side(fields: Fields) -> Action:
+    side = Side(fields.text("side_down", choices=tuple(each.value for each in Side)))
+    q_ned_frd = quaternion_from_euler(*side.roll_pitch_rad, 0.0)
+    return lambda sim, row: sim.simulation.turn_by_hand(row, q_ned_frd)
+
+
 def _motor(fields: Fields) -> Action:
     inside = fields.mapping("motor")
     if inside is None:
@@ -286,6 +307,8 @@ def _parameter(fields: Fields) -> Action:
 ACTIONS: dict[str, Callable[[Fields], Action]] = {
     "gps": _gps,
     "gps_offset_ned_m": _glitch,
+    "driver": _driver,
+    "side_down": _side,
     "motor": _motor,
     "battery_percent": _battery,
     "wind_ned_m_s": _wind,

@@ -23,7 +23,7 @@ from vehicle_sim.physics.battery import Batteries
 from vehicle_sim.physics.rigid_body import RigidBodies
 from vehicle_sim.physics.wind import Wind
 from vehicle_sim.sensors.range_finder import RangeFinder
-from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.sensors.suite import Driver, SensorSuite
 from vehicle_sim.state import (
     BatteryState,
     EstimateRows,
@@ -248,6 +248,10 @@ class Simulation:
         """A full battery for vehicle `i`."""
         self._batteries.refill(i)
 
+    def set_battery_empty(self, i: int, empty: bool) -> None:
+        """Let the battery of vehicle `i` give the voltage of an empty one, or its own again."""
+        self._batteries.set_empty(i, empty)
+
     def set_battery_remaining(self, i: int, remaining: float) -> None:
         """Set the charge (0..1) of vehicle `i`, so that a low battery can be tried."""
         self._batteries.set_remaining(i, remaining)
@@ -263,6 +267,19 @@ class Simulation:
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
         """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
         self._sensors.set_gps_offset(i, offset_ned_m)
+
+    def set_driver(self, i: int, driver: Driver, running: bool) -> None:
+        """Stop or start a simulated sensor's driver of vehicle `i`."""
+        self._sensors.set_driver(i, driver, running)
+
+    def driver_runs(self, i: int, driver: Driver) -> bool:
+        """Whether a simulated sensor's driver of vehicle `i` runs."""
+        return self._sensors.driver_runs(i, driver)
+
+    def turn_by_hand(self, i: int, q_ned_frd: FloatArray) -> None:
+        """Lay vehicle `i` on another side, where it stands and unless it is armed."""
+        if not self.setpoints.armed[i]:
+            self._bodies.turn(i, q_ned_frd)
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
         """What somebody outside measured of vehicle `i` (EKF2_EV_CTRL)."""

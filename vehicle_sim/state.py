@@ -56,12 +56,16 @@ class SensorState:
     """(N, 3) specific force, each step, with noise."""
     mag_frd_gauss: FloatArray
     """(N, 3)."""
+    mag_fresh: BoolArray
+    """(N,) whose magnetometer took part in the newest sample: a silent one did not."""
     mag_count: int
     baro_pressure_hpa: FloatArray
     """(N,)."""
     baro_alt_amsl_m: FloatArray
     """(N,) pressure altitude."""
     baro_temperature_deg_c: FloatArray
+    """(N,)."""
+    baro_fresh: BoolArray
     """(N,)."""
     baro_count: int
     gps_lat_deg: FloatArray
@@ -86,6 +90,8 @@ class SensorState:
     """(N,)."""
     gps_fix_type: IntArray
     """(N,) GPS_FIX_TYPE: 0 no receiver, 1 no fix, 3 three-dimensional."""
+    gps_fresh: BoolArray
+    """(N,)."""
     gps_count: int
 
 

@@ -139,6 +139,10 @@ async def _calibrate() -> None:
         for what in ("calibrate_gyro", "calibrate_level_horizon"):
             steps = await all_of(getattr(drone.calibration, what)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
+        with pytest.raises(CalibrationError) as failed:
+            # Nobody turns the vehicle on its other sides.
+            await all_of(drone.calibration.calibrate_accelerometer())
+        assert failed.value._result.result is CalibrationResult.Result.FAILED
         begun = asyncio.ensure_future(all_of(drone.calibration.calibrate_magnetometer()))
         await asyncio.sleep(2.0)
         await drone.calibration.cancel()

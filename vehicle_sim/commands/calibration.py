@@ -1,13 +1,17 @@
-"""PREFLIGHT_CALIBRATION as PX4 goes through it with a vehicle that lies still: what it says and answers.
+"""PREFLIGHT_CALIBRATION as PX4 goes through it: what it says and answers, and what it learns.
 
-The simulated sensors have no error to calibrate away: a finished calibration finds the parameters as they are
-and tells them again. One that needs the vehicle turned waits for that until it is cancelled.
+Accelerometer and gyroscope learn from what the simulated sensors read, many samples together; one that needs
+the vehicle turned asks for the sides and fails where nobody turns it. Compass, barometer and level find their
+parameters as they are.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vehicle_sim.commands.command import (
     ACCEPTED,
@@ -18,23 +22,40 @@ from vehicle_sim.commands.command import (
     CommandHost,
     Handler,
 )
+from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
+from vehicle_sim.frames import GRAVITY_M_S2
 
 CALIBRATION, FIXED_MAG = 241, 42006
-INFO, CRITICAL = 6, 2
+INFO, CRITICAL, EMERGENCY = 6, 2, 0
 """MAV_SEVERITY."""
 ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK = 1, 2, 4
 """param5."""
 PRIORITY = 50
 """Of a calibrated sensor whose priority nobody chose."""
-PENDING = "[cal] pending: back front left right up down"
 STILL = "[cal] hold vehicle still on a pending side"
 REST = "[cal] detected rest position, hold still..."
-DOWN = "[cal] down orientation detected"
+MOTION = "[cal] detected motion, hold still..."
 PROGRESS_S = 0.1
 LIST_S = 0.05
+"""From one text to the next."""
+AFTER_A_SIDE_S = 0.136
+ACCEL_STILL_S, MAG_STILL_S, MAG_TOLERANCE = 1.3, 0.5, 3.0
+"""How long, and how still, the vehicle is to be held."""
+ACCEL_SAMPLES, GYRO_SAMPLES, QUICK_SAMPLES = 750, 250, 7
+NOBODY_HOLDS_STILL_S = 90.0
+FAILURES_ALLOWED = 4
+"""So often a side may be offered that is done, or none, before it is given up."""
+MAG_ROTATION_S = 100.0
+KEPT_WITHIN = 0.01
+"""What differs less from what is stored is not stored, in the parameter's unit."""
 BARO_S = 15.0
 """How long the barometer's calibration listens to nobody."""
 Action = Callable[[], None]
+FloatArray = NDArray[np.float64]
+Steps = Generator[float, None, None]
+"""A calibration's course: what it yields is how long it waits [s], 0 for the next sample."""
+Judgement = Generator[float, None, bool]
+"""A part of it, and whether that went well."""
 
 
 class CalibrationCommands:
@@ -54,6 +75,8 @@ class CalibrationCommands:
         self._cancelled_by: Command | None = None
         self._token = 0
         """Rises with each calibration: what an ended one still had planned is dropped."""
+        self._sums: dict[Side, FloatArray] = {}
+        """What was measured of each side, the mean [m/s²]."""
         self.commands: dict[int, Handler] = {
             CALIBRATION: self.calibrate,
             FIXED_MAG: self.fixed_mag,
@@ -127,39 +150,162 @@ class CalibrationCommands:
         self._at(LIST_S, lambda: self._progress(0))
         for step in range(1, 11):
             self._at(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
-        self._at(1.04, lambda: self._tell("CAL_GYRO0_"))
-        self._at(1.08, lambda: self._done("gyro"))
+        self._run(self._learn_gyro())
+
+    def _learn_gyro(self) -> Steps:
+        offset = yield from self._mean(self._raw_gyro, GYRO_SAMPLES)
+        yield 0.04
+        self._store("CAL_GYRO0_", "OFF", offset)
+        yield 0.04
+        self._done("gyro")
 
     def _mag(self) -> None:
         self._start("mag")
-        self._sides(1.8, 0.5)
-        self._at(2.516, lambda: self._say("[cal] Rotate vehicle"))
+        self._run(self._course("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate))
+
+    def _rotate(self, _side: Side) -> Judgement:
+        """Nobody turns a simulated vehicle on its side round and round."""
+        self._say("[cal] Rotate vehicle")
+        yield MAG_ROTATION_S
+        self._say("Failed: This calibration requires rotation.", CRITICAL)
+        return False
 
     def _accelerometer(self) -> None:
         self._start("accel")
-        self._sides(2.4, 1.3)
-        self._at(3.876, self._measure_side)
-        self._at(6.872, self._down_side)
-        self._at(6.918, lambda: self._progress(17))
-        for at_s in (6.969, 7.021):
-            self._at(at_s, lambda: self._say("[cal] down side done, rotate to a different side"))
-        self._at(7.157, self._end_side)
+        self._sums.clear()
+        self._run(self._course("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._learn_accelerometer))
 
-    def _measure_side(self) -> None:
+    def _measure_side(self, side: Side) -> Judgement:
         self._measuring = True
-        self._say("[cal] Hold still, measuring down side")
+        self._say(f"[cal] Hold still, measuring {side.value} side")
+        mean = yield from self._mean(self._raw_accel, ACCEL_SAMPLES)
+        if not mean[side.axis] * side.sign > 0.0:
+            self._say(f"[cal] accel 0 invalid {'XYZ'[side.axis]}-axis, check rotation", EMERGENCY)
+            return False
+        self._sums[side] = mean
+        x, y, z = mean.tolist()
+        self._say(f"[cal] {side.value} side result: [{x:.3f} {y:.3f} {z:.3f}]")
+        yield LIST_S
+        self._progress(17 * len(self._sums))
+        yield LIST_S
+        return True
 
-    def _sides(self, rest_s: float, orientation_s: float) -> None:
-        self._at(LIST_S, lambda: self._say(PENDING))
-        self._at(2 * LIST_S, lambda: self._say(STILL))
-        self._at(2 * LIST_S + rest_s, lambda: self._say(REST))
-        for n in range(2):
-            self._at(2 * LIST_S + rest_s + orientation_s + LIST_S * n, lambda: self._say(DOWN))
+    def _learn_accelerometer(self) -> bool:
+        found = offset_and_scale(self._sums)
+        if found is None:
+            return False
+        self._store("CAL_ACC0_", "OFF", found[0], tell=False)
+        self._store("CAL_ACC0_", "SCALE", found[1])
+        return True
 
-    def _down_side(self) -> None:
+    # --- sides -----------------------------------------------------------------------------------------
+
+    def _course(
+        self,
+        name: str,
+        still_s: float,
+        tolerance: float,
+        measure: Callable[[Side], Judgement],
+        learn: Callable[[], bool] = lambda: True,
+    ) -> Steps:
+        """A calibration by sides from its beginning to its end."""
+        went_well = yield from self._each_side(still_s, tolerance, measure)
+        self._measuring = False
+        command, self._cancelled_by = self._cancelled_by, None
+        if command is not None:
+            self._host.acknowledge(command, ACCEPTED)
+            self._say("[cal] calibration cancelled", CRITICAL)
+            self._running = ""
+            yield LIST_S
+        elif went_well and learn():
+            yield LIST_S
+            self._done(name)
+            return
+        self._running = ""
+        self._say(f"[cal] calibration failed: {name}", CRITICAL)
+
+    def _each_side(self, still_s: float, tolerance: float, measure: Callable[[Side], Judgement]) -> Judgement:
+        done: list[Side] = []
+        failures = 0
+        while len(done) < len(Side) and self._cancelled_by is None:
+            self._measuring = False
+            if failures > FAILURES_ALLOWED:
+                self._say("[cal] calibration failed: timeout: no motion", CRITICAL)
+                return False
+            yield LIST_S
+            self._say("[cal] pending: " + " ".join(side.value for side in Side if side not in done))
+            yield LIST_S
+            self._say(STILL)
+            side = yield from self._wait_for_rest(RestDetector(still_s, tolerance))
+            if side is None or side in done:
+                failures += 1
+                self._say(MOTION if side is None else f"[cal] {side.value} side already completed")
+                continue
+            failures = 0
+            for _ in range(2):
+                self._say(f"[cal] {side.value} orientation detected")
+                yield LIST_S
+            if not (yield from measure(side)):
+                return False
+            done.append(side)
+            for _ in range(2):
+                self._say(f"[cal] {side.value} side done, rotate to a different side")
+                yield LIST_S
+            yield AFTER_A_SIDE_S - LIST_S
+        return self._cancelled_by is None
+
+    def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
+        """The side that points down once the vehicle is held still; None: at an angle, or never still."""
+        simulation = self._host.view.simulation
+        begun_s = simulation.time_s
+        while simulation.time_s - begun_s < NOBODY_HOLDS_STILL_S:
+            yield 0.0
+            x, y, z = self._raw_accel().tolist()
+            rest = detector.feed((x, y, z), simulation.dt_s)
+            if rest is Rest.BEGAN:
+                begun_s = simulation.time_s
+                self._say(REST)
+            elif rest is Rest.BROKEN:
+                self._say(MOTION)
+            elif rest is Rest.STILL:
+                if detector.side is None:
+                    self._say("ERROR: invalid orientation", CRITICAL)
+                return detector.side
+        self._say("[cal] calibration failed: reading sensor", CRITICAL)
+        return None
+
+    # --- what the sensors read -------------------------------------------------------------------------
+
+    def _raw_accel(self) -> FloatArray:
+        """The newest reading before what was learned earlier is taken off."""
         view = self._host.view
-        x, y, z = view.simulation.sensors.accel_frd_m_s2[view.row].tolist()
-        self._say(f"[cal] down side result: [{x:.3f} {y:.3f} {z:.3f}]")
+        scale = np.array([view.parameter(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"])
+        return view.simulation.sensors.accel_frd_m_s2[view.row] / scale + self._offset("CAL_ACC0_")
+
+    def _raw_gyro(self) -> FloatArray:
+        view = self._host.view
+        return view.simulation.sensors.gyro_frd_rad_s[view.row] + self._offset("CAL_GYRO0_")
+
+    def _offset(self, prefix: str) -> FloatArray:
+        return np.array([self._host.view.parameter(f"{prefix}{axis}OFF") for axis in "XYZ"])
+
+    @staticmethod
+    def _mean(read: Callable[[], FloatArray], samples: int) -> Generator[float, None, FloatArray]:
+        total = np.zeros(3)
+        for _ in range(samples):
+            yield 0.0
+            total += read()
+        return total / samples
+
+    def _store(self, prefix: str, what: str, values: FloatArray, *, tell: bool = True) -> None:
+        view = self._host.view
+        names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
+        stored = np.array([view.parameter(name) for name in names])
+        if float(np.linalg.norm(values - stored)) > KEPT_WITHIN:
+            for name, value in zip(names, values.tolist(), strict=True):
+                view.parameters.set(name, value)
+        if tell:
+            self._tell(prefix)
 
     def _baro(self) -> None:
         self._start("baro")
@@ -178,7 +324,12 @@ class CalibrationCommands:
         self._at(0.63, lambda: self._done("level"))
 
     def _accelerometer_quick(self) -> None:
-        self._at(0.03, lambda: self._tell("CAL_ACC0_"))
+        self._run(self._learn_quickly())
+
+    def _learn_quickly(self) -> Steps:
+        """The vehicle is taken to stand level."""
+        mean = yield from self._mean(self._raw_accel, QUICK_SAMPLES)
+        self._store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
 
     def _airspeed(self) -> None:
         self._start("airspeed")
@@ -204,16 +355,6 @@ class CalibrationCommands:
         self._say("[cal] calibration cancelled", CRITICAL)
         return TEMPORARILY_REJECTED
 
-    def _end_side(self) -> None:
-        self._measuring = False
-        command, self._cancelled_by = self._cancelled_by, None
-        if command is None:
-            return
-        self._running = ""
-        self._host.acknowledge(command, ACCEPTED)
-        self._say("[cal] calibration cancelled", CRITICAL)
-        self._at(LIST_S, lambda: self._say("[cal] calibration failed: accel", CRITICAL))
-
     def _tell(self, prefix: str) -> None:
         store = self._host.view.parameters
         if store.get(f"{prefix}PRIO") < 0:
@@ -234,3 +375,15 @@ class CalibrationCommands:
                 action()
 
         self._host.after(seconds, run)
+
+    def _run(self, course: Steps) -> None:
+        token = self._token
+
+        def go() -> None:
+            if token != self._token:
+                return
+            wait_s = next(course, None)
+            if wait_s is not None:
+                self._host.after(wait_s, go)
+
+        go()

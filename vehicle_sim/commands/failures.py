@@ -1,6 +1,7 @@
-"""INJECT_FAILURE: breaks the sensors and motors that PX4's simulated vehicle lets one break.
+"""INJECT_FAILURE as PX4's simulated vehicle answers it: the battery listens, motors say that they do.
 
-Units that nobody there listens to (gyro, baro, compass, remote control, …) get no answer, as in PX4.
+Motors only hide what their speed controllers tell, and there are none: nothing happens to the flight. Sensors
+and all other units get no answer, as in PX4. What breaks is told to a fault script.
 """
 
 from __future__ import annotations
@@ -11,11 +12,10 @@ from collections.abc import Callable
 from vehicle_sim.commands.command import ACCEPTED, DENIED, UNSUPPORTED, Command, CommandHost, Handler
 
 INJECT_FAILURE = 420
-GPS, BATTERY, MOTOR = 4, 100, 101
+BATTERY, MOTOR = 100, 101
 """FAILURE_UNIT."""
-OK, OFF, STUCK = 0, 1, 2
+OK, OFF, WRONG = 0, 1, 4
 """FAILURE_TYPE."""
-EMPTY = 0.0
 
 
 class FailureCommands:
@@ -23,46 +23,25 @@ class FailureCommands:
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
-        self._units: dict[int, Callable[[int, int], bool]] = {
-            GPS: self._gps,
+        self._units: dict[int, Callable[[int], int | None]] = {
             BATTERY: self._battery,
-            MOTOR: self._motor,
+            MOTOR: lambda kind: ACCEPTED if kind in (OK, OFF, WRONG) else UNSUPPORTED,
         }
         self.commands: dict[int, Handler] = {INJECT_FAILURE: self.inject}
 
     def inject(self, command: Command) -> int | None:
-        """Unit, kind of failure and instance (0: all) in param1 to param3."""
+        """Unit and kind of failure in param1 and param2."""
         if self._host.view.choice("SYS_FAILURE_EN") != 1:
             return DENIED
         unit = self._units.get(_whole(command.p1))
-        if unit is None:
+        return None if unit is None else unit(_whole(command.p2))
+
+    def _battery(self, kind: int) -> int | None:
+        if kind not in (OK, OFF):
             return None
-        return ACCEPTED if unit(_whole(command.p2), _whole(command.p3)) else UNSUPPORTED
-
-    def _gps(self, kind: int, instance: int) -> bool:
-        if kind not in (OK, OFF, STUCK) or instance not in (0, 1):
-            return False
         view = self._host.view
-        view.simulation.set_gps_enabled(view.row, kind != OFF)
-        view.simulation.set_gps_stuck(view.row, kind == STUCK)
-        return True
-
-    def _battery(self, kind: int, _instance: int) -> bool:
-        view = self._host.view
-        if kind == OFF:
-            view.simulation.set_battery_remaining(view.row, EMPTY)
-        elif kind == OK:
-            view.simulation.refill_battery(view.row)
-        return kind in (OK, OFF)
-
-    def _motor(self, kind: int, instance: int) -> bool:
-        view = self._host.view
-        health = view.simulation.motor_health[view.row]
-        if kind not in (OK, OFF) or not 0 <= instance <= len(health):
-            return False
-        which = slice(None) if instance == 0 else instance - 1
-        health[which] = 1.0 if kind == OK else 0.0
-        return True
+        view.simulation.set_battery_empty(view.row, kind == OFF)
+        return ACCEPTED
 
 
 def _whole(value: float) -> int:

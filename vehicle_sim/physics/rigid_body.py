@@ -99,6 +99,13 @@ class RigidBodies:
         state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_ned_m[i]
         self.matrix = rotation_matrix(state.q_ned_frd)
 
+    def turn(self, i: int, q_ned_frd: FloatArray) -> None:
+        """Hold vehicle `i` in another attitude (4,), at rest."""
+        state = self.state
+        state.q_ned_frd[i] = q_ned_frd
+        state.rates_frd_rad_s[i] = state.velocity_ned_m_s[i] = state.acceleration_ned_m_s2[i] = 0.0
+        self.matrix = rotation_matrix(state.q_ned_frd)
+
     def step(self, motor_signal: FloatArray) -> None:
         """Advance by one step with motor signals (N, 4), 0..1."""
         state, dt_s = self.state, self._dt_s

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,14 @@ def pressure_hpa(alt_amsl_m: FloatArray) -> FloatArray:
     )
 
 
+class Driver(Enum):
+    """Simulated sensor drivers that can be stopped, by the names of PX4's modules."""
+
+    GPS = "sensor_gps_sim"
+    BARO = "sensor_baro_sim"
+    MAG = "sensor_mag_sim"
+
+
 class SensorSuite:
     """The sensors of N vehicles; `state` holds each one's newest sample.
 
@@ -96,6 +105,13 @@ class SensorSuite:
         self._satellites = np.full(count, 10, dtype=np.int64)
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
+        self._baro_offset_deg_c = np.zeros(count)
+        self._speaks = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
+        """Whose driver runs; a stopped one leaves its sensor's last sample standing."""
+        self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
+        self._accel_scale = np.ones((count, 3))
+        self._corrects = False
+        """Whether any vehicle's calibration takes something off."""
         self._imu_noise = np.zeros((count, 6))
         self._gyro_noise, self._accel_noise = self._imu_noise[:, :3], self._imu_noise[:, 3:]
         self._imu_sigma = np.zeros((count, 6))
@@ -117,10 +133,12 @@ class SensorSuite:
             gyro_frd_rad_s=np.zeros((count, 3)),
             accel_frd_m_s2=np.zeros((count, 3)),
             mag_frd_gauss=np.zeros((count, 3)),
+            mag_fresh=np.ones(count, dtype=np.bool_),
             mag_count=0,
             baro_pressure_hpa=np.zeros(count),
             baro_alt_amsl_m=np.zeros(count),
             baro_temperature_deg_c=np.full(count, BARO_TEMPERATURE_DEG_C),
+            baro_fresh=np.ones(count, dtype=np.bool_),
             baro_count=0,
             gps_lat_deg=np.zeros(count),
             gps_lon_deg=np.zeros(count),
@@ -133,14 +151,22 @@ class SensorSuite:
             gps_vdop=np.full(count, GPS_VDOP),
             gps_satellites=np.zeros(count, dtype=np.int64),
             gps_fix_type=np.zeros(count, dtype=np.int64),
+            gps_fresh=np.ones(count, dtype=np.bool_),
             gps_count=0,
         )
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read SIM_GPS_USED, SIM_MAG_OFFSET_* and SIM_BARO_OFF_P of vehicle `i`."""
+        """Read SIM_GPS_USED, SIM_MAG_OFFSET_*, SIM_BARO_OFF_* and what calibrations found, of vehicle `i`."""
         self._satellites[i] = int(parameters.get("SIM_GPS_USED"))
         self._mag_offset[i] = [parameters.usable(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
-        self._baro_offset_hpa[i] = parameters.usable("SIM_BARO_OFF_P")
+        self._baro_offset_hpa[i] = 0.01 * parameters.usable("SIM_BARO_OFF_P")
+        self._baro_offset_deg_c[i] = parameters.usable("SIM_BARO_OFF_T")
+        self._gyro_offset[i] = [parameters.usable(f"CAL_GYRO0_{axis}OFF") for axis in "XYZ"]
+        self._accel_offset[i] = [parameters.usable(f"CAL_ACC0_{axis}OFF") for axis in "XYZ"]
+        self._accel_scale[i] = [parameters.usable(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"]
+        self._corrects = bool(
+            self._gyro_offset.any() or self._accel_offset.any() or (self._accel_scale != 1.0).any()
+        )
 
     def set_noise(self, i: int, strength: float) -> None:
         """Let the sensors of vehicle `i` be so many times as noisy as PX4's SIH; 0: perfect.
@@ -172,6 +198,14 @@ class SensorSuite:
         """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
         self._gps_offset_ned_m[i] = offset_ned_m
 
+    def set_driver(self, i: int, driver: Driver, running: bool) -> None:
+        """Stop or start a driver of vehicle `i`: without it the sensor is silent."""
+        self._speaks[driver][i] = running
+
+    def driver_runs(self, i: int, driver: Driver) -> bool:
+        """Whether a driver of vehicle `i` runs."""
+        return bool(self._speaks[driver][i])
+
     def sample(self, truth: TruthState, matrix: FloatArray, armed: BoolArray) -> None:
         """Take this step's samples.
 
@@ -190,11 +224,17 @@ class SensorSuite:
         np.multiply(self._imu_white.sample(), self._imu_sigma, out=self._imu_noise)
         np.add(truth.rates_frd_rad_s, self._gyro_noise, out=state.gyro_frd_rad_s)
         np.add(specific_force, self._accel_noise, out=state.accel_frd_m_s2)
+        if self._corrects:
+            state.gyro_frd_rad_s -= self._gyro_offset
+            state.accel_frd_m_s2 -= self._accel_offset
+            state.accel_frd_m_s2 *= self._accel_scale
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
-            field = np.broadcast_to(self._field_ned, (self._count, 3))
-            state.mag_frd_gauss[:] = rotate_back(matrix, field) + self._mag_offset
-            state.mag_frd_gauss += self._mag_white.sample() * self._mag_sigma
+            state.mag_fresh[:] = self._speaks[Driver.MAG]
+            field = rotate_back(matrix, np.broadcast_to(self._field_ned, (self._count, 3)))
+            field += self._mag_offset
+            field += self._mag_white.sample() * self._mag_sigma
+            np.copyto(state.mag_frd_gauss, field, where=state.mag_fresh[:, None])
             state.mag_count += 1
         if steps % BARO_EVERY_STEPS == 0:
             self._sample_baro(truth)
@@ -204,12 +244,15 @@ class SensorSuite:
 
     def _sample_baro(self, truth: TruthState) -> None:
         state = self.state
+        fresh = state.baro_fresh
+        fresh[:] = self._speaks[Driver.BARO]
         noise_m = (self._baro_white.sample() * self._baro_sigma_m)[:, 0]
         alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
-        state.baro_pressure_hpa[:] = pressure_hpa(alt) + self._baro_offset_hpa
+        np.copyto(state.baro_pressure_hpa, pressure_hpa(alt) + self._baro_offset_hpa, where=fresh)
         ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
         state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
-        state.baro_temperature_deg_c[:] = 15.0 - _LAPSE_K_M * alt
+        temperature = 15.0 - _LAPSE_K_M * alt + self._baro_offset_deg_c
+        np.copyto(state.baro_temperature_deg_c, temperature, where=fresh)
         state.baro_count += 1
 
     def _sample_gps(self, truth: TruthState) -> None:
@@ -219,19 +262,26 @@ class SensorSuite:
         lat, lon = to_global(
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )
+        fresh = state.gps_fresh
+        fresh[:] = self._speaks[Driver.GPS]
         fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
-        measured = fixed & ~self._gps_stuck
+        # With too few satellites PX4's simulated receiver goes on telling where it is, as no fix.
+        measured = fresh & self._gps_enabled & ~self._gps_stuck
         np.copyto(state.gps_lat_deg, lat, where=measured)
         np.copyto(state.gps_lon_deg, lon, where=measured)
         np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=measured)
         velocity = truth.velocity_ned_m_s + noise[:, 3:]
-        velocity = np.where(fixed[:, None], velocity, 0.0)
-        np.copyto(state.gps_velocity_ned_m_s, velocity, where=(measured | ~fixed)[:, None])
-        state.gps_satellites[:] = np.where(self._gps_enabled, self._satellites, 0)
-        state.gps_fix_type[:] = np.where(fixed, 3, 0)
-        state.gps_horizontal_accuracy_m[:] = np.where(fixed, GPS_HORIZONTAL_ACCURACY_M, 100.0)
-        state.gps_vertical_accuracy_m[:] = np.where(fixed, GPS_VERTICAL_ACCURACY_M, 100.0)
-        state.gps_speed_accuracy_m_s[:] = np.where(fixed, GPS_SPEED_ACCURACY_M_S, 100.0)
-        state.gps_hdop[:] = np.where(fixed, GPS_HDOP, 100.0)
-        state.gps_vdop[:] = np.where(fixed, GPS_VDOP, 100.0)
+        velocity = np.where(self._gps_enabled[:, None], velocity, 0.0)
+        told = measured | (fresh & ~self._gps_enabled)
+        np.copyto(state.gps_velocity_ned_m_s, velocity, where=told[:, None])
+        for values, with_fix, without in (
+            (state.gps_satellites, self._satellites, np.where(self._gps_enabled, self._satellites, 0)),
+            (state.gps_fix_type, 3, 0),
+            (state.gps_horizontal_accuracy_m, GPS_HORIZONTAL_ACCURACY_M, 100.0),
+            (state.gps_vertical_accuracy_m, GPS_VERTICAL_ACCURACY_M, 100.0),
+            (state.gps_speed_accuracy_m_s, GPS_SPEED_ACCURACY_M_S, 100.0),
+            (state.gps_hdop, GPS_HDOP, 100.0),
+            (state.gps_vdop, GPS_VDOP, 100.0),
+        ):
+            np.copyto(values, np.where(fixed, with_fix, without), where=fresh)
         state.gps_count += 1

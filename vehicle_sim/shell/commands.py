@@ -8,11 +8,12 @@ from vehicle_sim.commands.command import Handler
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import LAYOUTS
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.shell.console import Command, Console
 from vehicle_sim.shell.flight import CommanderCommand, FailureCommand, GimbalCommand
 from vehicle_sim.shell.listener import ListenerCommand
 from vehicle_sim.shell.parameters import ParamCommand
-from vehicle_sim.shell.status import VER, LoggerCommand, MavlinkCommand, PartsCommands
+from vehicle_sim.shell.status import VER, DriverCommand, LoggerCommand, MavlinkCommand, PartsCommands
 from vehicle_sim.topics.states import States
 
 _NAMES = (
@@ -62,6 +63,7 @@ class Shell:
             "system_time": parts.system_time,
             "uorb": listener.uorb,
             "ver": VER,
+            **{driver.value: DriverCommand(view, driver).command for driver in Driver},
         }
 
     def console(self) -> Console:

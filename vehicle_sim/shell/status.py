@@ -1,4 +1,4 @@
-"""`ver`, `mavlink`, `sensors`, `ekf2`, `logger`, `system_time`: what the vehicle tells about its parts."""
+"""`ver`, `mavlink`, `sensors`, `ekf2`, `logger`, `system_time`, the sensors' drivers: the vehicle's parts."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from vehicle_sim import build
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.link import Link
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.shell.console import Command, CommandFailed, Usage, Words, error, info, warning
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -133,6 +134,29 @@ class PartsCommands:
         seconds = self._view.time_unix_us() / 1e6
         when = datetime.fromtimestamp(seconds, UTC)
         return f"Unix epoch time: {int(seconds)}\nSystem time: {when:%a %b %d %H:%M:%S %Y}\n"
+
+
+class DriverCommand:
+    """`start`, `stop` and `status` of one simulated sensor's driver."""
+
+    def __init__(self, view: VehicleView, driver: Driver) -> None:
+        self._view, self._driver = view, driver
+        self.command = Command(self.run, "start | stop | status")
+
+    def run(self, words: Words) -> str:
+        """One command for the driver."""
+        simulation, row, name = self._view.simulation, self._view.row, self._driver.value
+        runs = simulation.driver_runs(row, self._driver)
+        if words == ["status"]:
+            if not runs:
+                raise CommandFailed(info(name, "not running"))
+            return info(name, "running")
+        if words not in (["start"], ["stop"]):
+            raise Usage
+        if runs and words == ["start"]:
+            raise CommandFailed(error(name, "Task already running"))
+        simulation.set_driver(row, self._driver, words == ["start"])
+        return ""
 
 
 class LoggerCommand:

@@ -197,9 +197,7 @@ def test_without_position_the_vehicle_sinks_where_it_is() -> None:
     # With noise: the velocity it believes in goes astray, and it has landed all the same.
     s = flying(sensor_noise=True)
     assert sensors(s) == (0x300402F, 0x301402F, 0x1320C83F), "as recorded"
-    s.command(420, 4, 1, 0)
-    s.run(0.1)
-    assert s.acks(420) == [0]
+    s.sim.simulation.set_gps_enabled(0, False)
     s.run_until(lambda: "commander_failsafe_enter_generic" in s.events(), 12)
     assert s.sim.autopilots[0].commander.active is NavState.DESCEND
     s.run(1.0)
@@ -211,9 +209,8 @@ def test_without_position_the_vehicle_sinks_where_it_is() -> None:
 def test_a_motor_that_stops_is_noticed_and_the_vehicle_falls(may_terminate: bool) -> None:
     s = flying(4.0, CBRK_FLIGHTTERM=0 if may_terminate else 121212)
     s.run(3.0)
-    s.command(420, 101, 1, 3)
+    s.sim.simulation.motor_health[0, 2] = 0.0
     s.run(0.3)
-    assert s.acks(420) == [0]
     assert s.sim.simulation.truth.rotor_thrust[0, 2] < 0.01
     assert "check_failure_detector_motor" in s.events()
     s.run(2.5)
@@ -254,15 +251,40 @@ def test_required_hardware_that_is_not_there_denies_arming(
     assert s.armed
 
 
-def test_failures_that_nobody_listens_to_get_no_answer() -> None:
+SENSORS_AND_OTHERS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 102, 103, 104, 105)
+"""FAILURE_UNIT: gyro to airspeed, servo, avoidance, remote control, MAVLink."""
+
+
+def test_failures_are_answered_as_recorded_for_every_unit_and_kind() -> None:
     s = PlanStation(sensor_noise=False)
     s.ready_to_arm()
-    s.command(420, 0, 1, 0)
-    s.command(420, 4, 7, 0)
-    s.run(0.1)
-    assert s.acks(420) == [3], "the gyro is silent, a GPS cannot be intermittent"
+
+    def answers(unit: int) -> list[int]:
+        asked_s = s.now_s
+        for kind in range(8):
+            s.command(420, unit, kind, 0)
+        s.command(420, unit, 0, 0)
+        s.run(0.1)
+        return s.acks(420, asked_s)
+
+    for unit in SENSORS_AND_OTHERS:
+        assert answers(unit) == [], unit
+    assert answers(100) == [0, 0, 0], "the battery: OK, OFF, and OK again"
+    assert answers(101) == [0, 0, 3, 3, 0, 3, 3, 3, 0], "motors: OK, OFF and WRONG"
+    assert s.sim.simulation.motor_health.all(), "only what ESCs tell is masked, and there are none"
     s.sim.autopilots[0].view.parameters.set("SYS_FAILURE_EN", 0)
-    s.command(420, 4, 1, 0)
-    s.run(0.1)
-    assert s.acks(420) == [3, 2], "denied where failures are switched off"
+    assert answers(4) == [2] * 9, "denied where failures are switched off"
     assert math.isfinite(s.sim.autopilots[0].view.estimate.lat_deg)
+
+
+def test_an_empty_battery_by_command_is_believed_as_fast_as_recorded() -> None:
+    s = flying(COM_LOW_BAT_ACT=3, COM_FAIL_ACT_T=5.0)
+    s.sim.simulation.set_battery_remaining(0, 0.508)
+    begun_s = s.now_s
+    s.command(420, 100, 1, 0)
+    checks = s.sim.autopilots[0].commander.checks
+    for level, after_s in ((1, 1.3), (2, 2.1), (3, 2.4)):
+        s.run_until(lambda level=level: checks.battery_warning >= level, 5)
+        assert s.now_s - begun_s == pytest.approx(after_s, abs=0.25)
+    s.run_until(lambda: s.flown_mode == LAND, 12)
+    assert s.now_s - begun_s == pytest.approx(7.1, abs=0.4)

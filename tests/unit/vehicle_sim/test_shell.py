@@ -3,6 +3,7 @@
 import json
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -213,11 +214,37 @@ def test_the_listener_takes_its_time_for_several_samples(terminal):
 
 def test_failures_are_injected_where_the_vehicle_allows_it():
     terminal = Terminal(parameters={"SYS_FAILURE_EN": 1})
-    assert terminal.ask("failure motor off -i 2") == ""
-    assert terminal.station.sim.simulation.motor_health[0].tolist() == [1.0, 0.0, 1.0, 1.0]
+    assert terminal.ask("failure battery off") == ""
+    assert terminal.station.sim.simulation.battery.voltage_v[0] == pytest.approx(14.4)
+    assert "cannot be made to be slow" in terminal.ask("failure motor slow")
     assert "cannot be made to be slow" in terminal.ask("failure gps slow")
     terminal.ask("param set SYS_FAILURE_EN 0")
     assert "SYS_FAILURE_EN" in terminal.ask("failure gps off")
+
+
+@pytest.mark.parametrize(
+    ("driver", "count", "reading"),
+    [
+        ("sensor_gps_sim", "gps_fresh", "gps_lat_deg"),
+        ("sensor_baro_sim", "baro_fresh", "baro_pressure_hpa"),
+        ("sensor_mag_sim", "mag_fresh", "mag_frd_gauss"),
+    ],
+)
+def test_a_stopped_driver_is_a_silent_sensor(terminal, driver, count, reading):
+    sensors = terminal.station.sim.simulation.sensors
+    assert "running" in terminal.ask(f"{driver} status")
+    assert "already running" in terminal.ask(f"{driver} start")
+    assert terminal.ask(f"{driver} stop") == ""
+    terminal.station.run(0.3)
+    last = getattr(sensors, reading).copy()
+    terminal.station.run(0.5)
+    assert not getattr(sensors, count)[0]
+    assert np.array_equal(getattr(sensors, reading), last)
+    assert "not running" in terminal.ask(f"{driver} status")
+    assert terminal.ask(f"{driver} start") == ""
+    terminal.station.run(0.3)
+    assert getattr(sensors, count)[0]
+    assert not np.array_equal(getattr(sensors, reading), last)
 
 
 def test_the_log_is_begun_and_ended_by_hand(terminal):

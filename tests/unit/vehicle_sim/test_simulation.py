@@ -7,6 +7,7 @@ import pytest
 
 from vehicle_sim import frames
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.sensors.suite import BARO_TEMPERATURE_DEG_C
 from vehicle_sim.simulation import ControlLevel, Simulation
 from vehicle_sim.state import Home
 
@@ -208,18 +209,55 @@ def test_battery_drains_armed_and_fills_when_disarmed():
     sim.setpoints.armed[0] = True
     run(sim, 6.0)
     # SIM_BAT_DRAIN 60 s, BAT1_N_CELLS 4.
-    assert sim.battery.remaining[0] == pytest.approx(0.9, abs=0.002)
+    assert sim.battery.remaining[0] == pytest.approx(0.9 + 1.0 / 60.0, abs=0.002), "the estimate is 1 s late"
     assert sim.battery.remaining[1] == 1.0
     assert sim.battery.voltage_v[1] == pytest.approx(16.2, abs=1e-3)
     assert sim.battery.voltage_v[0] < sim.battery.voltage_v[1]
     sim.set_battery_remaining(0, 0.505)
     run(sim, 2.0)
-    assert sim.battery.remaining[0] == pytest.approx(0.5), "SIM_BAT_MIN_PCT"
+    assert sim.battery.remaining[0] == pytest.approx(0.5, abs=0.001), "SIM_BAT_MIN_PCT"
+    sim.parameters[0].set("SIM_BAT_MIN_PCT", 80.0)
+    sim.reload_parameters(0)
+    sim.refill_battery(0)
+    run(sim, 15.0)
+    assert sim.battery.remaining[0] == pytest.approx(0.8, abs=0.001)
+    sim.parameters[0].set("SIM_BAT_MIN_PCT", 90.0)
+    sim.reload_parameters(0)
+    run(sim, 6.0)
+    assert sim.battery.remaining[0] == pytest.approx(0.9, abs=0.002), "a floor that rises lifts the charge"
     sim.setpoints.armed[0] = False
-    run(sim, 0.1)
-    assert sim.battery.remaining[0] == 1.0
+    run(sim, 6.0)
+    assert sim.battery.remaining[0] == pytest.approx(1.0, abs=0.001)
     with pytest.raises(ValueError, match=r"0\.\.1"):
         sim.set_battery_remaining(0, 1.5)
+
+
+def test_switches_and_calibrations_of_the_simulated_sensors_act_as_in_px4():
+    sim = Simulation(1, sensor_noise=False)
+
+    def switched(**values: float):
+        for name, value in values.items():
+            sim.parameters[0].set(name, value)
+        sim.reload_parameters(0)
+        run(sim, 0.3)
+        return sim.sensors
+
+    run(sim, 0.3)
+    before = float(sim.sensors.baro_alt_amsl_m[0])
+    sensors = switched(SIM_BARO_OFF_P=12.0, SIM_BARO_OFF_T=5.0)
+    assert before - sensors.baro_alt_amsl_m[0] == pytest.approx(1.06, abs=0.02), "pascals: 12 are a metre"
+    assert sensors.baro_temperature_deg_c[0] == pytest.approx(BARO_TEMPERATURE_DEG_C + 5.0, abs=0.01)
+    sensors = switched(CAL_ACC0_XOFF=0.3, CAL_ACC0_ZSCALE=1.1, CAL_GYRO0_YOFF=0.2)
+    assert sensors.accel_frd_m_s2[0] == pytest.approx([-0.3, 0.0, -1.1 * frames.GRAVITY_M_S2])
+    assert sensors.gyro_frd_rad_s[0] == pytest.approx([0.0, -0.2, 0.0])
+    field = sensors.mag_frd_gauss[0].copy()
+    assert switched(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field == pytest.approx([0.0, 0.4, 0.0])
+    sensors = switched(SIM_GPS_USED=4)
+    assert (sensors.gps_fix_type[0], sensors.gps_satellites[0]) == (3, 4)
+    sensors = switched(SIM_GPS_USED=3)
+    assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
+    assert sensors.gps_satellites[0] == 3
+    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "it goes on telling its place"
 
 
 def test_parameters_take_effect_when_reloaded():

@@ -1,0 +1,192 @@
+"""Calibrations: what the vehicle asks for and says, and what it learns from its simulated sensors."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vehicle_sim.commands.calibration import CalibrationCommands
+from vehicle_sim.commands.command import ACCEPTED, TEMPORARILY_REJECTED, Command
+from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
+from vehicle_sim.frames import GRAVITY_M_S2
+from vehicle_sim.parameters import Parameters
+
+STEP_S = 0.004
+OFFSET = np.array([0.3, -0.2, 0.5])
+SCALE = np.array([1.02, 0.97, 1.01])
+
+
+def at_rest(side: Side, offset: float = 0.0) -> tuple[float, float, float]:
+    reading = [offset, offset, offset]
+    reading[side.axis] += side.sign * GRAVITY_M_S2
+    return reading[0], reading[1], reading[2]
+
+
+class Held:
+    """A vehicle in somebody's hands, as far as a calibration sees it: sensors, parameters, texts, time."""
+
+    own = (1, 1)
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.acks: list[int] = []
+        self.parameters = Parameters()
+        self.side = Side.DOWN
+        self.now_s = 0.0
+        self._timers: list[tuple[float, Any]] = []
+        self._random = np.random.default_rng(5)
+        announcer = SimpleNamespace(
+            text=lambda severity, text: self.texts.append(text),
+            both=lambda severity, text, event: self.texts.append(text),
+        )
+        self.sensors = SimpleNamespace(accel_frd_m_s2=np.zeros((1, 3)), gyro_frd_rad_s=np.zeros((1, 3)))
+        self.autopilot: Any = SimpleNamespace(
+            announcer=announcer, commander=SimpleNamespace(armed=False, calibrating=False)
+        )
+        self.view: Any = SimpleNamespace(
+            row=0, simulation=self, parameters=self.parameters,
+            parameter=lambda name: float(self.parameters.get(name)),
+        )  # fmt: skip
+        self.dt_s = STEP_S
+        self.calibration = CalibrationCommands(self, lambda names: None)
+
+    @property
+    def time_s(self) -> float:
+        return self.now_s
+
+    def later(self, action: Any) -> None:
+        raise NotImplementedError
+
+    def after(self, seconds: float, action: Any) -> None:
+        self._timers.append((self.now_s + seconds, action))
+
+    def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
+        self.acks.append(result)
+
+    def learned(self, what: str) -> list[float]:
+        return [float(self.parameters.get(what.format(axis))) for axis in "XYZ"]
+
+    def ask(self, *parameters: float) -> int | None:
+        numbers = (*parameters, *(0.0,) * 7)[:7]
+        return self.calibration.calibrate(Command(241, *numbers, (255, 190), "gcs"))
+
+    def step(self) -> None:
+        """One sample of noisy sensors that are right but for what calibrations made of them."""
+        self.now_s += STEP_S
+        raw = np.array(at_rest(self.side)) + self._random.normal(0.0, 0.1, 3)
+        scale = np.array(self.learned("CAL_ACC0_{}SCALE"))
+        self.sensors.accel_frd_m_s2[0] = (raw - self.learned("CAL_ACC0_{}OFF")) * scale
+        turn = self._random.normal(0.0, 0.01, 3)
+        self.sensors.gyro_frd_rad_s[0] = turn - self.learned("CAL_GYRO0_{}OFF")
+        due = [action for at_s, action in self._timers if at_s <= self.now_s]
+        self._timers = [(at_s, action) for at_s, action in self._timers if at_s > self.now_s]
+        for action in due:
+            action()
+
+    def hears(self, text: str, timeout_s: float = 12.0) -> None:
+        begun, begun_s = len(self.texts), self.now_s
+        while not any(text in each for each in self.texts[begun:]):
+            assert self.now_s - begun_s < timeout_s, f"not heard: {text}; last {self.texts[-3:]}"
+            self.step()
+
+
+@pytest.mark.parametrize("side", Side)
+def test_each_side_is_recognised_after_a_rest(side: Side) -> None:
+    detector = RestDetector(1.3)
+    said = [detector.feed(at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
+    began, still = said.index(Rest.BEGAN) * STEP_S, said.index(Rest.STILL) * STEP_S
+    assert began == pytest.approx(2.36, abs=0.3), "as recorded"
+    assert still - began == pytest.approx(1.31, abs=0.05)
+    assert detector.side is side
+
+
+def test_motion_ends_a_rest_and_an_angle_is_no_side() -> None:
+    detector = RestDetector(1.3)
+    for _ in range(750):
+        detector.feed(at_rest(Side.DOWN), STEP_S)
+    assert Rest.BROKEN in [detector.feed((4.0, 0.0, -9.8), STEP_S) for _ in range(50)]
+    half = GRAVITY_M_S2 / math.sqrt(2.0)
+    while detector.feed((half, 0.0, -half), STEP_S) is not Rest.STILL:
+        pass
+    assert detector.side is None
+
+
+def test_offset_and_scale_follow_from_six_sides() -> None:
+    readings = {side: np.array(at_rest(side)) / SCALE + OFFSET for side in Side}
+    found = offset_and_scale(readings)
+    assert found is not None
+    assert found[0] == pytest.approx(OFFSET)
+    assert found[1] == pytest.approx(SCALE)
+    assert offset_and_scale(dict.fromkeys(Side, np.zeros(3))) is None, "a dead sensor"
+
+
+def test_an_accelerometer_is_calibrated_on_all_sides() -> None:
+    s = Held()
+    for axis, offset, scale in zip("XYZ", OFFSET.tolist(), SCALE.tolist(), strict=True):
+        # What an earlier, wrong calibration left.
+        s.parameters.set(f"CAL_ACC0_{axis}OFF", offset)
+        s.parameters.set(f"CAL_ACC0_{axis}SCALE", scale)
+    assert s.ask(0, 0, 0, 0, 1) == ACCEPTED
+    for side in (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK):
+        s.side = side
+        s.hears(f"{side.value} side done, rotate to a different side")
+    s.hears("calibration done: accel")
+    assert s.learned("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
+    assert s.learned("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
+    assert [float(t.split("<")[1][:-1]) for t in s.texts if "progress" in t] == [17, 34, 51, 68, 85, 102]
+    assert "[cal] pending: back front left right up" in s.texts, "down was done first"
+
+
+def test_a_vehicle_that_nobody_turns_fails_its_calibration() -> None:
+    s = Held()
+    s.ask(0, 0, 0, 0, 1)
+    s.hears("calibration failed: accel", 40)
+    assert s.texts.count("[cal] down side already completed") == 5
+    assert "[cal] calibration failed: timeout: no motion" in s.texts
+    assert not s.autopilot.commander.calibrating
+
+
+def test_what_a_side_reads_is_the_mean_of_many_samples_at_the_recorded_time() -> None:
+    s = Held()
+    s.ask(0, 0, 0, 0, 1)
+    s.hears("Hold still, measuring down side")
+    assert s.now_s == pytest.approx(3.87, abs=0.4)
+    begun_s = s.now_s
+    s.hears("down side result")
+    assert s.now_s - begun_s == pytest.approx(3.0, abs=0.05)
+    result = next(text for text in s.texts if "result" in text)
+    x, y, z = (float(word) for word in result.split("[")[2].rstrip("]").split())
+    assert max(abs(x), abs(y), abs(z + GRAVITY_M_S2)) < 0.02, "one sample alone is 0.1 m/s² off"
+
+
+def test_a_gyroscope_learns_what_it_reads_at_rest() -> None:
+    s = Held()
+    s.parameters.set("CAL_GYRO0_YOFF", 0.4)
+    s.ask(1)
+    s.hears("calibration done: gyro", 3)
+    assert s.learned("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
+
+
+def test_a_compass_that_nobody_turns_round_fails_in_the_end() -> None:
+    s = Held()
+    s.ask(0, 1)
+    s.hears("Rotate vehicle", 5)
+    s.hears("calibration failed: mag", 110)
+    assert "Failed: This calibration requires rotation." in s.texts
+
+
+def test_a_calibration_is_cancelled_at_once_or_when_its_side_is_measured() -> None:
+    s = Held()
+    s.ask(0, 1)
+    assert s.ask(0, 0, 0, 0, 1) == TEMPORARILY_REJECTED, "one at a time"
+    assert s.ask() == TEMPORARILY_REJECTED
+    assert (s.acks, s.texts[-1]) == ([ACCEPTED], "[cal] calibration cancelled")
+    assert s.ask(0, 0, 0, 0, 1) == ACCEPTED
+    s.hears("Hold still")
+    assert s.ask() == TEMPORARILY_REJECTED
+    assert s.acks == [ACCEPTED]
+    s.hears("calibration failed: accel")
+    assert s.acks == [ACCEPTED, ACCEPTED]
+    assert s.ask(1) == ACCEPTED

@@ -1,0 +1,137 @@
+"""Which side of a vehicle points down, and whether it is held still: what a calibration by sides waits for.
+
+From the accelerometer alone, as PX4's calibration routines find out: a moving average, the largest
+deviation from it that slowly fades, and a time for which that must stay small.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import Enum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.frames import GRAVITY_M_S2
+
+AVERAGE_S = 0.5
+"""Time constant of the average and of the fading."""
+STILL_M_S2 = 0.25
+"""A smaller deviation is rest, twice as much is motion."""
+ORIENTED_WITHIN_M_S2 = 5.0
+SMOOTHING_S = 1.0 / (2.0 * math.pi * 30.0)
+"""The readings pass IMU_ACCEL_CUTOFF (30 Hz) first."""
+
+FloatArray = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+class Side(Enum):
+    """The side that points down, by PX4's words and in its order."""
+
+    BACK = "back"
+    FRONT = "front"
+    LEFT = "left"
+    RIGHT = "right"
+    UP = "up"
+    DOWN = "down"
+
+    @property
+    def axis(self) -> int:
+        """Which body axis (x forward, y right, z down) is vertical."""
+        return list(Side).index(self) // 2
+
+    @property
+    def roll_pitch_rad(self) -> tuple[float, float]:
+        """How a vehicle lies on it."""
+        return _LIES[self]
+
+    @property
+    def sign(self) -> float:
+        """Of the reading on that axis at rest: the specific force points up."""
+        return 1.0 if self in (Side.BACK, Side.LEFT, Side.UP) else -1.0
+
+
+_QUARTER = 0.5 * math.pi
+_LIES = {
+    Side.BACK: (0.0, _QUARTER), Side.FRONT: (0.0, -_QUARTER), Side.LEFT: (-_QUARTER, 0.0),
+    Side.RIGHT: (_QUARTER, 0.0), Side.UP: (math.pi, 0.0), Side.DOWN: (0.0, 0.0),
+}  # fmt: skip
+
+
+class Rest(Enum):
+    """What a reading says."""
+
+    WAIT = auto()
+    BEGAN = auto()
+    BROKEN = auto()
+    STILL = auto()
+    """For long enough."""
+
+
+class RestDetector:
+    """Waits for a vehicle that is held still.
+
+    Args:
+        still_s: for so long.
+        tolerance: how many times the usual motion is allowed.
+    """
+
+    def __init__(self, still_s: float, tolerance: float = 1.0) -> None:
+        self._still_s = still_s
+        self._limit = (tolerance * STILL_M_S2) ** 2
+        self._smooth = self._average = (0.0, 0.0, 0.0)
+        self._deviation = (0.0, 0.0, 0.0)
+        """Squared [m²/s⁴]."""
+        self._resting_s: float | None = None
+
+    def feed(self, accel_frd_m_s2: Vector, dt_s: float) -> Rest:
+        """One more reading, `dt_s` after the last."""
+        follow, fade = dt_s / (dt_s + SMOOTHING_S), dt_s / AVERAGE_S
+        self._smooth = tuple(s + follow * (a - s) for s, a in zip(self._smooth, accel_frd_m_s2, strict=True))
+        off = [s - mean for s, mean in zip(self._smooth, self._average, strict=True)]
+        self._average = tuple(mean + fade * each for mean, each in zip(self._average, off, strict=True))
+        self._deviation = tuple(
+            max(old * (1.0 - fade), min(each * each, 8.0 * self._limit))
+            for old, each in zip(self._deviation, off, strict=True)
+        )
+        worst = max(self._deviation)
+        if self._resting_s is not None:
+            self._resting_s += dt_s
+        if worst < self._limit:
+            if self._resting_s is None:
+                self._resting_s = 0.0
+                return Rest.BEGAN
+            return Rest.STILL if self._resting_s > self._still_s else Rest.WAIT
+        if worst > 4.0 * self._limit and self._resting_s is not None:
+            self._resting_s = None
+            return Rest.BROKEN
+        return Rest.WAIT
+
+    @property
+    def side(self) -> Side | None:
+        """Which points down; None: held at an angle."""
+        for side in Side:
+            rest = [0.0, 0.0, 0.0]
+            rest[side.axis] = side.sign * GRAVITY_M_S2
+            if all(abs(a - b) < ORIENTED_WITHIN_M_S2 for a, b in zip(self._average, rest, strict=True)):
+                return side
+        return None
+
+
+def offset_and_scale(sides: Mapping[Side, FloatArray]) -> tuple[FloatArray, FloatArray] | None:
+    """Of an accelerometer measured on all sides; None: the readings fit no accelerometer.
+
+    The offset of an axis is what remains of its two opposite readings; the scales are the diagonal of the
+    matrix that turns the three positive readings into gravity.
+    """
+    up = [side for side in Side if side.sign > 0.0]
+    down = [side for side in Side if side.sign < 0.0]
+    offset = np.array([0.5 * (sides[a][a.axis] + sides[b][b.axis]) for a, b in zip(up, down, strict=True)])
+    try:
+        matrix = np.linalg.inv(np.array([sides[side] - offset for side in up])) * GRAVITY_M_S2
+    except np.linalg.LinAlgError:
+        return None
+    scale = np.diag(matrix).copy()
+    return (offset, scale) if bool(np.isfinite(offset).all() and np.isfinite(scale).all()) else None
