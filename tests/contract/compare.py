@@ -39,18 +39,23 @@ NOT_COMPARED: dict[str, frozenset[str]] = {
     "CURRENT_EVENT_SEQUENCE": frozenset({"sequence"}),
     "RESPONSE_EVENT_ERROR": frozenset({"sequence_oldest_available"}),
     "LOG_ENTRY": frozenset({"time_utc", "size"}),
+    "GPS_RAW_INT": frozenset({"cog"}),
     "STORAGE_INFORMATION": frozenset({"total_capacity", "used_capacity", "available_capacity"}),
 }
-"""Clocks, counters, the disk of the recording machine, and what PX4 leaves uninitialised (gimbal roll limits,
-the targets of its TIMESYNC)."""
+"""Clocks, counters, the disk of the recording machine, what PX4 leaves uninitialised (gimbal roll limits, the
+targets of its TIMESYNC), and the course over ground of a receiver that stands, which is noise."""
+HEADING_RAD = 0.08
+HEADING_DEG = math.ceil(math.degrees(HEADING_RAD))
+"""In whole degrees, as VFR_HUD has it."""
+HEADING_CDEG = round(100.0 * math.degrees(HEADING_RAD))
 
 ABSOLUTE: dict[str, float] = {
     "GPS_RAW_INT.lat": 400, "GPS_RAW_INT.lon": 400, "GPS_RAW_INT.alt": 4000, "GPS_RAW_INT.vel": 60,
-    "GPS_RAW_INT.cog": 36000, "GPS_RAW_INT.eph": 30, "GPS_RAW_INT.epv": 60, "GPS_RAW_INT.alt_ellipsoid": 4000,
+    "GPS_RAW_INT.eph": 30, "GPS_RAW_INT.epv": 60, "GPS_RAW_INT.alt_ellipsoid": 4000,
     "GPS_RAW_INT.h_acc": 500, "GPS_RAW_INT.v_acc": 500, "GPS_RAW_INT.vel_acc": 200,
     "GLOBAL_POSITION_INT.lat": 200, "GLOBAL_POSITION_INT.lon": 200, "GLOBAL_POSITION_INT.alt": 2000,
     "GLOBAL_POSITION_INT.relative_alt": 800, "GLOBAL_POSITION_INT.vx": 15, "GLOBAL_POSITION_INT.vy": 15,
-    "GLOBAL_POSITION_INT.vz": 15, "GLOBAL_POSITION_INT.hdg": 36000,
+    "GLOBAL_POSITION_INT.vz": 15, "GLOBAL_POSITION_INT.hdg": HEADING_CDEG,
     "HOME_POSITION.latitude": 200, "HOME_POSITION.longitude": 200, "HOME_POSITION.altitude": 2000,
     "HOME_POSITION.x": 2.0, "HOME_POSITION.y": 2.0, "HOME_POSITION.z": 1.5, "HOME_POSITION.q": 0.15,
     "GPS_GLOBAL_ORIGIN.latitude": 200, "GPS_GLOBAL_ORIGIN.longitude": 200, "GPS_GLOBAL_ORIGIN.altitude": 3000,
@@ -61,9 +66,9 @@ ABSOLUTE: dict[str, float] = {
     "SCALED_IMU.xacc": 60, "SCALED_IMU.yacc": 60, "SCALED_IMU.zacc": 60, "SCALED_IMU.xgyro": 50,
     "SCALED_IMU.ygyro": 50, "SCALED_IMU.zgyro": 50, "SCALED_IMU.xmag": 80, "SCALED_IMU.ymag": 80,
     "SCALED_IMU.zmag": 80,
-    "ATTITUDE.roll": 0.03, "ATTITUDE.pitch": 0.03, "ATTITUDE.yaw": 0.08, "ATTITUDE.rollspeed": 0.03,
+    "ATTITUDE.roll": 0.03, "ATTITUDE.pitch": 0.03, "ATTITUDE.yaw": HEADING_RAD, "ATTITUDE.rollspeed": 0.03,
     "ATTITUDE.pitchspeed": 0.03, "ATTITUDE.yawspeed": 0.03, "VFR_HUD.groundspeed": 0.15, "VFR_HUD.alt": 2.0,
-    "VFR_HUD.climb": 0.15, "VFR_HUD.heading": 360, "ATTITUDE_TARGET.q": 0.08,
+    "VFR_HUD.climb": 0.15, "VFR_HUD.heading": HEADING_DEG, "ATTITUDE_TARGET.q": 0.08,
     "ATTITUDE_TARGET.body_roll_rate": 0.02, "ATTITUDE_TARGET.body_pitch_rate": 0.02,
     "ATTITUDE_TARGET.body_yaw_rate": 0.02, "ATTITUDE_TARGET.thrust": 0.002,
     "ALTITUDE.altitude_monotonic": 4, "ALTITUDE.altitude_amsl": 2, "ALTITUDE.altitude_local": 1.5,
@@ -95,7 +100,10 @@ THINNED_TO = (16, 32)
 """Of a long run of one kind the recordings keep the first twelve and the last four, twice where it paused."""
 FOUND, CALIBRATED = ("CAL_", "SENS_BOARD_"), 0.3
 """Offsets that a calibration measured: noise, in the parameter's own unit."""
-FULL_TURN = {"MOUNT_ORIENTATION.yaw_absolute": 360.0}
+FULL_TURN = {
+    "MOUNT_ORIENTATION.yaw_absolute": 360.0, "VFR_HUD.heading": 360, "GLOBAL_POSITION_INT.hdg": 36000,
+    "ATTITUDE.yaw": math.tau,
+}  # fmt: skip
 """Angles that wrap."""
 STREAMED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
 """Compared by their number and by the fields of the first."""

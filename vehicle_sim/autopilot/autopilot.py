@@ -24,6 +24,9 @@ from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
 from vehicle_sim.vehicle_view import VehicleView
 
+TILT_LIMIT_RISE_RAD_S = 0.2
+"""How fast PX4 lets the tilt limit rise after the take-off ramp."""
+
 
 class Autopilot:
     """What decides for vehicle `body.row`; call `update()` at 50 Hz between simulation steps."""
@@ -50,6 +53,7 @@ class Autopilot:
         self._asked_down_m_s = math.nan
         """Vertical velocity of the last trajectory set point that was not just a push against the ground."""
         self.offboard.on_setpoint = self._take_at_once
+        self._tilt_allowed_rad = 0.0
         self._landing_limits: Limits | None = None
         view.parameters.add_listener(self._forget_limits)
 
@@ -170,10 +174,8 @@ class Autopilot:
             landed=self.land_detector.landed or on_ground,
             climb_limit_m_s=takeoff.climb_limit_m_s,
             min_thrust=math.nan if takeoff.flying else 0.0,
-            tilt_limit_rad=math.nan if takeoff.flying else math.radians(
-                self.view.parameter("MPC_TILTMAX_LND")
-            ),
-        )  # fmt: skip
+            tilt_limit_rad=self._tilt_limit_rad(),
+        )
         if commander.active is NavState.OFFBOARD:
             self._asked_down_m_s = self.offboard.setpoint.velocity_ned_m_s[2]
         if self._by_sticks and commander.active in DIRECT_MODES:
@@ -190,13 +192,25 @@ class Autopilot:
         elif commander.active is NavState.OFFBOARD:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
-        else:
-            self.navigator.run(commander.active, flying=takeoff.flying)
+        elif not self._manual.wait(commander.active):
+            self.navigator.run(commander.active)
             self._asked_down_m_s = self._row.asked()[1][2]
             return
         if commander.active is not NavState.OFFBOARD:
             # keep the trajectory at the vehicle while it cannot follow
             self.navigator.path.idle()
+
+    def _tilt_limit_rad(self) -> float:
+        """MPC_TILTMAX_LND until the take-off ramp is over, then slowly more; NaN: as in flight.
+
+        A vehicle that is asked to fly away before it lifts would tip over without it.
+        """
+        low, high = (math.radians(self.view.parameter(f"MPC_TILTMAX_{what}")) for what in ("LND", "AIR"))
+        if not self.takeoff.flying:
+            self._tilt_allowed_rad = low
+        else:
+            self._tilt_allowed_rad += TILT_LIMIT_RISE_RAD_S * TICK_S
+        return self._tilt_allowed_rad if self._tilt_allowed_rad < high else math.nan
 
     def _take_at_once(self) -> None:
         """A set point below the trajectory arrived: flown now, or cutting in while the position is held."""

@@ -131,6 +131,7 @@ class Commander:
 
     def set_mode(self, mode: NavState) -> bool:
         """Change the mode asked for; in flight only to one that can run."""
+        self._notice_plans()
         if self.armed and not self._can_switch(mode):
             return False
         self._mode_was_chosen = True
@@ -179,6 +180,7 @@ class Commander:
         Args:
             first_item: from 0; -1 goes on where the mission was left.
         """
+        self._notice_plans()
         if not self.checks.has_mission:
             self._announcer.both(
                 2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
@@ -233,8 +235,8 @@ class Commander:
         if not self.armed:
             self.home.follow()
         navigator = self._navigator
-        navigator.watch(armed=self.armed, landed=landed)
-        self.checks.has_mission = navigator.mission.valid(landed=landed)
+        navigator.watch()
+        self._notice_plans()
         self.monitors.update(armed=self.armed, landed=landed)
         self.checks.fence = navigator.fence.breached
         self.checks.watch_links()
@@ -244,6 +246,12 @@ class Commander:
             navigator.think(self.active, landed=landed)
             self._end_task()
         self._auto_disarm()
+
+    def _notice_plans(self) -> None:
+        """Take over a changed mission: at each tick, and before a command that may want to fly it."""
+        mission = self._navigator.mission
+        mission.notice(armed=self.armed)
+        self.checks.has_mission = mission.valid(landed=self.landed)
 
     def _end_task(self) -> None:
         """A take-off that arrived and a mission that is over go on in Hold."""

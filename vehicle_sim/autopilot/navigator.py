@@ -22,6 +22,7 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
+HOLDING_MODES = frozenset({NavState.HOLD, NavState.VTOL_TAKEOFF})
 STOP_REACTION_S = 0.6
 """PX4 takes braking to begin this late when it predicts where a vehicle will stop."""
 WITHOUT_TASK = frozenset(
@@ -130,7 +131,7 @@ class Navigator:
         stays = previous is NavState.TAKEOFF or (previous is NavState.MISSION and self.mission.finished)
         if not stays or mode is not NavState.HOLD:
             self.path.restart(in_air=in_air, goes_on=previous not in WITHOUT_TASK)
-            if mode is NavState.HOLD and in_air:
+            if mode in HOLDING_MODES and in_air:
                 self.path.target_ned_m, self.path.faces_target = self._stopping_place(), True
         if mode in LANDING_MODES:
             self._lands_at = self._view.estimate.position_ned_m
@@ -156,10 +157,9 @@ class Navigator:
         elif mode is NavState.RTL and landed:
             self._return.notice_landing()
 
-    def watch(self, *, armed: bool, landed: bool) -> None:
-        """One tick of what goes on in every mode: fence and plans."""
+    def watch(self) -> None:
+        """One tick of what goes on in every mode: fence and rally points."""
         self.fence.update()
-        self.mission.notice(armed=armed)
         self._return.notice_rally()
 
     def _stopping_place(self) -> Vector:
@@ -207,28 +207,30 @@ class Navigator:
             return self._climb.wants_to_climb
         if mode is NavState.MISSION:
             return self.mission.taking_off
+        if mode is NavState.FOLLOW:
+            return self.follow.tracks  # on the ground it is too near to the ground
         if mode is NavState.RTL and self.landing:
             return False
         if mode in (NavState.HOLD, NavState.RTL) and down is not None:
             return down < self._view.estimate.position_ned_m[2] - 0.5
         return False
 
-    def run(self, mode: NavState, *, flying: bool) -> None:
+    def run(self, mode: NavState) -> None:
         """One tick of the active mode; writes the set points."""
         if mode in LANDING_MODES:
             self._descent.run()
         elif mode is NavState.TAKEOFF:
             self._climb.run()
         elif mode is NavState.RTL:
-            self._return.run(flying)
+            self._return.run()
         elif mode is NavState.ORBIT:
-            self._orbit.run(flying)
+            self._orbit.run()
         elif mode is NavState.MISSION and self.mission.active:
-            self.mission.run(flying)
+            self.mission.run()
         elif mode is NavState.FOLLOW:
-            self.follow.run(flying)
-        elif mode is NavState.HOLD:
-            self.path.fly_to_target(flying)
+            self.follow.run()
+        elif mode in HOLDING_MODES:
+            self.path.fly_to_target()
         else:
             self.sink()
 

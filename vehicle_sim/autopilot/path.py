@@ -95,20 +95,22 @@ class Path:
         if math.hypot(north - x, east - y) > self._view.parameter("NAV_ACC_RAD"):
             self.face(north, east)
 
-    def fly_to_target(self, flying: bool) -> None:
+    def fly_to_target(self) -> None:
         """One tick towards the target in all axes; what is not chosen yet comes to rest first."""
         self._face_target()
         north, east, down = self.target_ned_m
-        if flying and north is not None and east is not None and down is not None:
-            self.fly_way(self._way_to((north, east, down)), flying)
+        if north is not None and east is not None and down is not None:
+            self.fly_way(self._way_to((north, east, down)))
             return
-        self.advance_vertical(flying, self.advance_horizontal())
+        self.advance_vertical(self.advance_horizontal())
         self.write()
 
-    def fly_way(self, way: Way, flying: bool) -> None:
-        """One tick along a way."""
-        if not flying:
-            self.z.reset(self._view.estimate.position_ned_m[2])
+    def fly_way(self, way: Way) -> None:
+        """One tick along a way.
+
+        Also on the take-off ramp, with the height: a go-to given on the ground waits, far ahead of a vehicle
+        that still stands, until that follows, and what lifts it is how high the trajectory is by then.
+        """
         self._smoothing.fly(TICK_S, way, self._limits)
         self.keep_near()
         self.write()
@@ -129,16 +131,14 @@ class Path:
             self.target_ned_m = (self.x.position_m, self.y.position_m, down)
         return self._smoothing.fly_level(TICK_S, way, self._limits)
 
-    def advance_vertical(self, flying: bool, tick_s: float = TICK_S) -> None:
+    def advance_vertical(self, tick_s: float = TICK_S) -> None:
         """One tick up or down."""
         north, east, down = self.target_ned_m
-        if not flying:
-            self.z.reset(self._view.estimate.position_ned_m[2])
         wanted = 0.0
         if down is not None:
             way_m = down - self.z.position_m
             wanted = math.copysign(self._smoothing.vertical_speed(way_m, self._limits), way_m)
-        elif abs(self.z.velocity_m_s) < 0.05 and flying:
+        elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
         self.z_towards(wanted, tick_s)
         self.keep_near()

@@ -20,7 +20,7 @@ from vehicle_sim.commands.command import (
 from vehicle_sim.geodesy import is_place
 
 NO_ANSWER = frozenset(
-    {0, 1, 2, 93, 203, 204, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
+    {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
      30002, 42600}
 )  # fmt: skip
 """PX4 acknowledges none of these here: nobody handles them, or who does stays silent."""
@@ -31,7 +31,8 @@ TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34,
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
 CHANGE_ALTITUDE, GO_TO_LANDING, HIGH_LATENCY = 186, 189, 2600
 RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
-GRIPPER, AUTOTUNE, EXTERNAL_WIND = 211, 212, 43004
+GRIPPER, AUTOTUNE, EXTERNAL_POSITION, EXTERNAL_WIND = 211, 212, 43003, 43004
+VTOL_TAKEOFF = 84
 FORCE = 21196
 AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
 """Of MAV_MODE_FLAG."""
@@ -90,7 +91,11 @@ class FlightCommands:
             ACTUATOR_TEST: self._actuator_test,
             GRIPPER: self._gripper,
             AUTOTUNE: self._autotune,
+            # Only a vehicle that dead-reckons is told where it is.
+            EXTERNAL_POSITION: lambda c: TEMPORARILY_REJECTED,
             EXTERNAL_WIND: self._external_wind,
+            # PX4 asks no vehicle whether it can: the mode is shown, a multicopter holds in it.
+            VTOL_TAKEOFF: lambda c: self._switch(NavState.VTOL_TAKEOFF),
         }
 
     # --- arming and modes ------------------------------------------------------------------------------
@@ -248,7 +253,7 @@ class FlightCommands:
 
     # --- the rest --------------------------------------------------------------------------------------
 
-    def _actuator_test(self, c: Command) -> int:
+    def _actuator_test(self, c: Command) -> int | None:
         if self._commander.armed or self._host.view.choice("COM_MOT_TEST_EN") != 1:
             return DENIED
         which = int(c.p5 + 0.5) if math.isfinite(c.p5) else 0
@@ -257,7 +262,7 @@ class FlightCommands:
             or FIRST_SERVO <= which < FIRST_SERVO + SERVOS
             or which >= OWN_FUNCTIONS
         )
-        return ACCEPTED if known else UNSUPPORTED
+        return ACCEPTED if known else None
 
     def _high_latency(self, c: Command) -> int:
         self._announcer.both(2, "No high-latency telemetry to control", "commander_ctrl_high_latency_failed")

@@ -8,6 +8,7 @@ from vehicle_sim.commands.command import ACCEPTED, DENIED, UNSUPPORTED, Command,
 
 CONFIGURE, PITCHYAW = 1001, 1000
 ROI_LOCATION, ROI_WPNEXT, ROI_NONE, ROI_SYSID, ROI, MOUNT_CONTROL = 195, 196, 197, 198, 201, 205
+MOUNT_CONFIGURE = 204
 MOUNT_RETRACT, MOUNT_NEUTRAL, MOUNT_MAVLINK, MOUNT_RC, MOUNT_GPS = 0, 1, 2, 3, 4
 
 
@@ -26,6 +27,7 @@ class GimbalCommands:
             ROI_SYSID: lambda command: UNSUPPORTED,
             ROI: self.roi,
             MOUNT_CONTROL: self.mount,
+            MOUNT_CONFIGURE: lambda command: ACCEPTED if self._gimbal.enabled else None,
         }
 
     def configure(self, command: Command) -> int | None:

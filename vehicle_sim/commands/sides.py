@@ -133,5 +133,5 @@ def offset_and_scale(sides: Mapping[Side, FloatArray]) -> tuple[FloatArray, Floa
         matrix = np.linalg.inv(np.array([sides[side] - offset for side in up])) * GRAVITY_M_S2
     except np.linalg.LinAlgError:
         return None
-    scale = np.diag(matrix).copy()
+    scale = np.array([float(matrix[k, k]) for k in range(3)])
     return (offset, scale) if bool(np.isfinite(offset).all() and np.isfinite(scale).all()) else None

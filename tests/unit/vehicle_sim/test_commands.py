@@ -5,12 +5,13 @@ import math
 import pytest
 
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
-from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, TAKEOFF
+from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, RTL, TAKEOFF
 
 pytestmark = pytest.mark.flight
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
 ARM, SET_MODE, REPOSITION, CHANGE_ALTITUDE, CHANGE_SPEED = 400, 176, 192, 186, 178
+TAKEOFF_COMMAND = 22
 SET_HOME, ACTUATOR_TEST, GO_TO_LANDING, HIGH_LATENCY, ORBIT = 179, 310, 189, 2600, 34
 STABILIZED, MANUAL = 0x70000, 0x10000
 
@@ -47,6 +48,32 @@ def place(s: PlanStation) -> tuple[float, float]:
 def go_north(s: PlanStation, metres: float) -> None:
     there = s.item(16, metres)
     assert ask(s, REPOSITION, -1, 1, 0, NAN, there["x"] / 1e7, there["y"] / 1e7, amsl(s, 8.0)) == [ACCEPTED]
+
+
+@pytest.mark.parametrize("height_m", [10.0, 2.0])
+def test_a_go_to_before_lift_off_lifts_and_flies_there(ground, height_m):
+    ground.command(ARM, 1)
+    ground.run(0.1)
+    ground.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, amsl(ground, 10.0))
+    ground.run(0.5)
+    there = ground.item(16, 40.0)
+    goal = (there["x"] / 1e7, there["y"] / 1e7, amsl(ground, height_m))
+    assert ask(ground, REPOSITION, -1, 1, 0, NAN, *goal) == [ACCEPTED]
+    ground.run_until(lambda: place(ground)[0] > 39.0, 40)
+    assert ground.height_m == pytest.approx(height_m, abs=0.6)
+
+
+def test_no_command_overtakes_a_change_of_mode_sent_just_before(air):
+    begun_s = air.now_s
+    air.command(SET_MODE, 1, 4, 3)
+    air.command(20)
+    air.run(0.3)
+    assert air.flown_mode == RTL
+    assert [m.command for m in air.heard("COMMAND_ACK", since_s=begun_s)] == [SET_MODE, SET_MODE, 20]
+    air.command(20)
+    air.command(SET_MODE, 1, 4, 3)
+    air.run(0.3)
+    assert air.flown_mode == HOLD
 
 
 def test_a_change_of_altitude_is_flown_over_the_place_and_ends_a_go_to(air):

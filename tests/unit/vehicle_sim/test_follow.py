@@ -39,3 +39,48 @@ def test_it_flies_behind_a_walker_looks_at_him_and_holds_without_him() -> None:
     s.run(6)
     assert abs(float(estimate.velocity_ned_m_s[0, 0])) < 0.4, "lost after 3 s, it stays"
     assert not s.sim.autopilots[0].navigator.follow.tracks
+
+
+class Beacon(Station):
+    """A station that says where somebody stands, five times a second."""
+
+    def __init__(self, north_m: float, alt_home_m: float, **parameters: float) -> None:
+        super().__init__(parameters=parameters, sensor_noise=False)
+        self._north_m, self._alt_home_m = north_m, alt_home_m
+
+    def follow(self, seconds: float) -> None:
+        self.run(seconds, self._tell, tick_s=0.2)
+
+    def _tell(self) -> None:
+        home = self.sim.simulation.home
+        self.send(
+            "FOLLOW_TARGET", timestamp=0, est_capabilities=1,
+            lat=round((home.lat_deg + self._north_m / M_PER_DEG) * 1e7),
+            lon=round(home.lon_deg * 1e7), alt=home.alt_amsl_m + self._alt_home_m,
+        )  # fmt: skip
+
+    @property
+    def north_m(self) -> float:
+        return float(self.sim.simulation.truth.position_ned_m[0, 0])
+
+
+def test_it_comes_to_its_height_before_it_moves_over_the_ground() -> None:
+    s = Beacon(60.0, 0.0, FLW_TGT_HT=16.0)
+    s.fly_to(5.0)
+    s.command(176, 1, 4, 8)
+    s.follow(0.4)
+    s.run_until(lambda: s.height_m > 12.5, 20, lambda: s.follow(0.02))
+    assert abs(s.north_m) < 1.0, "height first"
+    s.follow(12.0)
+    assert s.north_m > 20.0
+    assert s.height_m == pytest.approx(16.0, abs=1.0)
+
+
+def test_a_height_below_the_ground_is_not_flown_into_the_ground() -> None:
+    s = Beacon(20.0, -30.0, FLW_TGT_ALT_M=2, FLW_TGT_HT=8.0)
+    s.fly_to(5.0)
+    s.command(176, 1, 4, 8)
+    s.follow(12.0)
+    for _ in range(20):
+        s.follow(0.5)
+        assert 0.3 < s.height_m < 2.0, "it keeps a metre above the ground"

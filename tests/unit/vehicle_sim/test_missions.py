@@ -64,6 +64,19 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
     assert s.reached() == [1, 2, 3, 4]
 
 
+@pytest.mark.parametrize("first_item", [-1, 1])
+def test_a_mission_is_started_in_the_moment_its_upload_ends(s: PlanStation, first_item: int) -> None:
+    plan = [s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 6, 0, 4), s.item(WAYPOINT, 6, 6, 4)]
+    s.send("MISSION_COUNT", target_system=1, target_component=1, count=len(plan), mission_type=0)
+    for seq, item in enumerate(plan):
+        s.send("MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, mission_type=0, **item)
+    s.command(300, first_item)
+    s.run(0.1)
+    assert s.acks(300) == [0]
+    assert s.armed
+    assert s.mission.current == max(first_item, 0)
+
+
 def test_after_the_last_waypoint_the_vehicle_holds_there(s: PlanStation) -> None:
     s.upload([s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 6, 0, 4)])
     s.start()

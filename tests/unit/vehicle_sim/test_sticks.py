@@ -178,6 +178,27 @@ def test_take_off_and_landing_by_throttle():
     assert pilot.height_m < 0.05
 
 
+def test_a_stream_with_gaps_lifts_and_climbs_on_where_it_was():
+    """Half a second of sticks, a second without, and no failsafe that would answer the loss."""
+    pilot = Pilot(parameters={"NAV_RCL_ACT": 0})
+    pilot.run_until(lambda: pilot.ready, 15)
+    pilot.fly(0.5, z=0)
+    pilot.switch(POSITION)
+    pilot.command(400, 1)
+    pilot.fly(2.0)
+    pilot.sticks["z"] = 900
+    heights_m = []
+    for _ in range(8):
+        pilot.fly(0.5)
+        pilot.run(0.8)
+        at_rest_m = pilot.height_m
+        pilot.run(0.2)
+        heights_m.append(pilot.height_m)
+        assert heights_m[-1] >= at_rest_m - 0.05, "in a gap it stops, and does not sink"
+    assert heights_m[-1] > 6.0
+    assert heights_m[-1] - heights_m[-2] > 1.0
+
+
 def test_sticks_that_fall_silent_are_a_loss_and_the_stick_mode_is_left(pilot):
     pilot.switch(POSITION)
     began_s = pilot.now_s

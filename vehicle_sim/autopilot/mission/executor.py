@@ -367,7 +367,7 @@ class Mission:
 
     # --- flying ----------------------------------------------------------------------------------------
 
-    def run(self, flying: bool) -> None:
+    def run(self) -> None:
         """One tick of motion."""
         if self._work is Work.TAKEOFF:
             self._climb.run()
@@ -376,7 +376,7 @@ class Mission:
             self._descent.run()
             return
         self._path.yaw_target_rad = self.heading.wanted(self._leg.target_ned_m, self._leg.acceptance_m)
-        self._leg.fly(flying)
+        self._leg.fly()
 
     @property
     def taking_off(self) -> bool:

@@ -16,6 +16,7 @@ from vehicle_sim.autopilot.mission.items import (
     TAKEOFF,
     VTOL_LAND,
     VTOL_TAKEOFF,
+    VTOL_TRANSITION,
     Item,
 )
 
@@ -87,7 +88,7 @@ def _takeoff(items: Sequence[Item], around: Surroundings) -> list[Finding]:
 
 
 def _vtol(items: Sequence[Item]) -> list[Finding]:
-    if any(item.command in (VTOL_TAKEOFF, VTOL_LAND) for item in items):
+    if any(item.command in (VTOL_TAKEOFF, VTOL_LAND, VTOL_TRANSITION) for item in items):
         return [Finding("navigator_mis_vtol_items")]
     return []
 

@@ -34,6 +34,6 @@ class Leg:
         here = self._path.position_ned_m
         self._way = Way(here, here, None, self._way.acceptance_m)
 
-    def fly(self, flying: bool) -> None:
+    def fly(self) -> None:
         """One tick along the leg."""
-        self._path.fly_way(self._way, flying)
+        self._path.fly_way(self._way)

@@ -2,6 +2,8 @@
 
 Where the target is comes through a filter of second order (FLW_TGT_RS is its time); the vehicle keeps its
 angle to the target's course and goes around it no faster than FLW_TGT_MAX_VEL. With no target it holds.
+Height comes first: as long as it is far from its height the vehicle moves only up or down, and within a metre
+of the ground it climbs whatever height was asked for.
 """
 
 from __future__ import annotations
@@ -20,9 +22,15 @@ LOST_AFTER_S = 3.0
 """Without a message for so long the target is lost."""
 COURSE_FROM_M_S = 1.0
 """A slower target has no course; the last one counts."""
-LOWEST_M = 2.0
+LOWEST_M = 1.0
+"""Nearer to the ground than this the vehicle stops and climbs,"""
+AWAY_FROM_GROUND_M_S = 0.5
+"""this fast."""
+HEIGHT_FIRST_M = 3.0
+"""Farther from its height than this it does not move over the ground."""
 ABOVE_HOME, ABOVE_TERRAIN, ABOVE_TARGET = range(3)
-"""FLW_TGT_ALT_M; the ground is taken to be level."""
+"""FLW_TGT_ALT_M."""
+_NONE = (math.nan, math.nan, math.nan)
 YAW_FROM_M = 1.0
 
 
@@ -80,13 +88,13 @@ class Follow:
         """Whether there is a target."""
         return self._heard is not None and self._view.time_s - self._heard.at_s < LOST_AFTER_S
 
-    def run(self, flying: bool) -> None:
+    def run(self) -> None:
         """One tick beside the target, or of waiting for one."""
-        if self._heard is None or not self.tracks or not flying:
+        if self._heard is None or not self.tracks:
             if self._target is not None:
                 self._target = None
                 self._path.restart(in_air=True, goes_on=True)
-            self._path.fly_to_target(flying)
+            self._path.fly_to_target()
             return
         north, east, down = self._where(self._heard)
         self._turn(north, east)
@@ -99,20 +107,34 @@ class Follow:
             north.velocity_m_s - around_rad_s * distance_m * to_vehicle[1],
             east.velocity_m_s + around_rad_s * distance_m * to_vehicle[0],
         )
-        climb = 0.0
-        height_m = max(parameter("FLW_TGT_HT"), LOWEST_M)
-        if self._view.choice("FLW_TGT_ALT_M") == ABOVE_TARGET:
-            goal, climb = down.position_m - height_m, down.velocity_m_s
-        else:
-            goal = self._home.position_ned_m[2] - height_m
         self._face(north.position_m, east.position_m)
-        self._row.trajectory(
-            (place[0], place[1], goal),
-            (velocity[0], velocity[1], climb),
-            (math.nan, math.nan, math.nan),
-            self._path.yaw.yaw_ned_rad,
-            self._path.yaw.rate_rad_s,
-        )
+        yaw = self._path.yaw
+        here_n, here_e, here_d = self._view.estimate.position_ned_m
+        goal = self._goal_down_m(down.position_m)
+        if self._above_ground_m < LOWEST_M:
+            position, speed = (math.nan, math.nan, here_d), (0.0, 0.0, -AWAY_FROM_GROUND_M_S)
+        elif abs(goal - here_d) >= HEIGHT_FIRST_M:
+            position, speed = (here_n, here_e, goal), (0.0, 0.0, math.nan)
+        else:
+            position, speed = (*place, goal), (*velocity, math.nan)
+        self._row.trajectory(position, speed, _NONE, yaw.yaw_ned_rad, yaw.rate_rad_s)
+
+    @property
+    def _above_ground_m(self) -> float:
+        """By the range finder, or above home where that sees nothing."""
+        estimate = self._view.estimate
+        if math.isfinite(estimate.height_above_ground_m):
+            return estimate.height_above_ground_m
+        return self._home.position_ned_m[2] - estimate.position_ned_m[2]
+
+    def _goal_down_m(self, target_down_m: float) -> float:
+        """FLW_TGT_HT above what FLW_TGT_ALT_M names."""
+        height_m, choice = self._view.parameter("FLW_TGT_HT"), self._view.choice("FLW_TGT_ALT_M")
+        if choice == ABOVE_TARGET:
+            return target_down_m - height_m
+        if choice == ABOVE_TERRAIN:
+            return self._view.estimate.position_ned_m[2] + self._above_ground_m - height_m
+        return self._home.position_ned_m[2] - height_m
 
     def _where(self, heard: Heard) -> tuple[_Filtered, _Filtered, _Filtered]:
         """The target now, carried on from its last message."""

@@ -64,6 +64,21 @@ class Manual:
         else:
             self._fly(mode)
 
+    def wait(self, mode: NavState) -> bool:
+        """One tick of a stick mode that was flown until its sticks fell silent: stop until they return.
+
+        PX4 keeps the flight task, with the speeds it had asked for, and stands still meanwhile.
+
+        Returns:
+            False where nobody has flown it by stick, or a mode below the trajectory was flown.
+        """
+        now_s = self._view.time_s
+        if mode in DIRECT_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
+            return False
+        self._ran_at_s = now_s
+        self._row.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
+        return True
+
     def _begin(self, mode: NavState) -> None:
         """Start from how the vehicle moves when the mode, or flying by it, begins."""
         now_s, estimate = self._view.time_s, self._view.estimate

@@ -109,28 +109,26 @@ class Orbit:
         choice = self._view.choice("MC_ORBIT_YAW_MOD")
         return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
-    def run(self, flying: bool) -> None:
+    def run(self) -> None:
         """One tick towards the circle, or around it: who once was on it does not approach it anew."""
         circle = self._circle
         if circle is None:
-            self._path.fly_to_target(flying)
+            self._path.fly_to_target()
             return
         north, east, _ = self._view.estimate.position_ned_m
         dn, de = north - circle.north_m, east - circle.east_m
         distance = math.hypot(dn, de)
         un, ue = (dn / distance, de / distance) if distance > 0.01 else (1.0, 0.0)
         if self._around or self._on_circle(circle):
-            self._go_around(circle, (un, ue), distance, flying)
+            self._go_around(circle, (un, ue), distance)
             return
         self._path.target_ned_m = (
             circle.north_m + un * circle.radius_m, circle.east_m + ue * circle.radius_m, circle.down_m,
         )  # fmt: skip
         self._path.yaw_target_rad = math.atan2(-de, -dn)
-        self._path.fly_to_target(flying)
+        self._path.fly_to_target()
 
-    def _go_around(
-        self, circle: Circle, outward: tuple[float, float], distance_m: float, flying: bool
-    ) -> None:
+    def _go_around(self, circle: Circle, outward: tuple[float, float], distance_m: float) -> None:
         north, east, _ = self._view.estimate.position_ned_m
         if not self._around:
             # As on the way the height comes to rest where it is; the circle's own was near enough.
@@ -144,7 +142,7 @@ class Orbit:
         centripetal = -circle.speed_m_s * circle.speed_m_s / circle.radius_m
         self._path.x.reset(north)
         self._path.y.reset(east)
-        self._path.advance_vertical(flying)
+        self._path.advance_vertical()
         yaw_rad, yaw_rate_rad_s = self._yaw(circle, math.atan2(ue, un))
         self._row.trajectory(
             (math.nan, math.nan, self._path.z.position_m),

@@ -121,7 +121,7 @@ class ReturnHome:
         ways = zip((top - height, distance, top), speeds, strict=True)
         return sum(way_m / max(0.1, speed) for way_m, speed in ways)
 
-    def run(self, flying: bool) -> None:
+    def run(self) -> None:
         """One tick of the phase, or on to the next."""
         to_n, to_e, _ = self._to.place_ned_m
         north, east, down = self._view.estimate.position_ned_m
@@ -144,16 +144,16 @@ class ReturnHome:
                 self._set_phase(ReturnPhase.WAIT)
         elif self.phase is ReturnPhase.WAIT:
             self._wait()
-        self._move(flying)
+        self._move()
 
-    def _move(self, flying: bool) -> None:
+    def _move(self) -> None:
         if self.phase is ReturnPhase.LAND:
             self._descent.run()
         elif self.phase is ReturnPhase.ROUTE:
             self._path.face(*self._leg.target_ned_m[:2])
-            self._leg.fly(flying)
+            self._leg.fly()
         else:
-            self._path.fly_to_target(flying)
+            self._path.fly_to_target()
 
     def _begin_descent(self) -> None:
         self._announcer.both(6, "RTL: land at destination", "rtl_land_at_destination")

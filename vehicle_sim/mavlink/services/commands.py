@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from vehicle_sim.commands.command import ACCEPTED, UNSUPPORTED, Command, Handler
 from vehicle_sim.commands.flight import SET_MODE
@@ -27,6 +27,8 @@ class CommandService:
         self._context = context
         self._commands = commands
         self._announcer = context.autopilot.announcer
+        self._queue: list[Callable[[], None]] = []
+        """Changes of mode that are put off, and what came after them: nothing overtakes."""
         self.handlers = {
             "COMMAND_LONG": self.command_long,
             "COMMAND_INT": self.command_int,
@@ -58,18 +60,30 @@ class CommandService:
         command = Command(SET_MODE, float(m.base_mode), float(main), float(sub), 0, 0, 0, 0, m.sender,
                           link.name)  # fmt: skip
         self._context.acknowledge(command, ACCEPTED)
-        self._context.later(lambda: self._quietly(command))
+        self._put_off(lambda: self._quietly(command))
 
     def _quietly(self, command: Command) -> None:
         self._commands[SET_MODE](command)
+
+    def _put_off(self, work: Callable[[], None]) -> None:
+        if not self._queue:
+            self._context.later(self._work_off)
+        self._queue.append(work)
+
+    def _work_off(self) -> None:
+        queue, self._queue = self._queue, []
+        for work in queue:
+            work()
 
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
             # The receiver acknowledges at once, the commander a moment later: the second one counts.
             self._context.acknowledge(command, ACCEPTED)
-            self._context.later(lambda: self._execute(command))
-            return
-        self._execute(command)
+            self._put_off(lambda: self._execute(command))
+        elif self._queue:
+            self._put_off(lambda: self._execute(command))
+        else:
+            self._execute(command)
 
     def _execute(self, command: Command) -> None:
         handler = self._commands.get(command.number)

@@ -20,6 +20,7 @@ LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
 STORAGE_READY, STORAGE_MIB = 2, 32_768.0
 """The card the simulated vehicle carries; nothing is stored on it."""
 MAG_CAL_SUCCESS = 4
+ODID_SERIAL_NUMBER, ODID_MULTIROTOR = 1, 2
 CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
@@ -39,15 +40,18 @@ SILENT_STREAMS = frozenset(
     )
 )  # fmt: skip
 """PX4 takes intervals for them; nothing on board, as on its own simulation, has anything to say there."""
-NOT_ON_REQUEST = frozenset({"GPS_RAW_INT", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"})
+NOT_ON_REQUEST = frozenset(
+    {"GPS_RAW_INT", "LOCAL_POSITION_NED", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"}
+)
 """PX4 denies these although it streams them: no newer sample at the moment of the request."""
 
 
 class RequestService:
     """Commands 510, 511, 512 and the old single requests."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, send_ping: Callable[[Link], None]) -> None:
         self._context = context
+        self._send_ping = send_ping
         self._senders: dict[int, Callable[[Link, Command], bool]] = {
             BY_NAME["AUTOPILOT_VERSION"].id: self._autopilot_version,
             BY_NAME["PROTOCOL_VERSION"].id: self._protocol_version,
@@ -59,6 +63,8 @@ class RequestService:
             BY_NAME["TIMESYNC"].id: self._timesync,
             BY_NAME["MAG_CAL_REPORT"].id: self._mag_cal_report,
             BY_NAME["STORAGE_INFORMATION"].id: self._storage_information,
+            BY_NAME["PING"].id: self._ping,
+            BY_NAME["OPEN_DRONE_ID_BASIC_ID"].id: self._drone_id,
         }
         self.commands: dict[int, Callable[[Command], int | None]] = {
             REQUEST_MESSAGE: self.request,
@@ -166,6 +172,18 @@ class RequestService:
 
     def _timesync(self, link: Link, command: Command) -> bool:
         link.send("TIMESYNC", ts1=self._context.view.time_boot_us() * 1000)
+        return True
+
+    def _ping(self, link: Link, command: Command) -> bool:
+        self._send_ping(link)
+        return True
+
+    def _drone_id(self, link: Link, command: Command) -> bool:
+        """Its serial number, which on a simulated PX4 is the uid of the build."""
+        link.send(
+            "OPEN_DRONE_ID_BASIC_ID", id_type=ODID_SERIAL_NUMBER, ua_type=ODID_MULTIROTOR,
+            uas_id=UID.to_bytes(20, "big"),
+        )  # fmt: skip
         return True
 
     def _mag_cal_report(self, link: Link, command: Command) -> bool:
