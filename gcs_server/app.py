@@ -35,6 +35,7 @@ from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
+from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
@@ -122,6 +123,7 @@ class Server:
             operations=Operations(clock, self.supervisor, self._operation_told),
             plans=plans,
             plan_work=PlanWork(),
+            dry_runs=DryRuns(),
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,

@@ -7,6 +7,7 @@
     ├── UnknownGroup             no group of that id
     ├── UnknownOperation         no operation of that id (or it was forgotten)
     ├── UnknownPlan              no plan, or no version of it, of that id
+    ├── UnknownDryRun            no dry run of that id (or it was forgotten)
     ├── PlanConflict             somebody else saved the plan meanwhile
     ├── UnknownRecording         no recording, or no replay, of that name
     ├── RecordingUnusable        a recording in which nothing can be read
@@ -99,6 +100,12 @@ class UnknownPlan(GcsError):
     """No plan has this id, or the plan has no such version."""
 
     code = "unknown_plan"
+
+
+class UnknownDryRun(GcsError):
+    """No dry run has this id, or it was forgotten."""
+
+    code = "unknown_dry_run"
 
 
 class PlanConflict(GcsError):

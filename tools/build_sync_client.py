@@ -1,4 +1,4 @@
-"""Writes the blocking client (`blocking.py`, `blocking_parts.py` of `gcs_server/client`) from the other one.
+"""Writes the blocking client (`blocking*.py` of `gcs_server/client`) from the other one.
 
 Each public class gets a twin whose methods have the same names, arguments and words and run the asynchronous
 method on a loop in another thread: what the one can do, the other can. `make types` runs it; a test compares.
@@ -15,13 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
-MODULES = ("aio", "control", "gimbal", "group", "mission", "offboard", "operations", "plans")
-PARTS = "blocking_parts"
+MODULES = ("aio", "control", "dry_runs", "gimbal", "group", "mission", "offboard", "operations", "plans")
+MAIN = "blocking"
 FILES = {
-    PARTS: (
-        "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard", "Operations", "Plans",
+    "blocking_work": ("DryRuns", "Operations", "Plans"),
+    "blocking_parts": (
+        "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard",
     ),
-    "blocking": ("Gcs", "Vehicle"),
+    MAIN: ("Gcs", "Vehicle"),
 }  # fmt: skip
 """Each module that is made, with the classes that have a twin in it."""
 CLASSES = tuple(name for names in FILES.values() for name in names)
@@ -46,8 +47,9 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, gimbal, group, mission, offboard, operations, plans
+from gcs_server.client import aio, control, dry_runs, gimbal, group, mission, offboard, operations, plans
 from gcs_server.client.control import OnLost
+from gcs_server.client.dry_runs import RUN_S
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_S
 from gcs_server.client.offboard import Answer, Steering
@@ -75,9 +77,12 @@ class Twin:
 def build(file: str) -> str:
     """One module of `FILES`, as `ruff format` leaves it."""
     twins = {twin.node.name: twin for module in MODULES for twin in _classes(module)}
-    others = ", ".join(f"Sync{name}" for name in CLASSES if name not in FILES[file])
-    parts = f"from gcs_server.client.{PARTS} import {others}\n" if file != PARTS else ""
-    source = "\n\n\n".join([HEADER + parts, *(twins[name].lines() for name in FILES[file])])
+    others = "".join(
+        f"from gcs_server.client.{other} import {', '.join(f'Sync{name}' for name in names)}\n"
+        for other, names in FILES.items()
+        if file == MAIN and other != MAIN
+    )
+    source = "\n\n\n".join([HEADER + others, *(twins[name].lines() for name in FILES[file])])
     ruff = [sys.executable, "-m", "ruff"]
     for step in (["check", "--fix", "--quiet", "--select", "F401,I"], ["format", "--quiet"]):
         command = [*ruff, *step, "--stdin-filename", str(path(file)), "-"]

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Depends, FastAPI, Response
 
 from gcs_server.api import (
     control_routes,
+    dry_run_routes,
     gimbal_routes,
     group_routes,
     map_routes,
@@ -50,6 +51,7 @@ def api_router() -> APIRouter:
         recording_routes,
         operation_routes,
         plan_routes,
+        dry_run_routes,
         mission_routes,
     ):
         router.include_router(part.router)

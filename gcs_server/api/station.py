@@ -17,6 +17,7 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
+from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
@@ -43,6 +44,7 @@ class Station:
     operations: Operations
     plans: PlanStore
     plan_work: PlanWork
+    dry_runs: DryRuns
     started_s: float
     own_ids: tuple[int, int]
     maps: Path

@@ -19,10 +19,10 @@ from gcs_server.client.blocking_parts import (
     SyncLiveOffboard,
     SyncMission,
     SyncOffboard,
-    SyncOperations,
-    SyncPlans,
 )
+from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
 from gcs_server.client.control import Control
+from gcs_server.client.dry_runs import DryRuns
 from gcs_server.client.errors import (
     ApiError,
     Invalid,
@@ -44,6 +44,7 @@ from gcs_server.client.plans import Plans
 __all__ = [
     "ApiError",
     "Control",
+    "DryRuns",
     "Gcs",
     "Gimbal",
     "Group",
@@ -58,6 +59,7 @@ __all__ = [
     "Plans",
     "Refused",
     "SyncControl",
+    "SyncDryRuns",
     "SyncGcs",
     "SyncGimbal",
     "SyncGroup",

@@ -19,6 +19,7 @@ from websockets.exceptions import InvalidStatus
 
 from gcs_server.client.address import address_and_token
 from gcs_server.client.control import Control
+from gcs_server.client.dry_runs import DryRuns
 from gcs_server.client.errors import ApiError, Timeout, Unreachable, raise_for
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group, Setpoints, members_of
@@ -113,6 +114,10 @@ class Gcs:
     def plans(self) -> Plans:
         """The waypoint plans that the server keeps."""
         return Plans(self)
+
+    def dry_runs(self) -> DryRuns:
+        """Plans flown in simulation before a vehicle flies them."""
+        return DryRuns(self)
 
     async def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0

@@ -19,9 +19,8 @@ from gcs_server.client.blocking_parts import (
     SyncGroup,
     SyncMission,
     SyncOffboard,
-    SyncOperations,
-    SyncPlans,
 )
+from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
 from gcs_server.client.group import Setpoints
 from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry
@@ -83,6 +82,10 @@ class SyncGcs(LoopThread):
     def plans(self) -> SyncPlans:
         """The waypoint plans that the server keeps."""
         return SyncPlans(self._inner.plans(), self._portal)
+
+    def dry_runs(self) -> SyncDryRuns:
+        """Plans flown in simulation before a vehicle flies them."""
+        return SyncDryRuns(self._inner.dry_runs(), self._portal)
 
     def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0

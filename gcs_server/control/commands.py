@@ -205,6 +205,7 @@ ALL: tuple[Command, ...] = (
     Command("plans/create", "plan", ("POST /plans",)),
     Command("plans/save", "plan", ("PUT /plans/{plan}",)),
     Command("plans/delete", "plan", ("DELETE /plans/{plan}",)),
+    Command("dry_runs/start", "plan", ("POST /dry_runs",), journaled=False),
     # long work
     Command(
         "operations/cancel",
@@ -243,6 +244,7 @@ ALL: tuple[Command, ...] = (
         "POST /plans/import",
         "POST /plans/export",
         "POST /plans/pattern",
+        "GET /dry_runs/{d}",
         "POST /vehicles/{v}/mission/compare",
     ),
     _views("operations", "GET /operations", "GET /operations/{o}"),

@@ -11,6 +11,7 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
 from gcs_server.operations.operations import Operations
+from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
@@ -39,6 +40,7 @@ def station_of(world):
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),
         plan_work=PlanWork(),
+        dry_runs=DryRuns(),
         own_ids=(255, 190),
         maps=Path("no maps"),
     )

@@ -1515,6 +1515,49 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/dry_runs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Start Dry Run
+         * @description Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
+         *
+         *     An operation with progress, to be cancelled by `DELETE /operations/{id}`; when it has succeeded,
+         *     `GET /dry_runs/{d}` has what came of it, `d` being `result.dry_run`. Two run at once at most.
+         */
+        post: operations["start_dry_run_api_v1_dry_runs_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/dry_runs/{d}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Dry Run
+         * @description What came of a dry run; the last ten are kept until the server ends.
+         */
+        get: operations["show_dry_run_api_v1_dry_runs__d__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{v}/mission": {
         parameters: {
             query?: never;
@@ -1788,6 +1831,13 @@ export interface components {
              * @enum {string}
              */
             link_loss: "continue" | "hold" | "return" | "land";
+            /**
+             * Control Lost
+             * @description Nobody has control of the vehicle any more: the browser or program that had it has gone.
+             * @default hold
+             * @enum {string}
+             */
+            control_lost: "continue" | "hold" | "return" | "land";
         };
         /**
          * ActuatorsOrder
@@ -3189,6 +3239,677 @@ export interface components {
              * @description What could not be put into the plan; sentences.
              */
             notes: string[];
+        };
+        /**
+         * DryRunBand
+         * @description Quantiles of a deviation at each place of the corridor [m].
+         */
+        DryRunBand: {
+            /**
+             * P5
+             * @description 5 % are smaller.
+             */
+            p5: number[];
+            /**
+             * P50
+             * @description The median.
+             */
+            p50: number[];
+            /**
+             * P95
+             * @description 5 % are greater.
+             */
+            p95: number[];
+            /**
+             * Greatest
+             * @description The greatest by size.
+             */
+            greatest: number[];
+        };
+        /**
+         * DryRunChance
+         * @description How often something happened, and what that says of the next flight.
+         */
+        DryRunChance: {
+            /**
+             * Count
+             * @description Count.
+             */
+            count: number;
+            /**
+             * Share
+             * @description Share.
+             */
+            share: number;
+            /**
+             * Upper
+             * @description At most so likely, with 97.5 % confidence (Wilson's interval).
+             */
+            upper: number;
+        };
+        /**
+         * DryRunConditions
+         * @description What the flight meets.
+         */
+        DryRunConditions: {
+            /**
+             * Wind Ned M S
+             * @description Steady wind: where the air moves to [m/s]; at most 40 m/s.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            wind_ned_m_s: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Gusts M S
+             * @description One sigma of the gusts on each horizontal axis [m/s].
+             * @default 0
+             */
+            gusts_m_s: number;
+            /**
+             * Mass Scale
+             * @description Times the vehicle's mass.
+             * @default 1
+             */
+            mass_scale: number;
+            /**
+             * Battery Scale
+             * @description Times the battery's capacity.
+             * @default 1
+             */
+            battery_scale: number;
+            /**
+             * Sensor Noise
+             * @description Times the sensor noise of PX4's own simulation.
+             * @default 1
+             */
+            sensor_noise: number;
+        };
+        /**
+         * DryRunCorridor
+         * @description How far the flights lie from the nominal one along its path, at up to 400 places.
+         */
+        DryRunCorridor: {
+            /**
+             * T S
+             * @description Since the start of the nominal flight [s].
+             */
+            t_s: number[];
+            /**
+             * Position Ned M
+             * @description Of the nominal flight, from `origin` [m].
+             */
+            position_ned_m: [
+                number,
+                number,
+                number
+            ][];
+            /** @description Distance over the ground. */
+            horizontal_m: components["schemas"]["DryRunBand"];
+            /** @description Positive: higher. */
+            vertical_m: components["schemas"]["DryRunBand"];
+        };
+        /**
+         * DryRunFindingModel
+         * @description One thing that the flight has shown to be wrong.
+         */
+        DryRunFindingModel: {
+            /**
+             * Code
+             * @description Stable; `docs/missions.md` has all.
+             * @example fence_touched
+             */
+            code: string;
+            /**
+             * Severity
+             * @description error: it must not be flown so; warning: it may surprise.
+             * @enum {string}
+             */
+            severity: "error" | "warning";
+            /**
+             * Text
+             * @description What is wrong, a sentence.
+             */
+            text: string;
+            /**
+             * Step
+             * @description Where, as `place` of the steps.
+             */
+            step: string | null;
+            /**
+             * T S
+             * @description When, since the start [s].
+             */
+            t_s: number | null;
+            /**
+             * Position Ned M
+             * @description Where the vehicle was, from `origin` [m].
+             */
+            position_ned_m: [
+                number,
+                number,
+                number
+            ] | null;
+        };
+        /**
+         * DryRunFlight
+         * @description The flight in the stated conditions.
+         */
+        DryRunFlight: {
+            /** @description Where the vehicle stands; zero of all local places. */
+            origin: components["schemas"]["PlanOrigin"];
+            /** @description What it met. */
+            conditions: components["schemas"]["DryRunConditions"];
+            /**
+             * Finished
+             * @description The whole plan was flown.
+             */
+            finished: boolean;
+            /**
+             * Landed
+             * @description It ended on the ground, disarmed.
+             */
+            landed: boolean;
+            /**
+             * Duration S
+             * @description From arming to the end [s].
+             */
+            duration_s: number;
+            /**
+             * Length M
+             * @description Along the flown path [m].
+             */
+            length_m: number;
+            /**
+             * Battery Start Share
+             * @description Charge at the start, 0 to 1.
+             */
+            battery_start_share: number;
+            /**
+             * Battery End Share
+             * @description At the end; null: how it drains is not known.
+             */
+            battery_end_share: number | null;
+            /**
+             * Fence Distance M
+             * @description The smallest distance inside the geofence [m]; negative: outside; null: no geofence.
+             */
+            fence_distance_m: number | null;
+            /**
+             * Obstacle Distance M
+             * @description The smallest distance to an obstacle [m]; null: none.
+             */
+            obstacle_distance_m: number | null;
+            /**
+             * Steps
+             * @description In their order.
+             */
+            steps: components["schemas"]["DryRunStep"][];
+            /**
+             * Findings
+             * @description Errors first; at most 100.
+             */
+            findings: components["schemas"]["DryRunFindingModel"][];
+            /** @description Null: the flight never began. */
+            path: components["schemas"]["DryRunPath"] | null;
+            /**
+             * Times Real Time
+             * @description How much faster than real time it was flown.
+             */
+            times_real_time: number;
+        };
+        /**
+         * DryRunMonteCarlo
+         * @description Many flights, each in conditions of its own.
+         */
+        DryRunMonteCarlo: {
+            /** @description How the conditions varied. */
+            spread: components["schemas"]["DryRunSpread"];
+            /**
+             * Seed
+             * @description Of draws, noise and gusts.
+             */
+            seed: number;
+            /**
+             * Flights
+             * @description Each of them; without the nominal one.
+             */
+            flights: components["schemas"]["DryRunSummary"][];
+            /** @description Null: the nominal flight never began. */
+            corridor: components["schemas"]["DryRunCorridor"] | null;
+            /** @description Of the finished flights [s]; null: none was. */
+            duration_s: components["schemas"]["DryRunQuantiles"] | null;
+            /** @description Charge at the end; null: not known. */
+            battery_end_share: components["schemas"]["DryRunQuantiles"] | null;
+            /** @description Of the smallest distances [m]. */
+            fence_distance_m: components["schemas"]["DryRunQuantiles"] | null;
+            /** @description Of the smallest distances [m]. */
+            obstacle_distance_m: components["schemas"]["DryRunQuantiles"] | null;
+            /**
+             * Chances
+             * @description Of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and `battery_reserve`.
+             */
+            chances: {
+                [key: string]: components["schemas"]["DryRunChance"];
+            };
+            /**
+             * Times Real Time
+             * @description Simulated time over time spent, all flights at once.
+             */
+            times_real_time: number;
+        };
+        /**
+         * DryRunObstacle
+         * @description An upright box.
+         */
+        DryRunObstacle: {
+            /**
+             * Name
+             * @description For findings.
+             */
+            name: string;
+            /**
+             * North M
+             * @description Of its centre, from where the vehicle stands [m].
+             */
+            north_m: number;
+            /**
+             * East M
+             * @description Of its centre, from where the vehicle stands [m].
+             */
+            east_m: number;
+            /**
+             * Length M
+             * @description Along its own x axis: north where yaw is 0 [m].
+             */
+            length_m: number;
+            /**
+             * Width M
+             * @description Along its own y axis [m].
+             */
+            width_m: number;
+            /**
+             * Height M
+             * @description From its underside to its roof [m].
+             */
+            height_m: number;
+            /**
+             * Base Alt Home M
+             * @description Its underside above home [m].
+             * @default 0
+             */
+            base_alt_home_m: number;
+            /**
+             * Yaw Ned Rad
+             * @description How it is turned, clockwise from north [rad].
+             * @default 0
+             */
+            yaw_ned_rad: number;
+        };
+        /**
+         * DryRunPath
+         * @description The flown path; all lists are equally long.
+         */
+        DryRunPath: {
+            /**
+             * T S
+             * @description Since the start [s]; 10 Hz, long flights thinned to 4000 samples.
+             */
+            t_s: number[];
+            /**
+             * Position Ned M
+             * @description From `origin` [m].
+             */
+            position_ned_m: [
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Velocity Ned M S
+             * @description [m/s].
+             */
+            velocity_ned_m_s: [
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Q Ned Frd
+             * @description Attitude, taking body FRD to NED, order w, x, y, z.
+             */
+            q_ned_frd: [
+                number,
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Gimbal Rad
+             * @description Pitch (up is positive), yaw from north [rad].
+             */
+            gimbal_rad: [
+                number,
+                number
+            ][];
+            /**
+             * Battery Share
+             * @description Charge, 0 to 1; null: not known.
+             */
+            battery_share: number[] | null;
+            /**
+             * Step
+             * @description Index in `step_places`; -1: none.
+             */
+            step: number[];
+            /**
+             * Step Places
+             * @description The steps that were flown.
+             */
+            step_places: string[];
+        };
+        /**
+         * DryRunQuantiles
+         * @description Of many flights.
+         */
+        DryRunQuantiles: {
+            /**
+             * P5
+             * @description P5.
+             */
+            p5: number;
+            /**
+             * P50
+             * @description P50.
+             */
+            p50: number;
+            /**
+             * P95
+             * @description P95.
+             */
+            p95: number;
+            /**
+             * Least
+             * @description Least.
+             */
+            least: number;
+            /**
+             * Greatest
+             * @description Greatest.
+             */
+            greatest: number;
+        };
+        /**
+         * DryRunRequest
+         * @description Which plan is flown in simulation, by which vehicle, in which weather, how often.
+         */
+        DryRunRequest: {
+            /**
+             * Plan Id
+             * @description Of a plan that the server keeps.
+             */
+            plan_id?: string | null;
+            /**
+             * Version
+             * @description Of that plan; the newest unless named.
+             */
+            version?: number | null;
+            /**
+             * Plan
+             * @description A plan that is not kept on the server.
+             */
+            plan?: (components["schemas"]["Plan"] | components["schemas"]["OffboardMission"]) | null;
+            /**
+             * Vehicle
+             * @description With this vehicle's parameters, place, heading and charge, as far as they are known; null: PX4's defaults, from the plan's home.
+             */
+            vehicle?: string | null;
+            /**
+             * @default {
+             *       "wind_ned_m_s": [
+             *         0,
+             *         0,
+             *         0
+             *       ],
+             *       "gusts_m_s": 0,
+             *       "mass_scale": 1,
+             *       "battery_scale": 1,
+             *       "sensor_noise": 1
+             *     }
+             */
+            conditions: components["schemas"]["DryRunConditions"];
+            /**
+             * Flights
+             * @description Monte Carlo: so many flights more, each in other conditions.
+             */
+            flights?: number | null;
+            /**
+             * @description Of the conditions, with `flights`.
+             * @default {
+             *       "wind_m_s": 1.5,
+             *       "gusts": 0.3,
+             *       "mass": 0.03,
+             *       "battery": 0.05,
+             *       "sensor_noise": 0.2
+             *     }
+             */
+            spread: components["schemas"]["DryRunSpread"];
+            /**
+             * Seed
+             * @description The same seed gives the same flights.
+             * @default 0
+             */
+            seed: number;
+            /**
+             * Obstacles
+             * @description What stands around where the vehicle stands.
+             * @default []
+             */
+            obstacles: components["schemas"]["DryRunObstacle"][];
+            /**
+             * Endurance S
+             * @description Hovering from a full battery to an empty one [s]; null: as SIM_BAT_* of a simulated vehicle say.
+             */
+            endurance_s?: number | null;
+            /**
+             * Battery Reserve
+             * @description Share of the battery that is to be left.
+             * @default 0.2
+             */
+            battery_reserve: number;
+        };
+        /**
+         * DryRunSpread
+         * @description One sigma of each normal distribution about the stated conditions, cut at three sigma.
+         */
+        DryRunSpread: {
+            /**
+             * Wind M S
+             * @description On each horizontal axis [m/s].
+             * @default 1.5
+             */
+            wind_m_s: number;
+            /**
+             * Gusts
+             * @description As a part of the stated gusts.
+             * @default 0.3
+             */
+            gusts: number;
+            /**
+             * Mass
+             * @description As a part of the mass.
+             * @default 0.03
+             */
+            mass: number;
+            /**
+             * Battery
+             * @description As a part of the battery's capacity.
+             * @default 0.05
+             */
+            battery: number;
+            /**
+             * Sensor Noise
+             * @description As a part of the sensor noise.
+             * @default 0.2
+             */
+            sensor_noise: number;
+        };
+        /**
+         * DryRunStep
+         * @description When a step was flown; one that is flown again is listed again.
+         */
+        DryRunStep: {
+            /**
+             * Place
+             * @description `item 3` of a waypoint plan, `step 4.2` of an offboard mission.
+             */
+            place: string;
+            /**
+             * Title
+             * @description What it is, for people.
+             */
+            title: string;
+            /**
+             * Row
+             * @description Index in the plan's `items`; null: of an offboard mission.
+             */
+            row: number | null;
+            /**
+             * Start S
+             * @description Since the start [s].
+             */
+            start_s: number;
+            /**
+             * End S
+             * @description Since the start [s].
+             */
+            end_s: number;
+            /**
+             * Fence Distance M
+             * @description The smallest distance inside the geofence [m]; negative: outside; null: no geofence.
+             */
+            fence_distance_m: number | null;
+            /**
+             * Obstacle Distance M
+             * @description The smallest distance to an obstacle [m]; null: none.
+             */
+            obstacle_distance_m: number | null;
+        };
+        /**
+         * DryRunSummary
+         * @description One of the flights.
+         */
+        DryRunSummary: {
+            /**
+             * Wind Ned M S
+             * @description Steady wind [m/s].
+             */
+            wind_ned_m_s: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Gusts M S
+             * @description One sigma [m/s].
+             */
+            gusts_m_s: number;
+            /**
+             * Mass Scale
+             * @description Times the vehicle's mass.
+             */
+            mass_scale: number;
+            /**
+             * Battery Scale
+             * @description Times the battery's capacity.
+             */
+            battery_scale: number;
+            /**
+             * Sensor Noise
+             * @description Times the usual noise.
+             */
+            sensor_noise: number;
+            /**
+             * Finished
+             * @description The whole plan was flown.
+             */
+            finished: boolean;
+            /**
+             * Duration S
+             * @description From arming to the end [s].
+             */
+            duration_s: number;
+            /**
+             * Battery End Share
+             * @description Charge at the end; null: not known.
+             */
+            battery_end_share: number | null;
+            /**
+             * Fence Distance M
+             * @description The smallest [m]; null: no geofence.
+             */
+            fence_distance_m: number | null;
+            /**
+             * Obstacle Distance M
+             * @description The smallest [m]; null: no obstacle.
+             */
+            obstacle_distance_m: number | null;
+            /**
+             * Findings
+             * @description Codes.
+             */
+            findings: string[];
+        };
+        /**
+         * DryRunView
+         * @description What came of a dry run.
+         */
+        DryRunView: {
+            /**
+             * Id
+             * @description Its id, as the operation's `result` names it.
+             */
+            id: string;
+            /**
+             * Kind
+             * @description Which kind of plan was flown.
+             * @enum {string}
+             */
+            kind: "waypoint_plan" | "offboard_mission";
+            /**
+             * Name
+             * @description Of a plan that the server keeps.
+             */
+            name: string | null;
+            /**
+             * Plan Id
+             * @description Of a plan that the server keeps.
+             */
+            plan_id: string | null;
+            /**
+             * Version
+             * @description Of that plan.
+             */
+            version: number | null;
+            /**
+             * Vehicle
+             * @description Whose parameters, place and charge were taken.
+             */
+            vehicle: string | null;
+            /**
+             * Assumed
+             * @description What was not known and what was taken instead; sentences.
+             */
+            assumed: string[];
+            nominal: components["schemas"]["DryRunFlight"];
+            /** @description Null: it was flown once. */
+            monte_carlo: components["schemas"]["DryRunMonteCarlo"] | null;
         };
         /**
          * Echo
@@ -6558,7 +7279,8 @@ export interface components {
              * @default {
              *       "failure": "hold",
              *       "low_battery": "return",
-             *       "link_loss": "hold"
+             *       "link_loss": "hold",
+             *       "control_lost": "hold"
              *     }
              */
             actions: components["schemas"]["Actions"];
@@ -16562,6 +17284,126 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["PlanVersions"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_dry_run_api_v1_dry_runs_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DryRunRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_dry_run_api_v1_dry_runs__d__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                d: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DryRunView"];
                 };
             };
             400: components["responses"]["Refused400"];

@@ -6,7 +6,7 @@ import inspect
 import pytest
 
 from gcs_server import client
-from gcs_server.client import aio, control, gimbal, group, mission, offboard, operations, plans
+from gcs_server.client import aio, control, dry_runs, gimbal, group, mission, offboard, operations, plans
 from gcs_server.client.portal import LoopThread, iterate
 from tools.build_sync_client import CLASSES, LEFT_OUT
 
@@ -14,6 +14,7 @@ MODULES = {
     "Gcs": aio,
     "Vehicle": aio,
     "Control": control,
+    "DryRuns": dry_runs,
     "Gimbal": gimbal,
     "Group": group,
     "Mission": mission,

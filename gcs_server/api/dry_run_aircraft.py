@@ -1,0 +1,85 @@
+"""What the server knows of a vehicle that a simulated one is to fly like."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from gcs_server.errors import InvalidRequest
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.vehicle.samples import Attitude, Battery, GlobalPosition, Home
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.documents import Document
+from missions.offboard.document import OffboardMission
+from missions.values import HomePosition
+
+ANYWHERE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
+"""PX4's own simulated home: for a mission whose places are all relative to its start."""
+
+
+def aircraft_of(
+    vehicle: Vehicle | None, document: Document
+) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
+    """`home`, `yaw_ned_rad`, `parameters` and `battery_share`, then its local origin, and what was assumed.
+
+    Raises:
+        InvalidRequest: nobody says where the flight begins.
+    """
+    planned = document.home if isinstance(document, OffboardMission) else document.planned_home
+    if vehicle is None:
+        found = _start(planned, document)
+        return {"home": found}, None, ["No vehicle is named: PX4's defaults were taken, and a full battery."]
+    assumed: list[str] = []
+    aircraft: dict[str, Any] = {
+        "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
+    }
+    if not aircraft["parameters"]:
+        assumed.append(
+            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults were taken."
+        )
+    place = _place(vehicle, assumed)
+    if place is None:
+        assumed.append(f"Where vehicle {vehicle.id} stands is not known: the plan's own home was taken.")
+        aircraft["home"] = _start(planned, document)
+        return aircraft, None, assumed
+    aircraft["home"] = place
+    attitude, battery = vehicle.topic("attitude"), vehicle.topic("battery")
+    if attitude is not None and isinstance(attitude.value, Attitude):
+        aircraft["yaw_ned_rad"] = attitude.value.yaw_ned_rad
+    percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
+    if percent is None:
+        assumed.append(f"The charge of vehicle {vehicle.id} is not known: a full battery was taken.")
+    else:
+        aircraft["battery_share"] = min(1.0, max(0.0, percent / 100.0))
+    origin = VehicleEstimates(vehicle).origin()
+    return aircraft, None if origin is None else asdict(origin), assumed
+
+
+def _place(vehicle: Vehicle, assumed: list[str]) -> dict[str, float] | None:
+    """Where it stands; in flight: its home."""
+    here, home = vehicle.topic("global_position"), vehicle.topic("home")
+    flies = vehicle.facts.armed and vehicle.facts.landed_state != "on_ground"
+    if here is not None and isinstance(here.value, GlobalPosition) and not flies:
+        return _of(here.value)
+    if home is None or not isinstance(home.value, Home):
+        return None
+    if flies:
+        assumed.append(f"Vehicle {vehicle.id} is flying: the dry run starts on the ground at its home.")
+    return _of(home.value)
+
+
+def _of(value: GlobalPosition | Home | HomePosition) -> dict[str, float]:
+    return {name: getattr(value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
+
+
+def _start(planned: HomePosition | None, document: Document) -> dict[str, float]:
+    """Where the plan says that it begins."""
+    if planned is not None:
+        return _of(planned)
+    if isinstance(document, OffboardMission):
+        return dict(ANYWHERE)
+    raise InvalidRequest(
+        "plan.planned_home",
+        "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
+        remedy="Give the plan a home, or name a vehicle.",
+    )

@@ -1,0 +1,190 @@
+"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
+
+Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from anyio.from_thread import BlockingPortal
+
+from gcs_server.client import dry_runs, operations, plans
+from gcs_server.client.dry_runs import RUN_S
+from gcs_server.client.plans import Plan
+from gcs_server.client.setpoints import Body
+
+
+class SyncDryRuns:
+    """Dry runs of the server; none of them commands a vehicle."""
+
+    def __init__(self, inner: dry_runs.DryRuns, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def start(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        vehicle_id: str | None = None,
+        flights: int | None = None,
+        settings: Body | None = None,
+    ) -> dict[str, Any]:
+        """Begins one, and returns its operation.
+
+        Args:
+            plan: the document of a waypoint plan or an offboard mission.
+            plan_id: of a plan that the server keeps, instead.
+            version: of that plan; the newest unless named.
+            vehicle_id: whose parameters, place and charge are taken.
+            flights: Monte Carlo: so many flights more, each in other conditions.
+            settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`.
+        """
+        return self._portal.call(
+            lambda: self._inner.start(
+                plan,
+                plan_id=plan_id,
+                version=version,
+                vehicle_id=vehicle_id,
+                flights=flights,
+                settings=settings,
+            )
+        )
+
+    def get(self, dry_run_id: str) -> dict[str, Any]:
+        """What came of one: `nominal` (path, steps, findings, …) and `monte_carlo`."""
+        return self._portal.call(lambda: self._inner.get(dry_run_id))
+
+    def run(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        vehicle_id: str | None = None,
+        flights: int | None = None,
+        settings: Body | None = None,
+        timeout_s: float = RUN_S,
+    ) -> dict[str, Any]:
+        """As `start`; waits for its end, and returns what came of it.
+
+        Raises:
+            ApiError: it failed, for the reason that the error says.
+            Timeout: it still runs; it goes on without this program.
+        """
+        return self._portal.call(
+            lambda: self._inner.run(
+                plan,
+                plan_id=plan_id,
+                version=version,
+                vehicle_id=vehicle_id,
+                flights=flights,
+                settings=settings,
+                timeout_s=timeout_s,
+            )
+        )
+
+
+class SyncOperations:
+    """What runs on the server, and what ended last; each as `GET /operations/{o}` answers it."""
+
+    def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
+        """Those of a vehicle, or of all; oldest first."""
+        return self._portal.call(lambda: self._inner.all(vehicle_id))
+
+    def get(self, operation_id: str) -> dict[str, Any]:
+        """How far one is (`state`, `progress`, `text`), or how it ended (`result`, `error`)."""
+        return self._portal.call(lambda: self._inner.get(operation_id))
+
+    def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
+        """Waits for its end: `state` is then `succeeded` or `cancelled`.
+
+        Raises:
+            ApiError: it failed, for the reason that the error says.
+            Timeout: it still runs; it goes on without this program.
+        """
+        return self._portal.call(lambda: self._inner.wait(operation_id, timeout_s=timeout_s))
+
+    def cancel(self, operation_id: str) -> dict[str, Any]:
+        """Cancels it, and returns how it ended; one that has ended stays as it is."""
+        return self._portal.call(lambda: self._inner.cancel(operation_id))
+
+
+class SyncPlans:
+    """The plans of the server; each as `GET /plans/{plan}` answers it: `id`, `version`, `plan`, …"""
+
+    def __init__(self, inner: plans.Plans, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self) -> list[dict[str, Any]]:
+        """The newest version of each, without the plans themselves, by name."""
+        return self._portal.call(lambda: self._inner.all())
+
+    def get(self, plan_id: str, version: int | None = None) -> dict[str, Any]:
+        """A plan with its document; the newest version unless one is named."""
+        return self._portal.call(lambda: self._inner.get(plan_id, version))
+
+    def versions(self, plan_id: str) -> list[dict[str, Any]]:
+        """Those that are kept, newest first."""
+        return self._portal.call(lambda: self._inner.versions(plan_id))
+
+    def create(self, name: str, plan: Plan) -> dict[str, Any]:
+        """Keeps a new plan."""
+        return self._portal.call(lambda: self._inner.create(name, plan))
+
+    def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:
+        """Adds a version to the one that was changed.
+
+        Raises:
+            Refused: somebody else saved meanwhile (`conflict`); nothing is overwritten.
+        """
+        return self._portal.call(lambda: self._inner.save(plan_id, name, plan, base_version=base_version))
+
+    def delete(self, plan_id: str, *, base_version: int) -> None:
+        """Deletes a plan with all its versions; raises as `save`."""
+        self._portal.call(lambda: self._inner.delete(plan_id, base_version=base_version))
+
+    def check(
+        self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
+    ) -> dict[str, Any]:
+        """`findings`, `estimates` and of an offboard mission `flight`: its path, what each step takes.
+
+        With a vehicle by its parameters and home, as far as they are known; with `power` (`hover_power_w`,
+        `battery_wh`, `mass_kg`) also its energy.
+        """
+        return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id, power=power))
+
+    def convert(self, plan: Plan, name: str, *, vehicle_id: str | None = None) -> dict[str, Any]:
+        """The offboard mission (`plan`) that flies a waypoint plan, and `notes`; saves nothing."""
+        return self._portal.call(lambda: self._inner.convert(plan, name, vehicle_id=vehicle_id))
+
+    def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
+        """The JSON Schema of `offboard_mission` or `waypoint_plan` documents."""
+        return self._portal.call(lambda: self._inner.schema(kind))
+
+    def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
+        """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
+
+        `altitude_m` and `altitude_reference` are for points that have no altitude.
+        """
+        return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
+
+    def write_file(self, plan: Plan, format: str) -> bytes:
+        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`.
+
+        An offboard mission: `yaml` or `json`.
+        """
+        return self._portal.call(lambda: self._inner.write_file(plan, format))
+
+    def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """A survey, corridor, perimeter, orbit or structure: `plan` with its items, `lines`, `figures`."""
+        return self._portal.call(lambda: self._inner.pattern(kind, **fields))

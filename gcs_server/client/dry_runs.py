@@ -1,0 +1,78 @@
+"""Plans flown in simulation by the server before a vehicle flies them."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from gcs_server.client.operations import Operations
+from gcs_server.client.plans import Plan
+from gcs_server.client.setpoints import Body
+
+RUN_S = 900.0
+
+
+class Caller(Protocol):
+    """The part of `Gcs` that is needed here."""
+
+    async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
+
+
+class DryRuns:
+    """Dry runs of the server; none of them commands a vehicle."""
+
+    def __init__(self, gcs: Caller) -> None:
+        self._gcs = gcs
+
+    async def start(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        vehicle_id: str | None = None,
+        flights: int | None = None,
+        settings: Body | None = None,
+    ) -> dict[str, Any]:
+        """Begins one, and returns its operation.
+
+        Args:
+            plan: the document of a waypoint plan or an offboard mission.
+            plan_id: of a plan that the server keeps, instead.
+            version: of that plan; the newest unless named.
+            vehicle_id: whose parameters, place and charge are taken.
+            flights: Monte Carlo: so many flights more, each in other conditions.
+            settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`.
+        """
+        given = {
+            "plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version,
+            "vehicle": vehicle_id, "flights": flights,
+        }  # fmt: skip
+        body = {**(settings or {}), **{name: value for name, value in given.items() if value is not None}}
+        return await self._gcs.request("POST", "/dry_runs", body)
+
+    async def get(self, dry_run_id: str) -> dict[str, Any]:
+        """What came of one: `nominal` (path, steps, findings, …) and `monte_carlo`."""
+        return await self._gcs.request("GET", f"/dry_runs/{dry_run_id}")
+
+    async def run(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        vehicle_id: str | None = None,
+        flights: int | None = None,
+        settings: Body | None = None,
+        timeout_s: float = RUN_S,
+    ) -> dict[str, Any]:
+        """As `start`; waits for its end, and returns what came of it.
+
+        Raises:
+            ApiError: it failed, for the reason that the error says.
+            Timeout: it still runs; it goes on without this program.
+        """
+        operation = await self.start(
+            plan, plan_id=plan_id, version=version, vehicle_id=vehicle_id, flights=flights, settings=settings
+        )
+        ended = await Operations(self._gcs).wait(operation["id"], timeout_s=timeout_s)
+        return await self.get(ended["result"]["dry_run"])

@@ -1,0 +1,117 @@
+"""Dry runs over HTTP: begun from a body or a kept plan, followed as an operation, read, refused."""
+
+import json
+import sys
+import time
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.plans import dry_runs
+from gcs_server.settings import Settings
+
+AT_20_M = {"value_m": 20, "reference": "home"}
+HOME = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488}
+PLAN = {
+    "planned_home": HOME,
+    "items": [
+        {"kind": "takeoff", "lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M},
+        {"kind": "return_home"},
+    ],
+}
+MISSION = {
+    "format": "offboard-gcs-mission",
+    "name": "Hop",
+    "steps": [{"step": "take_off", "height_m": 5}, {"step": "land"}],
+}
+MAST = {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
+WORKER = """
+import json, sys
+request = json.loads(sys.stdin.readline())
+print(json.dumps({"text": "half", "progress": 0.5}), flush=True)
+names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
+nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "asked": request}
+print(json.dumps({"result": {"nominal": nominal, "monte_carlo": None}}), flush=True)
+"""
+"""Answers with what it was asked."""
+
+
+@pytest.fixture
+def client(tmp_path, monkeypatch):
+    monkeypatch.setattr(dry_runs, "COMMAND", (sys.executable, "-c", WORKER))
+    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
+    with TestClient(create_app(settings), base_url="http://localhost/api/v1/") as client:
+        yield client
+
+
+def flown(client, body):
+    begun = client.post("dry_runs", json=body)
+    assert begun.status_code == 202, begun.text
+    operation = begun.json()
+    assert begun.headers["location"] == f"/api/v1/operations/{operation['id']}"
+    for _ in range(600):
+        operation = client.get(f"operations/{operation['id']}").json()
+        if operation["state"] != "running":
+            return operation
+        time.sleep(0.05)
+    raise AssertionError("it does not end")
+
+
+def test_a_plan_of_the_body_is_flown_with_what_was_said(client):
+    asked = {
+        "plan": PLAN,
+        "conditions": {"wind_ned_m_s": [0, 4, 0], "gusts_m_s": 1},
+        "flights": 20,
+        "spread": {"wind_m_s": 2},
+        "obstacles": [
+            {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
+        ],
+        "endurance_s": 900,
+        "seed": 7,
+    }
+    operation = flown(client, asked)
+    assert operation["state"] == "succeeded"
+    assert operation["result"]["errors"] == 1
+    view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
+    given = view["nominal"]["asked"]
+    assert (view["kind"], view["vehicle"], view["plan_id"]) == ("waypoint_plan", None, None)
+    assert view["assumed"] == ["No vehicle is named: PX4's defaults were taken, and a full battery."]
+    assert given["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
+    assert given["conditions"]["wind_ned_m_s"] == [0, 4, 0]
+    assert (given["flights"], given["seed"], given["spread"]["wind_m_s"]) == (20, 7, 2)
+    assert given["obstacles"][0]["base_alt_home_m"] == 0
+    assert json.loads(given["plan"])["items"][0]["kind"] == "takeoff"
+
+
+def test_a_kept_plan_and_an_offboard_mission_are_flown(client):
+    kept = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
+    view = client.get(f"dry_runs/{flown(client, {'plan_id': kept['id']})['result']['dry_run']}").json()
+    assert (view["plan_id"], view["version"], view["name"]) == (kept["id"], 1, "Tower")
+    operation = flown(client, {"plan": MISSION})
+    view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
+    assert view["kind"] == "offboard_mission"
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({}, "plan_id and plan"),
+        ({"plan": {"items": PLAN["items"]}}, "plan.planned_home"),
+        ({"plan": PLAN, "flights": 201}, "flights"),
+        ({"plan": PLAN, "conditions": {"wind_ned_m_s": [0, 50, 0]}}, "wind_ned_m_s"),
+        ({"plan": PLAN, "conditions": {"mass_scale": True}}, "mass_scale"),
+        ({"plan": PLAN, "version": 2}, "version"),
+        ({"plan": PLAN, "endurance_s": 0}, "endurance_s"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_by_its_field(client, body, field):
+    refused = client.post("dry_runs", json=body)
+    assert refused.status_code == 422
+    assert field in refused.text
+
+
+def test_an_unknown_vehicle_plan_or_dry_run_is_said(client):
+    assert client.post("dry_runs", json={"plan": PLAN, "vehicle": "9"}).json()["code"] == "unknown_vehicle"
+    assert client.post("dry_runs", json={"plan_id": "none"}).json()["code"] == "unknown_plan"
+    assert client.get("dry_runs/77").json()["code"] == "unknown_dry_run"

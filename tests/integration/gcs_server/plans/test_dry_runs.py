@@ -1,0 +1,112 @@
+"""Dry runs in their process: flown, reported, kept, refused and cancelled."""
+
+import asyncio
+import json
+
+import pytest
+
+from gcs_server.api.dry_run_models import DryRunView
+from gcs_server.errors import Refused, UnknownDryRun
+from gcs_server.plans import dry_runs
+from gcs_server.plans.dry_runs import AT_ONCE, MOST_KEPT, DryRuns
+from missions import plan as plan_document
+from tests.support.dry_runs import HOME, QUICK, hop
+
+pytestmark = pytest.mark.flight
+
+ABOUT = {
+    "kind": "waypoint_plan",
+    "name": None,
+    "plan_id": None,
+    "version": None,
+    "vehicle": None,
+    "assumed": [],
+}
+
+
+def request(plan, **changes):
+    return {
+        "kind": "waypoint_plan",
+        "plan": plan_document.write(plan).decode(),
+        "origin": None,
+        "aircraft": {"home": HOME.model_dump(), "parameters": QUICK, "endurance_s": 300.0},
+        "conditions": {"wind_ned_m_s": [0.0, 2.0, 0.0]},
+        "obstacles": [],
+        "seed": 1,
+        "flights": None,
+        "spread": None,
+        **changes,
+    }
+
+
+def test_a_plan_is_flown_in_its_process_and_the_result_is_as_the_api_describes_it():
+    told = []
+
+    async def story():
+        runs = DryRuns()
+        wanted = request(hop(6.0), flights=1, spread={})
+        summary = await runs.run("1", wanted, ABOUT, lambda text, share: told.append((text, share)))
+        return summary, runs.get("1")
+
+    summary, found = asyncio.run(story())
+    assert summary["dry_run"] == "1"
+    assert summary["finished"]
+    assert summary["errors"] == 0
+    view = DryRunView.model_validate_json(json.dumps(found))
+    assert view.monte_carlo is not None
+    assert len(view.monte_carlo.flights) == 1
+    assert view.nominal.path is not None
+    assert view.nominal.path.step_places == ["item 1", "item 2", "item 3"]
+    assert told[0][0].startswith("1 s are simulated; 0 of 2 flights")
+    assert [share for _, share in told] == sorted(share for _, share in told)
+
+
+def test_a_plan_that_px4_does_not_store_is_refused_in_its_words():
+    async def story():
+        plan = hop().model_copy(update={"items": ()})
+        await DryRuns().run("1", request(plan), ABOUT, lambda *_: None)
+
+    with pytest.raises(Refused, match="nothing to fly"):
+        asyncio.run(story())
+
+
+def test_who_cancels_one_ends_its_process_and_makes_room(monkeypatch):
+    monkeypatch.setattr(dry_runs, "COMMAND", ("sleep", "600"))
+
+    async def story():
+        runs = DryRuns()
+        tasks = [
+            asyncio.ensure_future(runs.run(str(n), request(hop()), ABOUT, lambda *_: None))
+            for n in range(AT_ONCE)
+        ]
+        await asyncio.sleep(0)
+        with pytest.raises(Refused, match="under way"):
+            runs.next_id()
+        with pytest.raises(Refused):
+            await runs.run("more", request(hop()), ABOUT, lambda *_: None)
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, return_exceptions=True)
+        assert all(isinstance(each, asyncio.CancelledError) for each in ended)
+        return runs.next_id()
+
+    assert asyncio.run(story()) == "1"
+
+
+def test_the_newest_results_are_kept(monkeypatch):
+    nominal = dict.fromkeys(
+        ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m"), 1
+    )
+    said = json.dumps({"result": {"nominal": {**nominal, "findings": []}, "monte_carlo": None}})
+    monkeypatch.setattr(dry_runs, "COMMAND", ("echo", said))
+
+    async def story():
+        runs = DryRuns()
+        for n in range(MOST_KEPT + 1):
+            await runs.run(str(n), request(hop()), ABOUT, lambda *_: None)
+        return runs
+
+    runs = asyncio.run(story())
+    assert runs.get(str(MOST_KEPT))["nominal"]["finished"]
+    with pytest.raises(UnknownDryRun, match="There is no result of a dry run '0'"):
+        runs.get("0")

@@ -1,0 +1,85 @@
+"""A dry run for a vehicle through the server's routes: what is taken from it, and that it hears nothing."""
+
+import json
+
+from gcs_server.api import control_routes, dry_run_models, dry_run_routes
+from tests.protocol.api_calls import ANNA, BOB, YES, desk, view
+from tests.protocol.offboard_world import seconds
+
+AT_20_M = {"value_m": 20, "reference": "home"}
+PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "return_home"}]}
+
+ASKS_FOR_MESSAGES = (401, 511, 512)
+"""MAV_CMD_RUN_PREARM_CHECKS, MAV_CMD_SET_MESSAGE_INTERVAL, MAV_CMD_REQUEST_MESSAGE."""
+
+
+class DryRuns:
+    """In place of the processes: says what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked = []
+
+    def next_id(self):
+        return "1"
+
+    async def run(self, dry_run_id, request, about, report):
+        self.asked.append((request, about))
+        report("Half.", 0.5)
+        return {"dry_run": dry_run_id}
+
+
+async def asked_by(at, by=ANNA, **more):
+    at.station.dry_runs = DryRuns()
+    body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
+    begun = view(await dry_run_routes.start_dry_run(body, at.station, by))
+    await at.station.operations.wait(begun["id"])
+    return at.station.dry_runs.asked[-1]
+
+
+def commands(pilot):
+    """What would change anything; that the server asks for messages does not."""
+    kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
+    heard = [m for m in pilot.heard if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))]
+    return [m for m in heard if getattr(m, "command", 0) not in ASKS_FOR_MESSAGES]
+
+
+def test_a_dry_run_takes_what_is_known_of_the_vehicle_and_says_what_is_not(jump):
+    async def story(at):
+        request, about = await asked_by(at)
+        aircraft = request["aircraft"]
+        here = at.vehicle.topic("global_position").value
+        assert aircraft["home"] == {
+            "lat_deg": here.lat_deg, "lon_deg": here.lon_deg, "alt_amsl_m": here.alt_amsl_m
+        }  # fmt: skip
+        assert aircraft["yaw_ned_rad"] == at.vehicle.topic("attitude").value.yaw_ned_rad
+        assert aircraft["parameters"] == {}
+        assert "The parameters of vehicle 1 have not been read" in about["assumed"][0]
+        assert about["vehicle"] == "1"
+        assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
+        json.dumps(request, allow_nan=False)
+
+    desk(jump, story, flying=False)
+
+
+def test_of_a_vehicle_in_flight_the_dry_run_starts_at_its_home(jump):
+    async def story(at):
+        request, about = await asked_by(at)
+        home = at.vehicle.topic("home").value
+        assert request["aircraft"]["home"]["lat_deg"] == home.lat_deg
+        assert any("starts on the ground at its home" in text for text in about["assumed"])
+
+    desk(jump, story)
+
+
+def test_a_dry_run_sends_the_vehicle_nothing_and_needs_no_control(jump):
+    async def story(at):
+        await control_routes.take("1", at.station, BOB, YES)
+        await seconds(1.0)
+        before = len(commands(at.pilot))
+        await asked_by(at, ANNA, flights=50)
+        await seconds(1.0)
+        assert [str(m) for m in commands(at.pilot)[before:]] == []
+        assert at.station.authority.control("1").status().holder_key == BOB.key
+
+    desk(jump, story)
