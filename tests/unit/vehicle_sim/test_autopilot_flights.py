@@ -114,7 +114,8 @@ def test_take_offs_lift_and_climb_alike(shared: Path, flown: dict[str, Curve], n
     for height_m in (1.0, 2.0) if name == "takeoff_2p5m" else (1.0, 2.0, 5.0, 9.0):
         # The recordings themselves differ by 0.6 s: the ground drifts by decimetres in the estimate.
         assert sim.reaches_s(height_m) == pytest.approx(real.reaches_s(height_m), abs=0.9), height_m
-    assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.2)
+    # The greatest of a believed speed that wanders by 0.1 m/s with the GPS noise, in both.
+    assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.25)
 
 
 def test_the_vehicle_leaves_the_ground_three_seconds_after_the_ramp_began() -> None:

@@ -1,0 +1,80 @@
+"""What PX4 answers to commands, requests and mission items that do little to a multicopter, as recorded."""
+
+import pytest
+
+from tests.support.snapshot import snapshot
+from tests.unit.vehicle_sim.plan_station import PlanStation
+from tests.unit.vehicle_sim.sim_station import EVENT_NAMES
+
+VTOL_TAKEOFF_MODE = 4 << 16 | 10 << 24
+LOCAL_POSITION_NED, PING, BASIC_ID = 32, 4, 12900
+UNSUPPORTED_ITEM = 3
+_READY: list[PlanStation] = []
+
+
+@pytest.fixture
+def s() -> PlanStation:
+    """Booted once; each test gets a copy."""
+    if not _READY:
+        station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_IN": 4})
+        station.ready_to_arm()
+        _READY.append(station)
+    return snapshot(_READY[0])
+
+
+def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:
+    asked_s = s.now_s
+    s.command(command, *parameters)
+    s.run(0.1)
+    return s.acks(command, asked_s)
+
+
+@pytest.mark.parametrize(
+    ("command", "parameters", "answers"),
+    [
+        (43003, (0, 0, 0, 0, 47.4, 8.5, 490), [1]),
+        (204, (2,), [0]),
+        (310, (0.1, 1, 0, 0, 1), [0]),
+        (310, (0.1, 1, 0, 0, 25), []),
+        (512, (PING,), [0]),
+        (512, (BASIC_ID,), [0]),
+        (512, (LOCAL_POSITION_NED,), [2]),
+    ],
+)
+def test_commands_are_answered_as_recorded(
+    s: PlanStation, command: int, parameters: tuple[float, ...], answers: list[int]
+) -> None:
+    assert ask(s, command, *parameters) == answers
+
+
+def test_what_is_requested_arrives(s: PlanStation) -> None:
+    begun_s = s.now_s
+    ask(s, 512, PING)
+    ask(s, 512, BASIC_ID)
+    assert s.heard("PING", since_s=begun_s)[-1].target_system == 0
+    (identity,) = s.heard("OPEN_DRONE_ID_BASIC_ID", since_s=begun_s)
+    assert (identity.id_type, identity.ua_type) == (1, 2)
+    assert any(identity.uas_id)
+
+
+def test_a_vtol_take_off_is_a_mode_of_a_multicopter_on_the_ground(s: PlanStation) -> None:
+    assert ask(s, 84) == [0]
+    s.run(1.1)
+    assert s.mode == VTOL_TAKEOFF_MODE
+    assert not s.armed
+
+
+@pytest.mark.parametrize("command", [183, 531])
+def test_an_item_that_px4_does_not_know_ends_the_upload_in_its_place(s: PlanStation, command: int) -> None:
+    begun_s = s.now_s
+    plan = [s.item(22), s.item(16, 10.0), s.action(command, 1, 1500)]
+    assert s.upload(plan) == UNSUPPORTED_ITEM
+    assert "IGN MISSION_ITEM: Invalid item\t" in s.texts(begun_s)
+
+
+def test_a_mission_with_a_vtol_transition_is_stored_and_told_of(s: PlanStation) -> None:
+    begun_s = s.now_s
+    assert s.upload([s.item(22), s.action(3000, 4), s.item(16, 20.0)]) == 0
+    s.run(0.2)
+    events = [EVENT_NAMES[m.values["id"]] for m in s.heard("EVENT", since_s=begun_s)]
+    assert "navigator_mis_vtol_items" in events
