@@ -17,6 +17,7 @@ from tools import build_page
 
 pytestmark = pytest.mark.browser
 
+EXAMPLES = REPOSITORY / "missions" / "examples"
 PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
 """Clicked, as shares of the map."""
 
@@ -108,9 +109,44 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
         page.get_by_role("button", name="Open", exact=True).click()
-        room.get_by_role("button", name=re.compile("^Far 3 items")).click()
+        room.get_by_role("button", name=re.compile("^Far Waypoint plan · 3 items")).click()
         expect(room.get_by_role("option", name="3 Return")).to_be_visible()
         uploaded_and_flown(page, room, station)
+
+
+def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browser, station: Station) -> None:
+    with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
+        room = plan_room(page)
+        page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
+        steps = room.get_by_role("listbox", name="Steps").get_by_role("option")
+        expect(room).to_contain_text("Offboard mission")
+        expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
+        expect(steps.filter(has_text="round: Orbit").first).to_contain_text("R 12 m")
+        findings = room.get_by_role("region", name="Findings")
+        expect(findings).to_contain_text("nothing found")
+
+        steps.filter(has_text="Down around the mast").click()
+        climb = page.get_by_role("group", name="Selection").get_by_label("Climb")
+        climb.fill("-40")
+        expect(findings).to_contain_text("step 8:")
+        expect(findings).to_contain_text("above home")
+        findings.get_by_role("button", name="Show").first.click()
+        page.get_by_role("button", name="Undo").click()
+        expect(climb).to_have_value("-18")
+        expect(findings).to_contain_text("nothing found")
+
+        steps.filter(has_text="Is the picture sharp").click()
+        page.keyboard.press("Delete")
+        expect(steps.filter(has_text="Is the picture sharp")).to_have_count(0)
+        page.keyboard.press("Control+z")
+        expect(steps.filter(has_text="Is the picture sharp")).to_have_count(1)
+        assert in_both_themes(page) == []
+        page.get_by_role("button", name="Save", exact=True).click()
+        expect(room).to_contain_text("Saved as version 1.")
+    (kept,) = [
+        plan for plan in station.gcs.request("GET", "/plans")["plans"] if plan["kind"] == "offboard_mission"
+    ]
+    assert (kept["name"], kept["item_count"]) == ("Tower inspection", 16)
 
 
 def home_of(topic: dict[str, Any]) -> dict[str, float]:

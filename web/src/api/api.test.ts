@@ -28,6 +28,38 @@ describe('problems', () => {
   });
 });
 
+describe('files', () => {
+  it('are sent as they are, and what is wrong with them is an answer', async () => {
+    const file = new Blob(['QGC WPL 110']);
+    const asked: RequestInit[] = [];
+    const answers = [new Response(JSON.stringify({ notes: [] })), new Response(JSON.stringify({ detail: 'line 2: no number.' }), { status: 422 })];
+    const client = new ApiClient('page-7', undefined, (_, init) => {
+      asked.push(init);
+      return Promise.resolve(answers.shift() ?? new Response(null, { status: 500 }));
+    });
+    expect(await client.upload('/plans/import', file)).toEqual({ ok: true, value: { notes: [] } });
+    expect(asked[0]?.body).toBe(file);
+    expect(asked[0]?.headers).toMatchObject({ 'Content-Type': 'application/octet-stream', 'X-Client': 'page-7' });
+    expect(await client.upload('/plans/import', file)).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
+  });
+
+  it('come with the notes of their header, or with none', async () => {
+    const download = async (headers: Record<string, string>, status = 200) => {
+      const client = new ApiClient('page-7', undefined, (_, init) => {
+        expect(init.body).toBe('{"plan":{}}');
+        return Promise.resolve(new Response(status === 200 ? 'steps:' : '{"detail": "Write it as yaml."}', { status, headers }));
+      });
+      return client.download('/plans/export?format=yaml', { plan: {} }, 'X-Plan-Notes');
+    };
+    const written = await download({ 'X-Plan-Notes': '["The geofence is left out."]' });
+    expect(written.ok && [await written.value.file.text(), written.value.notes]).toEqual(['steps:', ['The geofence is left out.']]);
+    expect(await download({})).toMatchObject({ ok: true, value: { notes: [] } });
+    expect(await download({ 'X-Plan-Notes': '{}' })).toMatchObject({ ok: true, value: { notes: [] } });
+    expect(await download({ 'X-Plan-Notes': 'no JSON' })).toMatchObject({ ok: false });
+    expect(await download({}, 422)).toMatchObject({ ok: false, problem: { detail: 'Write it as yaml.' } });
+  });
+});
+
 describe('client', () => {
   it('names itself, sends JSON, returns the answer', async () => {
     let seen: RequestInit = {};

@@ -5,6 +5,9 @@ import type { components } from '../../api/schema';
 import type { Place } from '../../vehicle/geo';
 import type { Plan } from './document';
 import type { Finding } from './fixes';
+import type { Document, PlanKind } from './kinds';
+import type { Flight } from './offboard/flight';
+import type { Mission } from './offboard/mission';
 
 type Schemas = components['schemas'];
 
@@ -15,6 +18,8 @@ export type Estimates = Readonly<Schemas['PlanEstimates']>;
 export interface Check {
   readonly findings: readonly Finding[];
   readonly estimates: Estimates;
+  /** Of an offboard mission: its path, and what each step takes. */
+  readonly flight: Flight | null;
   readonly not_known: readonly string[];
 }
 
@@ -24,13 +29,16 @@ export interface Area {
 }
 
 export interface Imported {
-  readonly plan: Plan;
+  readonly plan: Document;
   readonly areas: readonly Area[];
   readonly notes: readonly string[];
 }
 
+type Format = Schemas['ImportedPlan']['format'];
+export type { Format };
+
 /** Files that can be written, as people know them. */
-export const FORMATS = [
+const WAYPOINT_FORMATS = [
   { value: 'plan', text: 'QGroundControl .plan' },
   { value: 'waypoints', text: '.waypoints' },
   { value: 'geojson', text: 'GeoJSON' },
@@ -38,10 +46,16 @@ export const FORMATS = [
   { value: 'kmz', text: 'KMZ' },
   { value: 'csv', text: 'CSV' },
   { value: 'json', text: 'Offboard GCS .json' },
-] as const satisfies readonly { value: Schemas['ImportedPlan']['format']; text: string }[];
-export type Format = (typeof FORMATS)[number]['value'];
+] as const;
+export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Format; readonly text: string }[]>> = {
+  waypoint_plan: WAYPOINT_FORMATS,
+  offboard_mission: [
+    { value: 'yaml', text: 'YAML' },
+    { value: 'json', text: 'JSON' },
+  ],
+};
 
-export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz';
+export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
 
 const of = (id: string): string => `/plans/${encodeURIComponent(id)}`;
 
@@ -52,15 +66,15 @@ export class PlanApi {
     return this.api.get('/plans');
   }
 
-  open(id: string): Promise<Outcome<PlanVersion & { plan: Plan }>> {
+  open(id: string): Promise<Outcome<PlanVersion & { plan: Document }>> {
     return this.api.get(of(id));
   }
 
-  create(name: string, plan: Plan): Promise<Outcome<PlanVersion>> {
+  create(name: string, plan: Document): Promise<Outcome<PlanVersion>> {
     return this.api.post('/plans', { name, plan });
   }
 
-  save(id: string, name: string, plan: Plan, base_version: number): Promise<Outcome<PlanVersion>> {
+  save(id: string, name: string, plan: Document, base_version: number): Promise<Outcome<PlanVersion>> {
     return this.api.put(of(id), { name, plan, base_version });
   }
 
@@ -68,8 +82,13 @@ export class PlanApi {
     return this.api.delete(`${of(id)}?base_version=${base_version}`);
   }
 
-  check(plan: Plan, vehicle: string | null): Promise<Outcome<Check>> {
+  check(plan: Document, vehicle: string | null): Promise<Outcome<Check>> {
     return this.api.post('/plans/check', { plan, vehicle });
+  }
+
+  /** The mission that flies a waypoint plan. */
+  convert(plan: Plan, name: string, vehicle: string | null): Promise<Outcome<{ plan: Mission; notes: readonly string[] }>> {
+    return this.api.post('/plans/convert', { plan, name, vehicle });
   }
 
   /** @param altitude_m above home, of points that have none. */
@@ -79,7 +98,7 @@ export class PlanApi {
     return this.api.upload(`/plans/import?${query}`, file);
   }
 
-  export(plan: Plan, format: Format): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
+  export(plan: Document, format: Format): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
     return this.api.download(`/plans/export?format=${format}`, { plan }, 'X-Plan-Notes');
   }
 

@@ -1,7 +1,12 @@
 /** Changes of a plan: a plan in, another plan out. Pure; nothing is changed in place. */
 
-import { eastNorth, placeAt, type EastNorth, type Place } from '../../vehicle/geo';
-import { isPlaced, refOf, type FenceZone, type Item, type Plan } from './document';
+import { eastNorth, placeAt, type Place } from '../../vehicle/geo';
+import { isPlaced, refOf, type FenceZone, type Home, type Item, type Plan } from './document';
+
+/** What plans of both kinds have. */
+export interface Fenced {
+  readonly fence: readonly FenceZone[];
+}
 
 function replaced<T>(list: readonly T[], index: number, next: T): T[] {
   return list.map((one, i) => (i === index ? next : one));
@@ -17,7 +22,7 @@ export function setItem(plan: Plan, row: number, fields: Readonly<Record<string,
   return item === undefined ? plan : { ...plan, items: replaced(plan.items, row, { ...item, ...fields }) };
 }
 
-export function setZone(plan: Plan, zone: number, fields: Partial<FenceZone>): Plan {
+export function setZone<D extends Fenced>(plan: D, zone: number, fields: Partial<FenceZone>): D {
   const old = plan.fence[zone];
   return old === undefined ? plan : { ...plan, fence: replaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
 }
@@ -31,29 +36,34 @@ export function place(plan: Plan, id: string, at: Place): Plan {
     const item = plan.items[ref.row];
     return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to }) : plan;
   }
-  if (ref.of === 'home') return plan.planned_home === null ? plan : { ...plan, planned_home: { ...plan.planned_home, ...to } };
   if (ref.of === 'rally') {
     const point = plan.rally_points[ref.index];
     return point === undefined ? plan : { ...plan, rally_points: replaced(plan.rally_points, ref.index, { ...point, ...to }) };
   }
+  return placeShared(plan, id, at);
+}
+
+/** Home and geofence, which plans of both kinds have. */
+export function placeShared<D extends Fenced>(plan: D, id: string, at: Place): D {
+  const ref = refOf(id);
+  const to = onGround(at);
+  if (ref?.of === 'home') {
+    const field = 'planned_home' in plan ? 'planned_home' : 'home';
+    const home = (plan as Readonly<Record<string, unknown>>)[field] as Home | null | undefined;
+    return home == null ? plan : { ...plan, [field]: { ...home, ...to } };
+  }
+  if (ref?.of !== 'corner' && ref?.of !== 'circle') return plan;
   const zone = plan.fence[ref.zone];
   if (zone?.shape === 'circle' && ref.of === 'circle') return setZone(plan, ref.zone, { center: to });
   if (zone?.shape === 'polygon' && ref.of === 'corner') return setZone(plan, ref.zone, { polygon: replaced(zone.polygon, ref.corner, to) });
   return plan;
 }
 
-/** Moves several points by the same way over the ground. */
-export function move(plan: Plan, from: ReadonlyMap<string, Place>, by: EastNorth): Plan {
-  let moved = plan;
-  for (const [id, at] of from) moved = place(moved, id, placeAt(at, by));
-  return moved;
-}
-
 export function insertItem(plan: Plan, row: number, item: Item): Plan {
   return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
 }
 
-export function insertCorner(plan: Plan, zone: number, corner: number, at: Place): Plan {
+export function insertCorner<D extends Fenced>(plan: D, zone: number, corner: number, at: Place): D {
   const old = plan.fence[zone];
   if (old?.shape !== 'polygon') return plan;
   return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), onGround(at), ...old.polygon.slice(corner)] });
@@ -70,6 +80,19 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
   const rows = new Set(refs.flatMap((ref) => (ref.of === 'item' ? [ref.row] : [])));
   const rallies = new Set(refs.flatMap((ref) => (ref.of === 'rally' ? [ref.index] : [])));
+  const kept = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
+  const next = {
+    ...removeShared(plan, ids),
+    items: plan.items.filter((_, row) => !rows.has(row)),
+    rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
+  };
+  // A jump to an item that is gone leads to what comes after it.
+  return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
+}
+
+/** Removes home, corners and circles. */
+export function removeShared<D extends Fenced>(plan: D, ids: readonly string[]): D {
+  const refs = ids.flatMap((id) => refOf(id) ?? []);
   const circles = new Set(refs.flatMap((ref) => (ref.of === 'circle' ? [ref.zone] : [])));
   const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
     if (circles.has(index)) return [];
@@ -77,19 +100,11 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
     const polygon = zone.polygon.filter((_, corner) => !refs.some((ref) => ref.of === 'corner' && ref.zone === index && ref.corner === corner));
     return polygon.length === zone.polygon.length ? [zone] : polygon.length < 3 ? [] : [{ ...zone, polygon }];
   });
-  const kept = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
-  const next = {
-    ...plan,
-    planned_home: refs.some((ref) => ref.of === 'home') ? null : plan.planned_home,
-    items: plan.items.filter((_, row) => !rows.has(row)),
-    fence,
-    rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
-  };
-  // A jump to an item that is gone leads to what comes after it.
-  return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
+  const home = refs.some((ref) => ref.of === 'home') ? { ['planned_home' in plan ? 'planned_home' : 'home']: null } : {};
+  return { ...plan, ...home, fence };
 }
 
-export function removeZone(plan: Plan, zone: number): Plan {
+export function removeZone<D extends Fenced>(plan: D, zone: number): D {
   return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
 }
 

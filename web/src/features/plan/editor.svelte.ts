@@ -2,26 +2,37 @@
 
 import type { LayerEditor } from '../../app/map-layers.svelte';
 import { eastNorth, type Place } from '../../vehicle/geo';
-import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, placeOf, refOf, type Home, type Kind, type Plan } from './document';
+import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, refOf, type Home, type Kind, type Plan } from './document';
 import * as edit from './edit';
 import * as history from './history';
 import { freshItem, titleOf } from './items';
-import { insertionOf, picture, type Sketch } from './layer';
+import * as kinds from './kinds';
+import type { Document } from './kinds';
+import type { Sketch } from './layer';
+import * as offboard from './offboard/edit';
+import { isMission, type Mission, type StepKind } from './offboard/mission';
+import { frameOf, type Frame } from './offboard/places';
+import { freshMission, titleOf as stepKindTitle } from './offboard/words';
 
 /** Undone and redone together. */
 export interface Draft {
   /** Tells one opened or new plan from the next in the history. */
   readonly document: number;
   readonly name: string;
-  readonly plan: Plan;
+  readonly plan: Document;
 }
 
 /** What the next clicks on the map are for. */
 export type Placing =
-  { readonly of: 'item'; readonly kind: Kind } | { readonly of: 'rally' } | { readonly of: 'area'; readonly use: AreaUse } | { readonly of: 'circle' };
+  | { readonly of: 'item'; readonly kind: Kind }
+  | { readonly of: 'step'; readonly kind: StepKind }
+  | { readonly of: 'rally' }
+  | { readonly of: 'area'; readonly use: AreaUse }
+  | { readonly of: 'circle' };
 export type AreaUse = 'inclusion' | 'exclusion' | 'survey';
 
 const NEW_NAME = 'New plan';
+const NEW_MISSION = 'New mission';
 /** Of a new fence circle. */
 const CIRCLE_RADIUS_M = 50;
 /** Nothing is flown after them. */
@@ -36,10 +47,18 @@ export class PlanEditor implements LayerEditor {
   corners = $state.raw<readonly Place[]>([]);
   private documents = 0;
   private gestures = 0;
-  private grabbed: { group: string; base: Plan; at: Place; from: ReadonlyMap<string, Place>; selected: ReadonlySet<string> } | null = null;
+  private grabbed: { group: string; base: Document; at: Place; from: ReadonlyMap<string, Place>; selected: ReadonlySet<string> } | null = null;
 
   readonly draft = $derived(this.history.now);
-  readonly plan = $derived(this.history.now.plan);
+  /** What is edited, of either kind. */
+  readonly document = $derived(this.history.now.plan);
+  /** Of a waypoint plan; an empty one while a mission is edited. */
+  readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY : this.history.now.plan);
+  /** Null while a waypoint plan is edited. */
+  readonly mission: Mission | null = $derived(isMission(this.history.now.plan) ? this.history.now.plan : null);
+  /** Where a mission lies on the earth, and how it is flown as far as the server has said. */
+  frame = $state.raw<Frame>(frameOf(null, null, null));
+  compiled = $state.raw<kinds.Compiled>({ flight: null, isCurrent: false });
   readonly canUndo = $derived(this.history.past.length > 0);
   readonly canRedo = $derived(this.history.future.length > 0);
   readonly rows: readonly number[] = $derived(
@@ -53,15 +72,15 @@ export class PlanEditor implements LayerEditor {
       ? { corners: this.corners, tone: this.placing.use === 'survey' ? 'target' : this.placing.use === 'inclusion' ? 'caution' : 'danger' }
       : null,
   );
-  readonly picture = $derived(picture(this.plan, this.selected, this.sketch));
+  readonly picture = $derived(kinds.pictureOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
 
   /** @param group changes of one group are undone together. */
-  change(plan: Plan, group: string | null = null): void {
-    this.history = history.change(this.history, plan === this.plan ? this.draft : { ...this.draft, plan }, group);
+  change(plan: Document, group: string | null = null): void {
+    this.history = history.change(this.history, plan === this.document ? this.draft : { ...this.draft, plan }, group);
   }
 
   /** A finding's fix: rows may have come and gone. */
-  mend(plan: Plan): void {
+  mend(plan: Document): void {
     this.change(plan);
     this.select([]);
   }
@@ -86,7 +105,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Another document; undo brings the one before back. @returns its number. */
-  replace(name: string, plan: Plan): number {
+  replace(name: string, plan: Document): number {
     this.documents += 1;
     this.history = history.change(this.history, { document: this.documents, name, plan });
     this.select([]);
@@ -95,7 +114,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** What was edited before the page was loaded anew; nothing to undo yet. @returns its number. */
-  load(name: string, plan: Plan): number {
+  load(name: string, plan: Document): number {
     this.documents += 1;
     this.history = history.begin({ document: this.documents, name, plan });
     this.stopPlacing();
@@ -107,16 +126,20 @@ export class PlanEditor implements LayerEditor {
     this.place({ of: 'item', kind: 'waypoint' });
   }
 
+  beginMission(home: Home | null): void {
+    this.replace(NEW_MISSION, freshMission(home));
+    this.place({ of: 'step', kind: 'fly' });
+  }
+
   select(ids: Iterable<string>): void {
     this.selected = new Set(ids);
   }
 
   /** Also by the list: one, one more, or all up to it. */
   pick(id: string, more: boolean): void {
-    const insertion = insertionOf(id);
-    if (insertion !== null) {
+    if (kinds.isInsertion(id)) {
       const at = this.picture.points.find((point) => point.id === id);
-      if (at !== undefined) this.insert(insertion, at);
+      if (at !== undefined) this.insert(id, at);
       return;
     }
     if (id.startsWith('sketch:')) return;
@@ -134,7 +157,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   selectAll(): void {
-    this.select(this.plan.items.map((_, row) => `item:${row}`));
+    this.select(kinds.allSteps(this.document));
   }
 
   place(placing: Placing): void {
@@ -152,14 +175,15 @@ export class PlanEditor implements LayerEditor {
     const placing = this.placing;
     if (placing === null) this.select([]);
     else if (placing.of === 'item') this.addItem(placing.kind, at);
+    else if (placing.of === 'step') this.addStep(placing.kind, at);
     else if (placing.of === 'rally') {
       this.change({ ...this.plan, rally_points: [...this.plan.rally_points, { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: DEFAULT_ALTITUDE }] });
       this.select([`rally:${this.plan.rally_points.length - 1}`]);
       this.stopPlacing();
     } else if (placing.of === 'circle') {
       const center = { lat_deg: at.lat_deg, lon_deg: at.lon_deg };
-      this.change({ ...this.plan, fence: [...this.plan.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
-      this.select([`circle:${this.plan.fence.length - 1}`]);
+      this.change({ ...this.document, fence: [...this.document.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
+      this.select([`circle:${this.document.fence.length - 1}`]);
       this.stopPlacing();
     } else this.corners = [...this.corners, { lat_deg: at.lat_deg, lon_deg: at.lon_deg }];
     return true;
@@ -176,9 +200,18 @@ export class PlanEditor implements LayerEditor {
     if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
   }
 
+  /** Of a mission: after what is selected, else at the end; a click goes on with the selected trajectory. */
+  addStep(kind: StepKind, at: Place | null): void {
+    if (this.mission === null) return;
+    const added = offboard.addStep(this.mission, kind, at, [...this.selected], this.frame);
+    this.change(added.mission);
+    this.select([added.id]);
+    if (kind !== 'fly' && this.placing?.of === 'step') this.stopPlacing();
+  }
+
   /** What was drawn becomes part of the geofence. */
   addZone(inclusion: boolean, polygon: readonly Place[]): void {
-    this.change({ ...this.plan, fence: [...this.plan.fence, { shape: 'polygon', inclusion, polygon }] });
+    this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
     this.select([]);
     this.stopPlacing();
   }
@@ -190,6 +223,12 @@ export class PlanEditor implements LayerEditor {
       return true;
     }
     if (this.selected.size === 0) return false;
+    if (this.mission !== null) {
+      const [before, ids] = [this.mission, [...this.selected]];
+      this.change(kinds.remove(before, ids));
+      this.select(kinds.neighbourOf(before, this.document, ids, this.frame));
+      return true;
+    }
     const next = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
     const hadRows = this.rows.length > 0;
     this.change(edit.remove(this.plan, [...this.selected]));
@@ -199,6 +238,13 @@ export class PlanEditor implements LayerEditor {
 
   /** Moves the selected rows up (−1) or down (1). */
   reorder(step: -1 | 1): void {
+    if (this.mission !== null) {
+      const moved = offboard.reorder(this.mission, [...this.selected], step);
+      if (moved === null) return;
+      this.change(moved.mission);
+      this.select(moved.ids);
+      return;
+    }
     const rows = [...this.rows].sort((a, b) => a - b);
     const [first, last] = [rows[0], rows.at(-1)];
     if (first === undefined || last === undefined) return;
@@ -210,24 +256,26 @@ export class PlanEditor implements LayerEditor {
   }
 
   grab(id: string): string | null {
-    const insertion = insertionOf(id);
+    const inserts = kinds.isInsertion(id);
     const at = this.picture.points.find((point) => point.id === id);
     if (at === undefined || id.startsWith('sketch:')) return null;
     this.gestures += 1;
     const group = `drag ${this.gestures}`;
     const before = this.selected;
-    const moving = insertion === null ? id : this.insert(insertion, at, group);
-    if (insertion === null && !this.selected.has(id)) this.select([id]);
+    const moving = inserts ? this.insert(id, at, group) : id;
+    if (!inserts && !this.selected.has(id)) this.select([id]);
     const from = new Map(
-      [...this.selected].flatMap((one) => [[one, placeOf(this.plan, one)] as const]).filter((pair): pair is [string, Place] => pair[1] !== null),
+      [...this.selected]
+        .map((one) => [one, kinds.placeIn(this.document, one, this.frame)] as const)
+        .filter((pair): pair is [string, Place] => pair[1] !== null),
     );
-    this.grabbed = { group, base: this.plan, at, from, selected: before };
+    this.grabbed = { group, base: this.document, at, from, selected: before };
     return moving;
   }
 
   drag(_id: string, to: Place): void {
     const grabbed = this.grabbed;
-    if (grabbed !== null) this.change(edit.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to)), grabbed.group);
+    if (grabbed !== null) this.change(kinds.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to), this.frame), grabbed.group);
   }
 
   drop(keep: boolean): void {
@@ -241,23 +289,17 @@ export class PlanEditor implements LayerEditor {
     this.seal();
   }
 
-  private insert(where: { row: number } | { zone: number; corner: number }, at: Place, group: string | null = null): string {
-    const inZone = 'zone' in where;
-    const id = inZone ? `corner:${where.zone}:${where.corner}` : `item:${where.row}`;
-    const plan = inZone
-      ? edit.insertCorner(this.plan, where.zone, where.corner, at)
-      : edit.insertItem(this.plan, where.row, freshItem('waypoint', at, altitudeBefore(this.plan, where.row)));
-    this.change(plan, group);
-    this.select([id]);
-    return id;
+  private insert(id: string, at: Place, group: string | null = null): string {
+    const inserted = kinds.insertAt(this.document, id, at, this.frame);
+    if (inserted === null) return id;
+    this.change(inserted.document, group);
+    this.select([inserted.id]);
+    return inserted.id;
   }
 
   /** What is selected and has gone by undo is not selected any more. */
   private keepSelection(): void {
-    const there = [...this.selected].filter((id) => {
-      const ref = refOf(id);
-      return ref !== null && (ref.of === 'item' ? ref.row < this.plan.items.length : placeOf(this.plan, id) !== null);
-    });
+    const there = [...this.selected].filter((id) => kinds.isThere(this.document, id, this.frame));
     this.select(there);
   }
 }
@@ -266,6 +308,8 @@ export class PlanEditor implements LayerEditor {
 export function placingText(placing: Placing, corners: number): string {
   if (placing.of === 'item')
     return placing.kind === 'waypoint' ? 'Click the map to add waypoints.' : `Click the map where to put “${titleOf({ kind: placing.kind })}”.`;
+  if (placing.of === 'step')
+    return placing.kind === 'fly' ? 'Click the map to add points to fly through.' : `Click the map where to put “${stepKindTitle(placing.kind)}”.`;
   if (placing.of === 'rally') return 'Click the map where to put the rally point.';
   if (placing.of === 'circle') return 'Click the map where the fence circle has its centre.';
   const what = placing.use === 'survey' ? 'the area to survey' : placing.use === 'inclusion' ? 'the area to stay inside' : 'the area to stay outside';

@@ -7,10 +7,10 @@ import { freshItem } from './items';
 
 export type Finding = Readonly<components['schemas']['FindingModel']>;
 
-export interface Fix {
+export interface Fix<D = Plan> {
   /** On the button. */
   readonly text: string;
-  readonly plan: Plan;
+  readonly plan: D;
 }
 
 /** The operator's limit of the server's check [m above home]. */

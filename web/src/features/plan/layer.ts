@@ -3,7 +3,7 @@
 import type { LayerArea, LayerLine, LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
 import type { Place } from '../../vehicle/geo';
 import { isFlownTo, isPlaced, path, type FenceZone, type Plan } from './document';
-import { middle } from './edit';
+import { middle, type Fenced } from './edit';
 
 /** With more legs than this only those beside the selection show their middles. */
 const MOST_MIDDLES = 60;
@@ -24,17 +24,8 @@ export interface Sketch {
 }
 
 export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null): LayerPicture {
-  const points: LayerPoint[] = [];
-  const add = (id: string, at: Place, mark: LayerPoint['mark'], tone: Tone, text = ''): void =>
-    void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
-  plan.fence.forEach((zone, index) => {
-    const tone = toneOf(zone);
-    if (zone.shape === 'circle') add(`circle:${index}`, zone.center, 'corner', tone);
-    else {
-      zone.polygon.forEach((corner, i) => add(`corner:${index}:${i}`, corner, 'corner', tone));
-      zone.polygon.forEach((corner, i) => add(`side:${index}:${i + 1}`, middle(corner, zone.polygon[(i + 1) % zone.polygon.length] ?? corner), 'middle', tone));
-    }
-  });
+  const { points, lines: fences, areas } = fencePicture(plan, selected, sketch);
+  const add = adder(points, selected);
   const way = path(plan);
   const few = way.length <= MOST_MIDDLES;
   way.forEach(({ row, item }, i) => {
@@ -47,8 +38,36 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
   plan.items.forEach((item, row) => {
     if (isPlaced(item)) add(`item:${row}`, item, isFlownTo(item) ? 'disc' : 'cross', 'target', isFlownTo(item) ? String(row + 1) : '');
   });
+  return { points, lines: [...fences, ...lines(plan), ...sketchLines(sketch)], areas };
+}
+
+function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
+  return (id: string, at: Place, mark: LayerPoint['mark'], tone: Tone, text = ''): void =>
+    void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
+}
+
+/** The geofence and what is being drawn, which plans of both kinds have. */
+export function fencePicture(
+  plan: Fenced,
+  selected: ReadonlySet<string>,
+  sketch: Sketch | null,
+): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[] } {
+  const points: LayerPoint[] = [];
+  const add = adder(points, selected);
+  plan.fence.forEach((zone, index) => {
+    const tone = toneOf(zone);
+    if (zone.shape === 'circle') add(`circle:${index}`, zone.center, 'corner', tone);
+    else {
+      zone.polygon.forEach((corner, i) => add(`corner:${index}:${i}`, corner, 'corner', tone));
+      zone.polygon.forEach((corner, i) => add(`side:${index}:${i + 1}`, middle(corner, zone.polygon[(i + 1) % zone.polygon.length] ?? corner), 'middle', tone));
+    }
+  });
   sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
-  return { points, lines: [...lines(plan), ...sketchLines(sketch)], areas: areas(plan, sketch) };
+  const fences = plan.fence.map((zone): LayerLine => {
+    const ring = ringOf(zone);
+    return { places: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
+  });
+  return { points, lines: fences, areas: areas(plan, sketch) };
 }
 
 /** An inclusion is a limit, an exclusion is forbidden. */
@@ -72,10 +91,6 @@ function lines(plan: Plan): LayerLine[] {
   const way = path(plan).map(({ item }) => item);
   const home = plan.planned_home;
   const found: LayerLine[] = [];
-  for (const zone of plan.fence) {
-    const ring = ringOf(zone);
-    found.push({ places: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' });
-  }
   if (way.length > 1) found.push({ places: way, tone: 'target', style: 'solid' });
   const [first, last] = [way[0], way.at(-1)];
   if (home !== null && first !== undefined) found.push({ places: [home, first], tone: 'target', style: 'dotted' });
@@ -84,14 +99,14 @@ function lines(plan: Plan): LayerLine[] {
   return found;
 }
 
-function sketchLines(sketch: Sketch | null): LayerLine[] {
+export function sketchLines(sketch: Sketch | null): LayerLine[] {
   const corners = sketch?.corners ?? [];
   const [first, tone] = [corners[0], sketch?.tone];
   if (first === undefined || corners.length < 2 || tone === undefined) return [];
   return [{ places: [...corners, first], tone, style: 'dashed' }];
 }
 
-function areas(plan: Plan, sketch: Sketch | null): LayerArea[] {
+function areas(plan: Fenced, sketch: Sketch | null): LayerArea[] {
   const forbidden = plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const }));
   return sketch !== null && sketch.corners.length > 2 ? [...forbidden, { ring: sketch.corners, tone: sketch.tone }] : forbidden;
 }

@@ -4,15 +4,18 @@ import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import type { Area, Check, Format, Imported, PlanApi, PlanVersion } from './api';
-import { EMPTY, type Home, type Plan } from './document';
+import { EMPTY, type Home } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
+import { homeOf, type Document } from './kinds';
+import { isMission } from './offboard/mission';
+import { frameOf } from './offboard/places';
 
 /** A plan as it was last read or written. */
 interface Kept {
   readonly id: string;
   readonly version: number;
   readonly name: string;
-  readonly plan: Plan;
+  readonly plan: Document;
 }
 
 /** What the person is told below the name; with what can be done about it. */
@@ -29,7 +32,7 @@ export interface Notice {
 /** Kept in the browser, so that a reload loses nothing. */
 interface Stored {
   readonly name: string;
-  readonly plan: Plan;
+  readonly plan: Document;
   readonly kept: { readonly id: string; readonly version: number } | null;
   readonly saved: boolean;
 }
@@ -45,7 +48,8 @@ export class Plans {
   busy = $state(false);
   check = $state.raw<Check | null>(null);
   /** What `check` was made of. */
-  private checked = $state.raw<Plan | null>(null);
+  private checked = $state.raw<Document | null>(null);
+  private checkedFor = $state.raw(-1);
   checkProblem = $state.raw<string | null>(null);
   private checking = false;
 
@@ -60,14 +64,35 @@ export class Plans {
   readonly current: Kept | null = $derived.by(() => this.kept[this.editor.draft.document] ?? null);
   readonly saved: boolean = $derived.by(() => {
     const { plan, name } = this.editor.draft;
-    if (this.current === null) return plan.items.length === 0 && plan.fence.length === 0 && plan.rally_points.length === 0;
+    if (this.current === null && isMission(plan)) return plan.steps.length === 0;
+    if (this.current === null && !isMission(plan)) return plan.items.length === 0 && plan.fence.length === 0 && plan.rally_points.length === 0;
+    if (this.current === null) return false;
     return this.current.plan === plan && this.current.name === name;
   });
-  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.plan);
+  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document);
 
   begin(home: Home | null): void {
     this.editor.begin(home);
     this.notice = null;
+  }
+
+  beginMission(home: Home | null): void {
+    this.editor.beginMission(home);
+    this.notice = null;
+  }
+
+  /** Makes an offboard mission of the waypoint plan that is edited; undo brings the plan back. */
+  async convert(vehicle: string | null): Promise<boolean> {
+    const { name } = this.editor.draft;
+    const answer = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
+    if (!answer.ok) {
+      this.fail('No offboard mission was made.', answer.problem);
+      return false;
+    }
+    this.editor.replace(name, answer.value.plan);
+    const notes = answer.value.notes.join(' ');
+    this.notice = { tone: notes === '' ? 'ok' : 'caution', text: `An offboard mission, not saved yet. ${notes}`.trim() };
+    return true;
   }
 
   async refresh(): Promise<void> {
@@ -83,7 +108,7 @@ export class Plans {
       return false;
     }
     const { name, version, plan } = answer.value;
-    const whole = { ...EMPTY, ...plan };
+    const whole = isMission(plan) ? plan : { ...EMPTY, ...plan };
     this.keep(this.editor.replace(name, whole), { id, version, name, plan: whole });
     this.notice = null;
     return true;
@@ -93,7 +118,7 @@ export class Plans {
   async save(asNew = false): Promise<void> {
     const draft = this.editor.draft;
     const kept = asNew ? null : this.current;
-    const name = draft.name.trim() === '' ? 'Plan' : draft.name.trim();
+    const name = nameOf(draft.name);
     const answer = await this.call(kept === null ? this.api.create(name, draft.plan) : this.api.save(kept.id, name, draft.plan, kept.version));
     if (!answer.ok) {
       const conflict = answer.problem.code === 'conflict';
@@ -126,7 +151,7 @@ export class Plans {
 
   /** @returns the file; null: it could not be written, the notice says why. */
   async export(format: Format): Promise<Blob | null> {
-    const answer = await this.call(this.api.export(this.editor.plan, format));
+    const answer = await this.call(this.api.export(this.editor.document, format));
     if (!answer.ok) {
       this.fail('Not exported.', answer.problem);
       return null;
@@ -152,14 +177,22 @@ export class Plans {
 
   /** Asks the server what is wrong with the plan as it is now; one question at a time. */
   async ask(vehicle: string | null): Promise<void> {
-    const { plan } = this.editor;
+    const { document: number, plan } = this.editor.draft;
     if (this.checking) return;
     this.checking = true;
     const answer = await this.api.check(plan, vehicle);
     this.checking = false;
     this.checked = plan;
+    this.checkedFor = number;
     this.check = answer.ok ? answer.value : null;
     this.checkProblem = answer.ok ? null : sentence('Not checked.', answer.problem);
+  }
+
+  /** Where the mission lies and how it is flown, for the map; the path of another document is not shown. */
+  compile(vehicleHome: Home | null): void {
+    const flight = this.checkedFor === this.editor.draft.document ? (this.check?.flight ?? null) : null;
+    this.editor.compiled = { flight, isCurrent: this.isChecked };
+    this.editor.frame = frameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);
   }
 
   /** Somebody saved or deleted a plan. */
@@ -194,8 +227,8 @@ export class Plans {
   private restore(): void {
     try {
       const stored = JSON.parse(this.memory.getItem(STORED) ?? 'null') as Stored | null;
-      if (stored === null || !Array.isArray(stored.plan.items)) return;
-      const plan = { ...EMPTY, ...stored.plan };
+      if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
+      const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY, ...stored.plan };
       const document = this.editor.load(stored.name, plan);
       if (stored.kept !== null) this.keep(document, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
     } catch {
@@ -204,7 +237,7 @@ export class Plans {
   }
 
   private take(name: string, { plan, notes, areas }: Imported): void {
-    this.editor.replace(name, { ...EMPTY, ...plan });
+    this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY, ...plan });
     this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file has areas.', areas } : null;
   }
 
@@ -226,6 +259,10 @@ export class Plans {
   private fail(what: string, problem: Problem, conflict = false): void {
     this.notice = { tone: 'danger', text: sentence(what, problem), conflict };
   }
+}
+
+function nameOf(name: string): string {
+  return name.trim() === '' ? 'Plan' : name.trim();
 }
 
 function sentence(what: string, problem: Problem): string {

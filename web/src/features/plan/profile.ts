@@ -2,9 +2,14 @@
 
 import { groundDistance_m } from '../../vehicle/geo';
 import { alt_home_m, path, type Plan } from './document';
+import type { Flight } from './offboard/flight';
 
 export interface ProfilePoint {
   readonly row: number;
+  /** What is selected with it; of the points of a mission's path only the first of a step has one. */
+  readonly id: string | null;
+  /** Since the flight began, where that is known [s]. */
+  readonly t_s?: number;
   /** Along the ground from the first point [m]. */
   readonly along_m: number;
   /** Above home [m]; null: it cannot be said. */
@@ -25,12 +30,35 @@ export function profile(plan: Plan): Profile {
   let along_m = 0;
   const home = plan.planned_home;
   const way = path(plan);
-  const points: ProfilePoint[] = home === null || way.length === 0 ? [] : [{ row: -1, along_m: 0, alt_home_m: 0 }];
+  const points: ProfilePoint[] = home === null || way.length === 0 ? [] : [{ row: -1, id: null, along_m: 0, alt_home_m: 0 }];
   way.forEach(({ row, item }, i) => {
     const before = way[i - 1]?.item ?? home;
     if (before !== null && before !== undefined) along_m += groundDistance_m(before, item);
-    points.push({ row, along_m, alt_home_m: alt_home_m(item.altitude, home) });
+    points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home) });
   });
+  return scaled(points);
+}
+
+/** Of a mission: its path as it will be flown, on the way that takes longest; heights above the start. */
+export function missionProfile(flight: Flight): Profile {
+  const points: ProfilePoint[] = [];
+  const start_down_m = flight.start_ned_m[2] ?? 0;
+  let [along_m, place] = [0, ''];
+  let before: readonly number[] | null = null;
+  for (const leg of flight.legs.filter((one) => one.main))
+    leg.points.forEach((point, i) => {
+      const [t_s, north_m, east_m, down_m] = point;
+      if (before !== null) along_m += Math.hypot(north_m - (before[1] ?? 0), east_m - (before[2] ?? 0));
+      before = point;
+      const begins = i === 0 && leg.place !== place;
+      place = leg.place;
+      points.push({ row: points.length, id: begins ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m });
+    });
+  return scaled(points);
+}
+
+function scaled(points: readonly ProfilePoint[]): Profile {
+  const along_m = points.at(-1)?.along_m ?? 0;
   const known = points.flatMap((point) => point.alt_home_m ?? []);
   const top_m = Math.max(ROUND_M, Math.ceil((Math.max(0, ...known) * 1.1) / ROUND_M) * ROUND_M);
   const bottom_m = Math.min(0, Math.floor(Math.min(0, ...known) / ROUND_M) * ROUND_M);
@@ -38,15 +66,21 @@ export function profile(plan: Plan): Profile {
 }
 
 /** The known parts as polylines in a box of this size, y downwards. */
-export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): { x: number; y: number; row: number }[][] {
-  const parts: { x: number; y: number; row: number }[][] = [[]];
+export interface Drawn {
+  readonly x: number;
+  readonly y: number;
+  readonly id: string | null;
+}
+
+export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): Drawn[][] {
+  const parts: Drawn[][] = [[]];
   for (const point of points) {
     if (point.alt_home_m === null) {
       if (parts.at(-1)?.length !== 0) parts.push([]);
       continue;
     }
     const x = length_m === 0 ? 0 : (point.along_m / length_m) * width;
-    parts.at(-1)?.push({ x, y: ((top_m - point.alt_home_m) / (top_m - bottom_m)) * height, row: point.row });
+    parts.at(-1)?.push({ x, y: ((top_m - point.alt_home_m) / (top_m - bottom_m)) * height, id: point.id });
   }
   return parts.filter((part) => part.length > 0);
 }

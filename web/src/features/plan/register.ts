@@ -7,11 +7,11 @@ registry.addRoom({
   id: ROOM,
   title: 'Plan',
   icon: 'plan',
-  hint: 'Waypoint plans (W)',
+  hint: 'Plans (W)',
   order: 5,
   withoutVehicle: true,
   toolbar: true,
   load: async () => (await import('./parts')).parts,
 });
 registry.addTo('cards', { order: 25, ofVehicle: FlightCard });
-registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);
+registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans and offboard missions', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);

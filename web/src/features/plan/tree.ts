@@ -2,7 +2,7 @@
 
 import { fixed } from '../../ui/format';
 import type { IconName } from '../../ui/icons';
-import type { FenceZone, Plan } from './document';
+import type { FenceZone, Home, Plan } from './document';
 import { altitudeText, detailOf, titleOf } from './items';
 
 export interface TreeEntry {
@@ -15,6 +15,14 @@ export interface TreeEntry {
   readonly tone: 'target' | 'caution' | 'danger' | 'actual' | 'dim';
   readonly title: string;
   readonly detail: string;
+  /** Of a mission's step: as the server names it. */
+  readonly step?: string;
+  /** How deep it is nested. */
+  readonly depth?: number;
+  /** What the list that begins here is for: `then`, `otherwise`, the mission that is called. */
+  readonly heading?: string;
+  /** What it takes. */
+  readonly side?: string;
 }
 
 /** A fence zone's points. */
@@ -27,13 +35,19 @@ export function zoneText(zone: FenceZone): { title: string; detail: string } {
   return { title, detail: zone.shape === 'circle' ? `circle, radius ${fixed(zone.radius_m, 0)} m` : `${zone.polygon.length} corners` };
 }
 
+const entry = { row: null, mark: '', icon: null };
+
+export function homeEntry(home: Home | null): TreeEntry[] {
+  return home === null ? [] : [{ ...entry, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
+}
+
+export function fenceEntries(fence: readonly FenceZone[]): TreeEntry[] {
+  return fence.map((zone, index) => ({ ...entry, ids: zoneIds(zone, index), mark: '▱', tone: zone.inclusion ? 'caution' : 'danger', ...zoneText(zone) }));
+}
+
 export function treeOf(plan: Plan): TreeEntry[] {
-  const home = plan.planned_home;
-  const entry = { row: null, mark: '', icon: null };
   return [
-    ...(home === null
-      ? []
-      : [{ ...entry, ids: ['home'], icon: 'home' as const, tone: 'dim' as const, title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }]),
+    ...homeEntry(plan.planned_home),
     ...plan.items.map((item, row) => ({
       ...entry,
       ids: [`item:${row}`],
@@ -43,13 +57,7 @@ export function treeOf(plan: Plan): TreeEntry[] {
       title: titleOf(item),
       detail: detailOf(item),
     })),
-    ...plan.fence.map((zone, index) => ({
-      ...entry,
-      ids: zoneIds(zone, index),
-      mark: '▱',
-      tone: zone.inclusion ? ('caution' as const) : ('danger' as const),
-      ...zoneText(zone),
-    })),
+    ...fenceEntries(plan.fence),
     ...plan.rally_points.map((point, index) => ({
       ...entry,
       ids: [`rally:${index}`],

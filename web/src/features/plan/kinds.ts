@@ -1,0 +1,136 @@
+/** Plans of both kinds alike: a waypoint plan and an offboard mission answer the same questions. Pure. */
+
+import type { LayerPicture } from '../../app/map-layers.svelte';
+import { placeAt, type EastNorth, type Place } from '../../vehicle/geo';
+import { altitudeBefore, placeOf, places, refOf, type Home, type Plan } from './document';
+import * as edit from './edit';
+import { freshItem } from './items';
+import { insertionOf, picture, type Sketch } from './layer';
+import * as offboard from './offboard/edit';
+import type { Flight } from './offboard/flight';
+import { isMission, nodesOf, pathOf, placesOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPlace } from './offboard/mission';
+import * as missionPicture from './offboard/picture';
+import { spotOf, type Frame } from './offboard/places';
+import { treeOf, type TreeEntry } from './tree';
+
+export type Document = Plan | Mission;
+
+export const KINDS = { waypoint_plan: 'Waypoint plan', offboard_mission: 'Offboard mission' } as const;
+export type PlanKind = keyof typeof KINDS;
+
+export function kindOf(document: Document): PlanKind {
+  return isMission(document) ? 'offboard_mission' : 'waypoint_plan';
+}
+
+export function homeOf(document: Document): Home | null {
+  return (isMission(document) ? document.home : document.planned_home) ?? null;
+}
+
+export function withHome<D extends Document>(document: D, home: Home): D {
+  return isMission(document) ? { ...document, home } : { ...document, planned_home: home };
+}
+
+/** Of something that can be selected; null: it has no place, or is gone. */
+export function placeIn(document: Document, id: string, frame: Frame): Place | null {
+  if (!isMission(document)) return placeOf(document, id);
+  const ref = pointOf(id);
+  if (ref !== null) {
+    const node = offboard.nodeOf(document, id);
+    const at = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPlace | undefined);
+    return at == null ? null : spotOf(at, frame);
+  }
+  if (id === 'home') return document.home ?? null;
+  const shared = refOf(id);
+  if (shared?.of !== 'corner' && shared?.of !== 'circle') return null;
+  const zone = document.fence[shared.zone];
+  if (shared.of === 'circle') return zone?.shape === 'circle' ? zone.center : null;
+  return zone?.shape === 'polygon' ? (zone.polygon[shared.corner] ?? null) : null;
+}
+
+/** What an entry of the list shows on the map: of a step all its places. */
+export function placesOfId(document: Document, id: string, frame: Frame): Place[] {
+  if (isMission(document) && id.startsWith('step:')) {
+    const node = offboard.nodeOf(document, id);
+    return node === null ? [] : placesOf(node).map(({ at }) => spotOf(at, frame));
+  }
+  return [placeIn(document, id, frame) ?? []].flat();
+}
+
+/** Moves several points by the same way over the ground. */
+export function move<D extends Document>(document: D, from: ReadonlyMap<string, Place>, by: EastNorth, frame: Frame): D {
+  let moved: Document = document;
+  for (const [id, at] of from) {
+    const to = placeAt(at, by);
+    moved = isMission(moved) ? offboard.put(moved, id, to, frame) : edit.place(moved, id, to);
+  }
+  return moved as D;
+}
+
+export function remove(document: Document, ids: readonly string[]): Document {
+  return isMission(document) ? offboard.remove(document, ids) : edit.remove(document, ids);
+}
+
+/** A point between two others, as the map shows them. @returns null: the id names none. */
+export function insertAt(document: Document, id: string, at: Place, frame: Frame): { document: Document; id: string } | null {
+  const between = missionPicture.betweenOf(id);
+  if (between !== null && isMission(document)) {
+    const found = offboard.insertPoint(document, between.place, between.index, at, frame);
+    return found === null ? null : { document: found.mission, id: found.id };
+  }
+  const where = insertionOf(id);
+  if (where === null) return null;
+  if ('zone' in where) return { document: edit.insertCorner(document, where.zone, where.corner, at), id: `corner:${where.zone}:${where.corner}` };
+  if (isMission(document)) return null;
+  return { document: edit.insertItem(document, where.row, freshItem('waypoint', at, altitudeBefore(document, where.row))), id: `item:${where.row}` };
+}
+
+export function isInsertion(id: string): boolean {
+  return insertionOf(id) !== null || missionPicture.betweenOf(id) !== null;
+}
+
+export interface Compiled {
+  readonly flight: Flight | null;
+  /** False: of the document before the last change. */
+  readonly isCurrent: boolean;
+}
+
+export function pictureOf(document: Document, selected: ReadonlySet<string>, sketch: Sketch | null, frame: Frame, compiled: Compiled): LayerPicture {
+  if (!isMission(document)) return picture(document, selected, sketch);
+  return missionPicture.picture(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
+}
+
+export function entriesOf(document: Document, flight: Flight | null): TreeEntry[] {
+  return isMission(document) ? missionPicture.treeOf(document, flight?.steps ?? []) : treeOf(document);
+}
+
+/** Every place, for showing all of it. */
+export function allPlaces(document: Document, frame: Frame, flight: Flight | null = null): Place[] {
+  if (!isMission(document)) return places(document);
+  const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
+  const own = nodesOf(document).flatMap((node) => placesOf(node).map(({ at }) => spotOf(at, frame)));
+  const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => placeAt(frame.origin, { north_m, east_m })));
+  return [frame.start, ...own, ...flown, ...zones];
+}
+
+/** All steps, for selecting them. */
+export function allSteps(document: Document): string[] {
+  return isMission(document) ? nodesOf(document).map((node) => stepId(node.place)) : document.items.map((_, row) => `item:${row}`);
+}
+
+/** Whether what was selected is still there. */
+export function isThere(document: Document, id: string, frame: Frame): boolean {
+  if (isMission(document) && id.startsWith('step:')) return offboard.nodeOf(document, id) !== null;
+  const ref = refOf(id);
+  if (ref?.of === 'item') return !isMission(document) && ref.row < document.items.length;
+  return placeIn(document, id, frame) !== null;
+}
+
+/** What is selected after something was deleted: what comes in its place. */
+export function neighbourOf(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
+  if (!isMission(before) || !isMission(after)) return [];
+  const first = ids.find((id) => isThere(after, id, frame));
+  if (first !== undefined) return [first];
+  const point = ids.map(pointOf).find((ref) => ref !== null && ref?.field === 'points');
+  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => isThere(after, id, frame));
+  return [];
+}

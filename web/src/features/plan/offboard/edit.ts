@@ -1,0 +1,193 @@
+/** Changes of a mission: a mission in, another one out. Pure; nothing is changed in place. */
+
+import { placeShared, removeShared } from '../edit';
+import type { Place } from '../../../vehicle/geo';
+import {
+  nodesOf,
+  pathOf,
+  placeOfId,
+  pointId,
+  pointOf,
+  stepId,
+  valueAt,
+  withValue,
+  type Mission,
+  type MissionPlace,
+  type Path,
+  type Step,
+  type StepKind,
+  type StepNode,
+} from './mission';
+import { movedTo, saidAs, spotOf, wayOf, type Frame, type Spot, type Way } from './places';
+import { freshStep, PLACED } from './words';
+
+const HEIGHT_M = 10;
+
+export function nodeOf(mission: Mission, id: string): StepNode | null {
+  const place = placeOfId(id);
+  return place === null ? null : (nodesOf(mission).find((node) => node.place === place) ?? null);
+}
+
+export function setStep(mission: Mission, node: StepNode, step: Step): Mission {
+  return withValue(mission, node.path, step);
+}
+
+/** Puts one point somewhere. */
+export function put(mission: Mission, id: string, at: Place, frame: Frame): Mission {
+  const ref = pointOf(id);
+  const node = ref === null ? null : nodeOf(mission, id);
+  if (ref === null || node === null) return placeShared(mission, id, at);
+  const path = pathOf(node, ref);
+  const old = valueAt(mission, path) as MissionPlace | undefined;
+  return old === undefined ? mission : withValue(mission, path, movedTo(old, at, frame));
+}
+
+function spliced<T>(list: readonly T[], start: number, removed: number, ...added: readonly T[]): T[] {
+  return [...list.slice(0, start), ...added, ...list.slice(start + removed)];
+}
+
+const listOf = (path: Path): Path => path.slice(0, -1);
+const indexOf = (path: Path): number => Number(path.at(-1));
+const key = (path: Path): string => JSON.stringify(path);
+
+/** Removes steps and points; a step of which no point is left goes whole, and so does one whose centre goes. */
+export function remove(mission: Mission, ids: readonly string[]): Mission {
+  const steps = new Map<string, Path>();
+  const points = new Map<string, { node: StepNode; indexes: Set<number> }>();
+  for (const id of ids) {
+    const node = nodeOf(mission, id);
+    if (node === null) continue;
+    const ref = pointOf(id);
+    if (ref?.field === 'look_at') continue;
+    if (ref?.field === 'points') {
+      const found = points.get(key(node.path)) ?? { node, indexes: new Set() };
+      points.set(key(node.path), { node, indexes: found.indexes.add(ref.index) });
+    } else steps.set(key(node.path), node.path);
+  }
+  let next = removeShared(mission, ids);
+  for (const [text, { node, indexes }] of points) {
+    const left = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
+    if (left.length === 0) steps.set(text, node.path);
+    else next = withValue(next, [...node.path, 'points'], left);
+  }
+  // The deepest and the last first: what comes before keeps its path.
+  const paths = [...steps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));
+  for (const path of paths) {
+    const list = valueAt(next, listOf(path));
+    if (Array.isArray(list)) next = withValue(next, listOf(path), spliced(list as readonly Step[], indexOf(path), 1));
+  }
+  return next;
+}
+
+/** Inserts a point before one of a step's; the way it is said and its height are those of the one before. */
+export function insertPoint(mission: Mission, place: string, index: number, at: Place, frame: Frame): { mission: Mission; id: string } | null {
+  const node = nodeOf(mission, stepId(place));
+  const points = node?.step.points;
+  if (node === null || points === undefined) return null;
+  const like = points[index - 1] ?? points[index];
+  const point = like === undefined ? saidAs('offset', { ...at, up_m: HEIGHT_M }, frame) : plain(movedTo(like, at, frame));
+  const next = withValue(mission, [...node.path, 'points'], spliced(points, index, 0, point));
+  return { mission: next, id: pointId({ place, field: 'points', index }) };
+}
+
+/** A place without what else its point had. */
+function plain(point: MissionPlace): MissionPlace {
+  const { yaw_ned_rad: _yaw, hold_s: _hold, stop: _stop, ...place } = point;
+  return place;
+}
+
+/** How new places are said: as the others of the mission, else on the earth where it is known where that is. */
+function newPlace(mission: Mission, at: Place | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPlace {
+  const before = nodes
+    .slice(0, after)
+    .flatMap((node): readonly MissionPlace[] | MissionPlace => node.step.points?.at(-1) ?? (node.step['center'] as MissionPlace | undefined) ?? []);
+  const like = before.at(-1);
+  const way: Way = like !== undefined ? wayOf(like) : frame.known && mission.home != null ? 'home' : 'offset';
+  const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
+  const up_m = like !== undefined ? spotOf(like, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
+  const spot: Spot = { ...(at ?? (like === undefined ? frame.start : spotOf(like, frame))), up_m };
+  return saidAs(way, spot, frame);
+}
+
+/**
+ * A new step after what is selected, into a selected empty list, else at the end; a landing stays last.
+ * A further point goes to the trajectory that is selected.
+ */
+export function addStep(mission: Mission, kind: StepKind, at: Place | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
+  const nodes = nodesOf(mission);
+  const last =
+    selected
+      .map((id) => nodeOf(mission, id))
+      .filter((node) => node !== null)
+      .at(-1) ?? null;
+  if (kind === 'fly' && at !== null && last?.step.step === 'fly') {
+    const ref = selected
+      .map(pointOf)
+      .filter((one) => one?.field === 'points')
+      .at(-1);
+    const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, at, frame);
+    if (added !== null) return added;
+  }
+  const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
+  const step = freshStep(kind, PLACED.has(kind) ? newPlace(mission, at, frame, order, nodes) : undefined);
+  let list: Path = ['steps'];
+  let index = mission.steps.length;
+  if (last !== null && kind !== 'take_off') {
+    const inside = last.step.step === 'branch' && (last.step.then ?? []).length === 0;
+    list = inside ? [...last.path, 'then'] : listOf(last.path);
+    index = inside ? 0 : indexOf(last.path) + 1;
+  }
+  if (kind === 'take_off') index = 0;
+  const steps = (valueAt(mission, list) ?? []) as readonly Step[];
+  if (kind !== 'land' && steps[index - 1]?.step === 'land' && list.length === 1) index -= 1;
+  const next = withValue(mission, list, spliced(steps, index, 0, step));
+  const path = key([...list, index]);
+  const added = nodesOf(next).find((node) => key(node.path) === path);
+  const place = added?.place ?? '';
+  return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
+}
+
+/** A first step for a branch that has none, or one more at its end. */
+export function addToBranch(mission: Mission, node: StepNode, list: 'then' | 'otherwise'): { mission: Mission; id: string } {
+  const steps = (node.step[list] ?? []) as readonly Step[];
+  const next = withValue(mission, [...node.path, list], [...steps, freshStep('hold')]);
+  return { mission: next, id: stepId(`${node.place} ${list} ${steps.length + 1}`) };
+}
+
+/** A list of steps of its own, which a call names from now on. */
+export function addCalled(mission: Mission, node: StepNode): Mission {
+  let number = 1;
+  while (mission.missions[`part ${number}`] !== undefined) number += 1;
+  const name = `part ${number}`;
+  const called = { ...mission, missions: { ...mission.missions, [name]: [freshStep('hold')] } };
+  return setStep(called, node, { ...node.step, mission: name });
+}
+
+/** Moves steps of one list up (−1) or down (1). @returns null: they are at the edge, or of several lists. */
+export function reorder(mission: Mission, ids: readonly string[], by: -1 | 1): { mission: Mission; ids: string[] } | null {
+  const paths = [
+    ...new Map(
+      ids
+        .map((id) => nodeOf(mission, id)?.path ?? null)
+        .filter((path) => path !== null)
+        .map((path) => [key(path), path]),
+    ).values(),
+  ];
+  const [first] = paths;
+  if (first === undefined || paths.some((path) => key(listOf(path)) !== key(listOf(first)))) return null;
+  const list = valueAt(mission, listOf(first)) as readonly Step[];
+  const chosen = new Set(paths.map(indexOf));
+  const edge = by < 0 ? Math.min(...chosen) - 1 : Math.max(...chosen) + 1;
+  const neighbour = list[edge];
+  if (neighbour === undefined) return null;
+  const target = by < 0 ? Math.max(...chosen) : Math.min(...chosen);
+  const rest = spliced(list, edge, 1);
+  const next = withValue(mission, listOf(first), spliced(rest, target, 0, neighbour));
+  const moved = new Set([...chosen].map((index) => key([...listOf(first), index + by])));
+  return {
+    mission: next,
+    ids: nodesOf(next)
+      .filter((node) => moved.has(key(node.path)))
+      .map((node) => stepId(node.place)),
+  };
+}

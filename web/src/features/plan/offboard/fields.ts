@@ -1,0 +1,347 @@
+/** Every field of every step in one table: label, unit, bounds; what belongs together (a heading, a place, a condition) becomes several. Pure. */
+
+import { placeFields } from './place-fields';
+import type { Frame } from './places';
+import type { Mission, MissionPlace, Step, StepKind } from './mission';
+import { PER_CENT, TRACKS, VALUES } from './words';
+
+export type FieldValue = number | string | boolean | null;
+
+/** One row of the editor. */
+export interface Field<T> {
+  readonly name: string;
+  readonly label: string;
+  readonly of: 'number' | 'choice' | 'switch' | 'text';
+  readonly value: FieldValue;
+  readonly set: (target: T, value: FieldValue) => T;
+  readonly unit?: string;
+  /** May be left empty: then what the placeholder says counts. */
+  readonly placeholder?: string;
+  readonly min?: number;
+  readonly max?: number;
+  readonly step?: number;
+  readonly decimals?: number;
+  readonly options?: readonly { readonly value: string; readonly text: string }[];
+}
+
+/** What fields of a step depend on besides it. */
+export interface Context {
+  readonly mission: Mission;
+  readonly frame: Frame;
+}
+
+type Spec = (step: Step, context: Context) => Field<Step>[];
+
+/** Endings of names with their units; the longest first. Angles are radians in the document and degrees here. */
+const UNITS: readonly (readonly [string, string, number])[] = [
+  ['_m_s2', 'm/s²', 0.5],
+  ['_m_s3', 'm/s³', 0.5],
+  ['_rad_s', '°/s', 5],
+  ['_m_s', 'm/s', 0.5],
+  ['_rad', '°', 5],
+  ['_m', 'm', 1],
+  ['_s', 's', 1],
+];
+const DEG = 180 / Math.PI;
+
+export interface Bounds {
+  readonly min?: number;
+  readonly max?: number;
+  readonly step?: number;
+  readonly placeholder?: string;
+}
+
+/** A number of any object by its name, with the unit that the name ends in. */
+export function numberField<T extends object>(target: T, name: string, label: string, bounds: Bounds = {}): Field<T> {
+  const [ending, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
+  const scale = ending.startsWith('_rad') ? DEG : 1;
+  const value = (target as Record<string, unknown>)[name];
+  return {
+    name,
+    label,
+    of: 'number',
+    unit,
+    step,
+    value: typeof value === 'number' ? value * scale : null,
+    // Left out, it has the value that the placeholder says.
+    set: (old, next) =>
+      typeof next === 'number' ? { ...old, [name]: next / scale } : (Object.fromEntries(Object.entries(old).filter(([key]) => key !== name)) as T),
+    ...bounds,
+  };
+}
+
+export function choiceField<T extends object>(target: T, name: string, label: string, options: Readonly<Record<string, string>>): Field<T> {
+  return {
+    name,
+    label,
+    of: 'choice',
+    value: String((target as Record<string, unknown>)[name] ?? Object.keys(options)[0] ?? ''),
+    options: Object.entries(options).map(([value, text]) => ({ value, text })),
+    set: (old, next) => ({ ...old, [name]: next }),
+  };
+}
+
+const number =
+  (name: string, label: string, bounds: Bounds = {}): Spec =>
+  (step) => [numberField(step, name, label, bounds)];
+const choice =
+  (name: string, label: string, options: Readonly<Record<string, string>>): Spec =>
+  (step) => [choiceField(step, name, label, options)];
+const toggle =
+  (name: string, label: string, fallback = false): Spec =>
+  (step) => [
+    { name, label, of: 'switch', value: step[name] === undefined ? fallback : step[name] === true, set: (old, next) => ({ ...old, [name]: next === true }) },
+  ];
+const text =
+  (name: string, label: string): Spec =>
+  (step) => [
+    { name, label, of: 'text', value: (step[name] as string | null | undefined) ?? '', set: (old, next) => ({ ...old, [name]: next === '' ? null : next }) },
+  ];
+const place =
+  (name: string, label: string): Spec =>
+  (step, { frame }) =>
+    placeFields<Step>(step[name] as MissionPlace, frame, (old, next) => ({ ...old, [name]: next }), label, name);
+
+const SECONDS: Bounds = { min: 0, max: 86_400 };
+const METRES: Bounds = { min: 0.1, max: 10_000 };
+const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'vehicle’s' };
+const ANGLE: Bounds = { min: -360, max: 360 };
+const KEPT: Bounds = { ...ANGLE, placeholder: 'kept' };
+export const ACTIONS = { continue: 'Go on', hold: 'Hold', return: 'Return', land: 'Land' };
+
+/** Where the nose points: one of four ways, of which the document has at most one. */
+const heading: Spec = (step, context) => {
+  const now = step['look_at'] != null ? 'look_at' : step['yaw_ned_rad'] != null ? 'yaw' : step['heading'] === 'along_path' ? 'along_path' : 'keep';
+  const rows: Field<Step>[] = [
+    {
+      name: 'heading',
+      label: 'Nose',
+      of: 'choice',
+      value: now,
+      options: [
+        { value: 'keep', text: 'as before' },
+        { value: 'along_path', text: 'along the path' },
+        { value: 'yaw', text: 'to a direction' },
+        { value: 'look_at', text: 'at a point' },
+      ],
+      set: (old, next) => {
+        const { yaw_ned_rad: _yaw, look_at: _at, ...rest } = old;
+        if (next === 'yaw') return { ...rest, step: old.step, heading: 'keep', yaw_ned_rad: 0 };
+        if (next === 'look_at')
+          return { ...rest, step: old.step, heading: 'keep', look_at: old['center'] ?? old.points?.at(-1) ?? { offset_ned_m: [0, 0, 0] } };
+        return { ...rest, step: old.step, heading: next };
+      },
+    },
+  ];
+  if (now === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Direction from north', ANGLE));
+  if (now === 'look_at') rows.push(...place('look_at', 'Nose at')(step, context));
+  return rows;
+};
+
+const PATH: readonly Spec[] = [
+  number('speed_m_s', 'Speed at most', SPEED),
+  heading,
+  number('photo_every_m', 'Photo every', { ...METRES, placeholder: 'none' }),
+];
+const ROUND: readonly Spec[] = [
+  place('center', 'Centre'),
+  number('radius_m', 'Radius', METRES),
+  number('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
+  toggle('clockwise', 'Clockwise, seen from above', true),
+  number('start_angle_ned_rad', 'Begin at bearing', { ...ANGLE, placeholder: 'nearest' }),
+];
+
+/** One line about a value: which, above or below what, for how long. */
+function condition(of: string): Spec {
+  return (step) => {
+    const now = (step[of] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
+    const side = now.above != null ? 'above' : 'below';
+    const share = now.value === 'battery_share' ? PER_CENT : 1;
+    const put = (old: Step, fields: object): Step => ({ ...old, [of]: { ...(old[of] as object), ...fields } });
+    return [
+      {
+        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(VALUES).map(([value, [words]]) => [value, words]))),
+        name: `${of}-value`,
+        value: now.value ?? '',
+        set: (old, next) => put(old, { value: next }),
+      },
+      {
+        name: `${of}-side`,
+        label: 'Is',
+        of: 'choice',
+        value: side,
+        options: [
+          { value: 'above', text: 'above' },
+          { value: 'below', text: 'below' },
+        ],
+        set: (old, next) =>
+          put(old, {
+            above: next === 'above' ? (now.above ?? now.below ?? 0) : undefined,
+            below: next === 'below' ? (now.below ?? now.above ?? 0) : undefined,
+          }),
+      },
+      {
+        name: `${of}-bound`,
+        label: 'Bound',
+        of: 'number',
+        unit: VALUES[now.value ?? '']?.[1] ?? '',
+        value: (now.above ?? now.below ?? 0) * share,
+        set: (old, next) => put(old, { [side]: typeof next === 'number' ? next / share : 0 }),
+      },
+      {
+        name: `${of}-for`,
+        label: 'For at least',
+        of: 'number',
+        unit: 's',
+        ...SECONDS,
+        value: now.for_s ?? 0,
+        set: (old, next) => put(old, { for_s: next ?? 0 }),
+      },
+    ];
+  };
+}
+
+const until: Spec = (step, context) => [
+  {
+    name: 'until',
+    label: 'Until',
+    of: 'choice',
+    value: step['until'] === 'person' ? 'person' : 'condition',
+    options: [
+      { value: 'person', text: 'a person goes on' },
+      { value: 'condition', text: 'a condition holds' },
+    ],
+    set: (old, next) => ({ ...old, until: next === 'person' ? 'person' : { value: 'battery_share', above: 0.5, for_s: 0 } }),
+  },
+  ...(step['until'] === 'person' ? text('message', 'Question')(step, context) : condition('until')(step, context)),
+];
+
+const velocity: Spec = (step) => {
+  const now = (step['velocity_ned_m_s'] as readonly number[] | undefined) ?? [0, 0, 0];
+  return [
+    ['North', 0, 1],
+    ['East', 1, 1],
+    ['Up', 2, -1],
+  ].map(([label, index, sign]): Field<Step> => {
+    const [at, way] = [index as number, sign as number];
+    const set = (old: Step, next: FieldValue): Step => ({
+      ...old,
+      velocity_ned_m_s: now.map((one, i) => (i === at ? way * (typeof next === 'number' ? next : 0) : one)),
+    });
+    return { name: `velocity-${at}`, label: String(label), of: 'number', unit: 'm/s', step: 0.5, min: -50, max: 50, value: way * (now[at] ?? 0) + 0, set };
+  });
+};
+
+const gimbal: Spec = (step, context) => {
+  const rows: Field<Step>[] = [
+    {
+      ...choiceField(step, 'track', 'Track', TRACKS),
+      // A place belongs to look_at, and only there.
+      set: (old, next) => ({ ...old, track: next, place: next === 'look_at' ? (old['place'] ?? { offset_ned_m: [0, 0, 0] }) : null }),
+    },
+  ];
+  const add = (...specs: readonly Spec[]): void => specs.forEach((spec) => rows.push(...spec(step, context)));
+  const track = step['track'];
+  if (track === 'look_at') add(place('place', 'Look at'));
+  else if (track !== 'release') add(number('pitch_rad', 'Pitch, up is positive', { min: -90, max: 90 }));
+  if (track === 'fixed' || track === 'sweep') add(number('yaw_rad', 'Yaw from the nose', ANGLE));
+  if (track === 'sweep')
+    add(
+      number('sweep_pitch_rad', 'Sweep up and down', { min: 0, max: 180 }),
+      number('sweep_yaw_rad', 'Sweep to the sides', { min: 0, max: 180 }),
+      number('period_s', 'Period', { min: 0.5, max: 3600 }),
+    );
+  return rows;
+};
+
+const names =
+  (field: string, label: string, of: 'missions' | 'tables', none: string): Spec =>
+  (step, { mission }) => {
+    const known = Object.keys(mission[of] ?? {});
+    const now = String(step[field] ?? '');
+    const shown = Object.fromEntries([...new Set([...(known.includes(now) ? [] : [now]), ...known])].map((name) => [name, name === '' ? none : name]));
+    return [choiceField(step, field, label, shown)];
+  };
+
+const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
+  take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'At most', { ...SECONDS, placeholder: '60' })],
+  fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH],
+  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to', KEPT)],
+  orbit: [...ROUND, ...PATH],
+  helix: [...ROUND, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
+  spiral: [...ROUND, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
+  figure_eight: [
+    place('center', 'Centre'),
+    number('length_m', 'Length', METRES),
+    number('width_m', 'Width of a loop', METRES),
+    number('rounds', 'Rounds', { min: 0.01, max: 200, step: 0.5 }),
+    number('axis_ned_rad', 'Direction of its length', ANGLE),
+    ...PATH,
+  ],
+  table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Counted from the start', true)],
+  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to', KEPT)],
+  attitude: [
+    number('roll_rad', 'Roll', { min: -85, max: 85 }),
+    number('pitch_rad', 'Pitch', { min: -85, max: 85 }),
+    number('yaw_ned_rad', 'Yaw from north', KEPT),
+    number('thrust', 'Thrust, 0 to 1', { min: 0, max: 1, step: 0.05 }),
+    number('duration_s', 'Duration', { min: 0.1, max: 30 }),
+  ],
+  gimbal: [gimbal],
+  photo: [number('count', 'Pictures', { min: 1, max: 10_000 }), number('interval_s', 'Every', { min: 0.1, max: 3600 })],
+  wait: [until, number('timeout_s', 'At most', { min: 0.1, max: 86_400 }), choice('on_timeout', 'At the timeout', ACTIONS)],
+  repeat: [number('times', 'Times', { min: 1, max: 1000 })],
+  branch: [condition('condition')],
+  call: [names('mission', 'Steps of', 'missions', 'choose …')],
+  land: [number('timeout_s', 'At most', { ...SECONDS, placeholder: '300' })],
+};
+/** Counted, not measured: typed fractions are rounded. */
+const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);
+
+/** The rows of a step's editor, its name first. */
+export function fieldsOf(step: Step, context: Context): Field<Step>[] {
+  const rows = [...text('name', 'Name')(step, context), ...FIELDS[step.step].flatMap((spec) => spec(step, context))];
+  return rows.map((row) => (WHOLE.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
+}
+
+/** The rows of one point to fly through. */
+export function pointFields(point: MissionPlace, { frame }: Context): Field<MissionPlace>[] {
+  return [
+    ...placeFields<MissionPlace>(point, frame, (_, next) => next, 'Place', 'point'),
+    numberField(point, 'yaw_ned_rad', 'Yaw from north', KEPT),
+    numberField(point, 'hold_s', 'Hold there', { ...SECONDS, placeholder: '0' }),
+    numberField(point, 'corner_m', 'Pass within', { min: 0, max: 1000, placeholder: '1' }),
+    { name: 'stop', label: 'Stop there', of: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
+  ];
+}
+
+const ON: Readonly<Record<string, string>> = {
+  failure: 'A step cannot be flown',
+  low_battery: 'Low battery',
+  link_loss: 'Link lost',
+  control_lost: 'Control expired',
+};
+
+/** The rows of the whole mission: what happens when something goes wrong, and its own limits. */
+export function missionFields(mission: Mission): Field<Mission>[] {
+  const actions = mission.actions as unknown as Readonly<Record<string, string>>;
+  const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;
+  const within = (label: string, name: string, most: number): Field<Mission> => {
+    const { set, ...row } = numberField(limits, name, label, { min: 0.1, max: most, placeholder: 'vehicle’s' });
+    return {
+      ...row,
+      set: (old, next) => ({ ...old, limits: set(old.limits as unknown as Readonly<Record<string, number | null>>, next) as unknown as Mission['limits'] }),
+    };
+  };
+  return [
+    ...Object.entries(ON)
+      .filter(([name]) => actions[name] !== undefined)
+      .map(([name, label]): Field<Mission> => {
+        const { set: _, ...row } = choiceField(actions, name, label, ACTIONS);
+        return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
+      }),
+    within('Speed at most', 'speed_m_s', 100),
+    within('Acceleration at most', 'acceleration_m_s2', 50),
+    within('Tilt at most', 'tilt_rad', 85),
+  ];
+}

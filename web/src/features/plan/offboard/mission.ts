@@ -1,0 +1,142 @@
+/** An offboard mission as the server reads and writes it (`docs/missions.md`), and its steps as one tree. Pure. */
+
+import type { components } from '../../../api/schema';
+import type { FenceZone, Home } from '../document';
+
+type Schemas = components['schemas'];
+type Wire = Schemas['OffboardMission'];
+
+export type StepKind = Wire['steps'][number]['step'];
+export type Action = Schemas['Actions']['link_loss'];
+export type Vector = readonly [number, number, number];
+
+/** A place, said in one of three ways: from the local origin, from where the mission starts, on the earth. */
+export interface MissionPlace {
+  readonly position_ned_m?: Vector | null;
+  readonly offset_ned_m?: Vector | null;
+  readonly lat_deg?: number | null;
+  readonly lon_deg?: number | null;
+  readonly alt_amsl_m?: number | null;
+  readonly alt_home_m?: number | null;
+  /** Of a point to fly through: `yaw_ned_rad`, `stop`, `hold_s`, `corner_m`. */
+  readonly [field: string]: unknown;
+}
+
+/** A step. Its other fields depend on `step` and are found by name (`fields.ts`). */
+export interface Step {
+  readonly step: StepKind;
+  readonly name?: string | null;
+  readonly points?: readonly MissionPlace[];
+  readonly steps?: readonly Step[];
+  readonly then?: readonly Step[];
+  readonly otherwise?: readonly Step[];
+  readonly mission?: string;
+  readonly [field: string]: unknown;
+}
+
+export type Mission = Readonly<Omit<Wire, 'steps' | 'missions' | 'fence' | 'home'>> & {
+  readonly home?: Home | null;
+  readonly fence: readonly FenceZone[];
+  readonly steps: readonly Step[];
+  readonly missions: Readonly<Record<string, readonly Step[]>>;
+};
+
+export const FORMAT = 'offboard-gcs-mission';
+
+export function isMission(document: { readonly format: string }): document is Mission {
+  return document.format === FORMAT;
+}
+
+/** Keys and indexes that lead to a value of the mission. */
+export type Path = readonly (string | number)[];
+
+export interface StepNode {
+  /** As the server names it in findings and times: "step 3", "step 4.2", "step 6, round 1". */
+  readonly place: string;
+  /** The same step of a called mission stands wherever it is called. */
+  readonly path: Path;
+  readonly step: Step;
+  readonly depth: number;
+  readonly mark: string;
+  /** What the list that it is the first of is for. */
+  readonly heading: string;
+}
+
+/** More are not shown: calls multiply what is in them. */
+const MOST_NODES = 3000;
+const DEEPEST = 24;
+
+/** All steps in the order in which they stand, nested ones below the step that they belong to. */
+export function nodesOf(mission: Mission): StepNode[] {
+  const found: StepNode[] = [];
+  const walk = (steps: readonly Step[], path: Path, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
+    steps.forEach((step, index) => {
+      if (found.length >= MOST_NODES || depth > DEEPEST) return;
+      const place = `${prefix}${index + 1}`;
+      const here = [...path, index];
+      found.push({ place, path: here, step, depth, mark: String(index + 1), heading: index === 0 ? heading : '' });
+      if (step.step === 'repeat') walk(step.steps ?? [], [...here, 'steps'], `${place}.`, depth + 1, '', called);
+      if (step.step === 'branch') {
+        walk(step.then ?? [], [...here, 'then'], `${place} then `, depth + 1, 'then', called);
+        walk(step.otherwise ?? [], [...here, 'otherwise'], `${place} otherwise `, depth + 1, 'otherwise', called);
+      }
+      const name = step.step === 'call' ? (step.mission ?? '') : '';
+      if (name !== '' && !called.includes(name))
+        walk(mission.missions[name] ?? [], ['missions', name], `${place}, ${name} `, depth + 1, name, [...called, name]);
+    });
+  };
+  walk(mission.steps, ['steps'], 'step ', 0, '', []);
+  return found;
+}
+
+/** A place of a step: of its points by index, else the only one of its field. */
+export interface PointRef {
+  readonly place: string;
+  readonly field: 'points' | 'center' | 'look_at' | 'place';
+  readonly index: number;
+}
+
+export const stepId = (place: string): string => `step:${place}`;
+export const pointId = ({ field, index, place }: PointRef): string => `point:${field}:${index}:${place}`;
+
+/** The step that is named by an id of the list or the map. */
+export function placeOfId(id: string): string | null {
+  if (id.startsWith('step:')) return id.slice(5);
+  return pointOf(id)?.place ?? null;
+}
+
+export function pointOf(id: string): PointRef | null {
+  const match = /^point:(points|center|look_at|place):(\d+):(.*)$/s.exec(id);
+  return match === null ? null : { field: match[1] as PointRef['field'], index: Number(match[2]), place: match[3] ?? '' };
+}
+
+/** Where the places of a step are: a path below the step. */
+export function pathOf(node: StepNode, ref: PointRef): Path {
+  return ref.field === 'points' ? [...node.path, 'points', ref.index] : [...node.path, ref.field];
+}
+
+/** All places of a step with their ids. */
+export function placesOf(node: StepNode): { ref: PointRef; at: MissionPlace }[] {
+  const found = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
+  for (const field of ['center', 'look_at', 'place'] as const) {
+    const at = node.step[field] as MissionPlace | null | undefined;
+    if (at !== null && at !== undefined) found.push({ ref: { place: node.place, field, index: 0 }, at });
+  }
+  return found;
+}
+
+export function valueAt(document: unknown, path: Path): unknown {
+  return path.reduce<unknown>(
+    (value, key) => (value === null || typeof value !== 'object' ? undefined : (value as Record<string | number, unknown>)[key]),
+    document,
+  );
+}
+
+/** Another document with another value there; nothing is changed in place. */
+export function withValue<T>(document: T, path: Path, value: unknown): T {
+  const [key, ...rest] = path;
+  if (key === undefined) return value as T;
+  if (Array.isArray(document)) return document.map((one, index) => (index === key ? withValue(one as unknown, rest, value) : (one as unknown))) as T;
+  const fields = document as Record<string | number, unknown>;
+  return { ...fields, [key]: withValue(fields[key], rest, value) } as T;
+}

@@ -1,0 +1,125 @@
+/** A mission as the map draws and edits it, and as the list shows it. Pure. */
+
+import type { LayerLine, LayerPicture, LayerPoint } from '../../../app/map-layers.svelte';
+import { duration } from '../../../ui/format';
+import { placeAt, type Place } from '../../../vehicle/geo';
+import { fencePicture, sketchLines, type Sketch } from '../layer';
+import { middle } from '../edit';
+import { fenceEntries, homeEntry, type TreeEntry } from '../tree';
+import { nodesOf, placeOfId, placesOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
+import { spotOf, type Frame } from './places';
+import type { Flight, StepTime } from './flight';
+import { detailOf, stepTitle } from './words';
+
+/** With more points than this only those beside the selection show their middles. */
+const MOST_MIDDLES = 60;
+
+/** "2b": the step's number and its point's letter; after z they go on with numbers. */
+export function pointMark(node: StepNode, index: number, count: number): string {
+  if (count === 1) return node.mark;
+  return node.mark + (index < 26 ? String.fromCharCode(97 + index) : ` ${index + 1}`);
+}
+
+export function picture(
+  mission: Mission,
+  selected: ReadonlySet<string>,
+  sketch: Sketch | null,
+  frame: Frame,
+  flight: Flight | null,
+  isCurrent: boolean,
+): LayerPicture {
+  const { points, areas, lines } = fencePicture(mission, selected, sketch);
+  const add = (id: string, at: Place, mark: LayerPoint['mark'], tone: LayerPoint['tone'], text = ''): void =>
+    void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
+  const nodes = nodesOf(mission);
+  const few = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MOST_MIDDLES;
+  const chosen = new Set([...selected].map(placeOfId));
+  add('home', frame.start, 'home', 'text2');
+  const drawn = new Set<string>();
+  for (const node of nodes) {
+    // A mission that is called twice has its points once.
+    const key = JSON.stringify(node.path);
+    if (drawn.has(key)) continue;
+    drawn.add(key);
+    const places = placesOf(node);
+    const count = node.step.points?.length ?? 0;
+    if (few || chosen.has(node.place))
+      for (let i = 1; i < count; i += 1) {
+        const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
+        if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, middle(spotOf(a, frame), spotOf(b, frame)), 'middle', 'target');
+      }
+    for (const { ref, at } of places) {
+      const flown = ref.field === 'points';
+      add(pointId(ref), spotOf(at, frame), flown ? 'disc' : 'cross', flown ? 'target' : 'actual', flown ? pointMark(node, ref.index, count) : '');
+    }
+  }
+  lines.push(...(flight === null ? straight(nodes, frame) : flightLines(flight, frame, isCurrent)), ...sketchLines(sketch));
+  return { points, lines, areas };
+}
+
+/** Until the server has compiled it: from point to point. */
+function straight(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
+  const places = nodes.flatMap((node) => (node.step.points ?? []).map((point) => spotOf(point, frame)));
+  return places.length === 0 ? [] : [{ places: [frame.start, ...places], tone: 'target', style: 'dotted' }];
+}
+
+/** The path as it will be flown; the other way of a branch, and a path of an older mission, dotted. */
+function flightLines(flight: Flight, frame: Frame, isCurrent: boolean): LayerLine[] {
+  const found: { main: boolean; places: Place[] }[] = [];
+  for (const { main, points } of flight.legs) {
+    const places = points.map(([, north_m, east_m]) => placeAt(frame.origin, { north_m, east_m }));
+    const before = found.at(-1);
+    if (before !== undefined && before.main === main && same(before.places.at(-1), places[0])) before.places.push(...places.slice(1));
+    else found.push({ main, places });
+  }
+  return found.filter(({ places }) => places.length > 1).map(({ main, places }) => ({ places, tone: 'target', style: main && isCurrent ? 'solid' : 'dotted' }));
+}
+
+function same(a: Place | undefined, b: Place | undefined): boolean {
+  return a !== undefined && b !== undefined && Math.abs(a.lat_deg - b.lat_deg) < 1e-7 && Math.abs(a.lon_deg - b.lon_deg) < 1e-7;
+}
+
+/** A point in the middle of a leg: the step, and the point before which it inserts. */
+export function betweenOf(id: string): { index: number; place: string } | null {
+  const match = /^between:(\d+):(.*)$/s.exec(id);
+  return match === null ? null : { index: Number(match[1]), place: match[2] ?? '' };
+}
+
+/** Steps with what they take; a step that holds others takes what they take together. */
+export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[] {
+  const taken = new Map(times.map((time) => [time.place, time]));
+  const seconds = (node: StepNode, below: readonly StepNode[]): number | null => {
+    const own = taken.get(node.place);
+    const inner = below.flatMap((one) => taken.get(one.place)?.duration_s ?? []);
+    return own === undefined && inner.length === 0 ? null : (own?.duration_s ?? 0) + inner.reduce((sum, one) => sum + one, 0);
+  };
+  const nodes = nodesOf(mission);
+  return [
+    ...homeEntry(mission.home ?? null),
+    ...nodes.map((node, index): TreeEntry => {
+      const end = nodes.findIndex((one, i) => i > index && one.depth <= node.depth);
+      const time_s = seconds(node, nodes.slice(index + 1, end < 0 ? nodes.length : end));
+      const photos = taken.get(node.place)?.photos ?? 0;
+      const side = [time_s === null || time_s < 0.5 ? '' : duration(time_s), photos > 0 ? `${photos} photos` : ''].filter(Boolean).join('\n');
+      return {
+        ids: [stepId(node.place)],
+        row: null,
+        step: node.place,
+        mark: node.mark,
+        icon: null,
+        tone: 'target',
+        title: stepTitle(node.step),
+        detail: detailOf(node.step),
+        depth: node.depth,
+        heading: node.heading,
+        side,
+      };
+    }),
+    ...fenceEntries(mission.fence),
+  ];
+}
+
+/** Whether an entry of the list stands for what is selected: the step itself, or one of its points. */
+export function isChosen(entry: TreeEntry, selected: ReadonlySet<string>): boolean {
+  return entry.step !== undefined && [...selected].some((id) => pointOf(id)?.place === entry.step);
+}

@@ -1,0 +1,61 @@
+/** A place as rows of the editor: how it is said, how high, where. Pure. */
+
+import type { Field } from './fields';
+import type { MissionPlace } from './mission';
+import { saidAs, spotOf, wayOf, type Frame, type Spot, type Way } from './places';
+
+const WAYS: Readonly<Record<Way, string>> = { offset: 'from the start', home: 'on the earth, home', amsl: 'on the earth, AMSL', local: 'from local origin' };
+const HEIGHTS: Readonly<Record<Way, string>> = { offset: 'Height above start', home: 'Height above home', amsl: 'Altitude AMSL', local: 'Height above origin' };
+
+/**
+ * @param put gives the target with the place changed.
+ * @param label what the place is; `key` tells its rows from those of another.
+ */
+export function placeFields<T>(place: MissionPlace, frame: Frame, put: (target: T, place: MissionPlace) => T, label: string, key: string): Field<T>[] {
+  const way = wayOf(place);
+  const spot = spotOf(place, frame);
+  const height = (): number => {
+    if (way === 'home') return place.alt_home_m ?? 0;
+    if (way === 'amsl') return place.alt_amsl_m ?? 0;
+    return -((place.offset_ned_m ?? place.position_ned_m)?.[2] ?? 0) + 0;
+  };
+  const setHeight = (next: number): MissionPlace => {
+    if (way === 'home') return { ...place, alt_home_m: next };
+    if (way === 'amsl') return { ...place, alt_amsl_m: next };
+    return axis(2, -next);
+  };
+  const axis = (index: number, value: number): MissionPlace => {
+    const field = way === 'offset' ? 'offset_ned_m' : 'position_ned_m';
+    return { ...place, [field]: (place[field] ?? [0, 0, 0]).map((one, i) => (i === index ? value : one)) };
+  };
+  const row = (name: string, text: string, value: number, change: (value: number) => MissionPlace, more: Partial<Field<T>> = {}): Field<T> => ({
+    name: `${key}-${name}`,
+    label: text,
+    of: 'number',
+    unit: 'm',
+    value,
+    set: (target, next) => put(target, change(typeof next === 'number' ? next : 0)),
+    ...more,
+  });
+  const vector = place.offset_ned_m ?? place.position_ned_m;
+  const degrees = (limit: number): Partial<Field<T>> => ({ unit: '°', step: 0.00001, decimals: 7, min: -limit, max: limit });
+  const where =
+    vector != null
+      ? [row('north', `${label}: north`, vector[0], (value) => axis(0, value)), row('east', `${label}: east`, vector[1], (value) => axis(1, value))]
+      : [
+          row('lat', 'Latitude', place.lat_deg ?? 0, (lat_deg) => ({ ...place, lat_deg }), degrees(90)),
+          row('lon', 'Longitude', place.lon_deg ?? 0, (lon_deg) => ({ ...place, lon_deg }), degrees(180)),
+        ];
+  return [
+    {
+      name: `${key}-way`,
+      label,
+      of: 'choice',
+      value: way,
+      options: (Object.keys(WAYS) as Way[]).map((value) => ({ value, text: WAYS[value] })),
+      set: (target, next) => put(target, saidAs(next as Way, spot as Spot, frame, place)),
+    },
+    row('height', HEIGHTS[way], height(), setHeight),
+    ...where,
+  ];
+}

@@ -1,0 +1,77 @@
+/** Places of a mission on the map and back: each keeps the way in which it is said. Pure. */
+
+import { eastNorth, placeAt, type Place } from '../../../vehicle/geo';
+import type { Home } from '../document';
+import type { Mission, MissionPlace, Vector } from './mission';
+
+/** Where a mission lies on the earth. */
+export interface Frame {
+  /** Where it starts: the vehicle's home, else the mission's. */
+  readonly start: Home;
+  /** Of the vehicle's local frame. */
+  readonly origin: Home;
+  /** False: nothing says where it starts, so it is drawn at a place that means nothing. */
+  readonly known: boolean;
+}
+
+const NOWHERE: Home = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
+
+/** @param origin of the local frame as the server's check knows it. */
+export function frameOf(mission: Mission | null, vehicleHome: Home | null, origin: Home | null): Frame {
+  const start = vehicleHome ?? mission?.home ?? null;
+  return { start: start ?? NOWHERE, origin: origin ?? start ?? NOWHERE, known: start !== null };
+}
+
+export type Way = 'offset' | 'home' | 'amsl' | 'local';
+
+/** How the place is said. */
+export function wayOf(place: MissionPlace): Way {
+  if (place.offset_ned_m != null) return 'offset';
+  if (place.position_ned_m != null) return 'local';
+  return place.alt_amsl_m != null ? 'amsl' : 'home';
+}
+
+/** On the earth, and above the start [m]. */
+export interface Spot extends Place {
+  readonly up_m: number;
+}
+
+export function spotOf(place: MissionPlace, frame: Frame): Spot {
+  const local = place.offset_ned_m ?? place.position_ned_m;
+  if (local != null) {
+    const from = place.offset_ned_m != null ? frame.start : frame.origin;
+    return { ...placeAt(from, { north_m: local[0], east_m: local[1] }), up_m: from.alt_amsl_m - local[2] - frame.start.alt_amsl_m };
+  }
+  const up_m = place.alt_amsl_m != null ? place.alt_amsl_m - frame.start.alt_amsl_m : (place.alt_home_m ?? 0);
+  return { lat_deg: place.lat_deg ?? 0, lon_deg: place.lon_deg ?? 0, up_m };
+}
+
+const cm = (value_m: number): number => Number(value_m.toFixed(2));
+const NO_PLACE = { position_ned_m: undefined, offset_ned_m: undefined, lat_deg: undefined, lon_deg: undefined, alt_amsl_m: undefined, alt_home_m: undefined };
+
+/** The spot said in a way; what else a point has is kept. */
+export function saidAs(way: Way, spot: Spot, frame: Frame, rest: MissionPlace = {}): MissionPlace {
+  const kept: MissionPlace = Object.fromEntries(Object.entries({ ...rest, ...NO_PLACE }).filter(([, value]) => value !== undefined));
+  const amsl_m = frame.start.alt_amsl_m + spot.up_m;
+  if (way === 'home' || way === 'amsl') {
+    const on_earth = { lat_deg: Number(spot.lat_deg.toFixed(8)), lon_deg: Number(spot.lon_deg.toFixed(8)) };
+    return way === 'amsl' ? { ...kept, ...on_earth, alt_amsl_m: cm(amsl_m) } : { ...kept, ...on_earth, alt_home_m: cm(spot.up_m) };
+  }
+  const from = way === 'offset' ? frame.start : frame.origin;
+  const { north_m, east_m } = eastNorth(from, spot);
+  const vector: Vector = [cm(north_m), cm(east_m), cm(from.alt_amsl_m - amsl_m)];
+  return way === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
+}
+
+/** Moved over the ground, as high as before, said as before. */
+export function movedTo(place: MissionPlace, at: Place, frame: Frame): MissionPlace {
+  const way = wayOf(place);
+  const { up_m } = spotOf(place, frame);
+  const moved = saidAs(way, { ...at, up_m }, frame, place);
+  // The height stays the very number that was typed.
+  if (way === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };
+  if (way === 'amsl') return { ...moved, alt_amsl_m: place.alt_amsl_m ?? 0 };
+  const field = way === 'offset' ? 'offset_ned_m' : 'position_ned_m';
+  const [before, after] = [place[field] as Vector, moved[field] as Vector];
+  return { ...moved, [field]: [after[0], after[1], before[2]] };
+}

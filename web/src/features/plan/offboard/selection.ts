@@ -1,0 +1,29 @@
+/** Which step of a mission is edited. Pure. */
+
+import { nodeOf } from './edit';
+import { placeOfId, pointOf, type Mission, type PointRef, type StepNode } from './mission';
+import { pointMark } from './picture';
+import { stepTitle } from './words';
+
+export interface ChosenStep {
+  readonly node: StepNode;
+  /** Null: the step itself. */
+  readonly ref: PointRef | null;
+  /** What is edited. */
+  readonly title: string;
+  /** The step's own title. */
+  readonly of: string;
+}
+
+/** @returns null: nothing of a mission is selected, or of several steps. */
+export function stepOf(mission: Mission, ids: readonly string[]): ChosenStep | null {
+  const [first, ...more] = ids;
+  const node = first === undefined ? null : nodeOf(mission, first);
+  if (first === undefined || node === null || more.some((id) => placeOfId(id) !== node.place)) return null;
+  const ref = more.length === 0 ? pointOf(first) : null;
+  const of = stepTitle(node.step);
+  const count = node.step.points?.length ?? 0;
+  const title =
+    ref?.field === 'points' ? `Point ${pointMark(node, ref.index, count)}` : node.step.name != null && node.step.name !== '' ? of : `${of} ${node.mark}`;
+  return { node, ref: ref?.field === 'points' ? ref : null, title, of };
+}

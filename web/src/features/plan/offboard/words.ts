@@ -1,0 +1,176 @@
+/** Steps of a mission in words, and new ones as they begin. Pure. */
+
+import { fixed } from '../../../ui/format';
+import type { Home } from '../document';
+import type { Mission, MissionPlace, Step, StepKind } from './mission';
+
+const TITLES: Readonly<Record<StepKind, string>> = {
+  take_off: 'Take off',
+  fly: 'Trajectory',
+  hold: 'Hold',
+  orbit: 'Orbit',
+  helix: 'Helix',
+  spiral: 'Spiral',
+  figure_eight: 'Figure-eight',
+  table: 'Trajectory from a table',
+  velocity: 'Velocity',
+  attitude: 'Attitude',
+  gimbal: 'Gimbal',
+  photo: 'Photo',
+  wait: 'Wait',
+  repeat: 'Repeat',
+  branch: 'Branch',
+  call: 'Call',
+  land: 'Land',
+};
+export const KINDS = Object.keys(TITLES) as StepKind[];
+
+export const TRACKS: Readonly<Record<string, string>> = {
+  fixed: 'fixed to the nose',
+  look_at: 'look at a point',
+  along_path: 'along the path',
+  sweep: 'sweep',
+  release: 'release',
+};
+
+/** Values that a condition compares, with unit. */
+export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
+  battery_share: ['battery', '%'],
+  wind_speed_m_s: ['wind', 'm/s'],
+  ground_speed_m_s: ['ground speed', 'm/s'],
+  distance_m: ['distance sensor', 'm'],
+  satellites: ['satellites', ''],
+  horizontal_error_m: ['position error', 'm'],
+};
+/** A share is shown in per cent. */
+export const PER_CENT = 100;
+
+export const titleOf = (kind: StepKind): string => TITLES[kind];
+
+/** The person's name for it, else what it is. */
+export function stepTitle(step: Step): string {
+  return step.name != null && step.name !== '' ? step.name : TITLES[step.step];
+}
+
+const number = (value: unknown): number | null => (typeof value === 'number' ? value : null);
+const deg = (value: unknown): string => `${fixed(((number(value) ?? 0) * 180) / Math.PI, 0)}°`;
+
+export function conditionText(condition: unknown): string {
+  const { value, above, below, for_s } = (condition ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
+  const [words, unit] = VALUES[value ?? ''] ?? [value ?? 'a value', ''];
+  const bound = above ?? below ?? 0;
+  const shown = value === 'battery_share' ? bound * PER_CENT : bound;
+  const last = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
+  return `${words} ${above != null ? 'above' : 'below'} ${fixed(shown, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${last}`;
+}
+
+/** What is said below the title. */
+export function detailOf(step: Step): string {
+  const said: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
+  const metres = (field: string, words: string): void => {
+    const value = number(step[field]);
+    if (value !== null && value !== 0) said.push(words.replace('#', fixed(value, 1).replace(/\.0$/, '')));
+  };
+  switch (step.step) {
+    case 'take_off':
+      metres('height_m', '# m above the ground');
+      break;
+    case 'fly':
+      said.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
+      if (step['curve'] === 'smooth') said.push('smooth');
+      break;
+    case 'hold':
+    case 'velocity':
+    case 'attitude':
+      metres('duration_s', '# s');
+      break;
+    case 'figure_eight':
+      metres('length_m', '# m long');
+      metres('rounds', '# rounds');
+      break;
+    case 'table':
+      said.push(String(step['file'] ?? ''));
+      break;
+    case 'gimbal':
+      said.push(TRACKS[String(step['track'])] ?? '');
+      if (step['track'] !== 'look_at' && step['track'] !== 'release') said.push(`pitch ${deg(step['pitch_rad'])}`);
+      break;
+    case 'photo':
+      said.push(step['count'] === 1 || step['count'] === undefined ? 'one' : `${String(step['count'])} every ${fixed(number(step['interval_s']) ?? 1, 1)} s`);
+      break;
+    case 'wait':
+      said.push(step['until'] === 'person' ? 'for a person' : `until ${conditionText(step['until'])}`);
+      break;
+    case 'repeat':
+      said.push(`${String(step['times'])} times`);
+      break;
+    case 'branch':
+      said.push(`if ${conditionText(step['condition'])}`);
+      break;
+    case 'call':
+      said.push(step.mission ?? '');
+      break;
+    case 'orbit':
+    case 'helix':
+    case 'spiral':
+      metres('radius_m', 'R # m');
+      metres('turns', '# turns');
+      metres('climb_m', 'climb # m');
+      metres('end_radius_m', 'to R # m');
+      break;
+    case 'land':
+  }
+  metres('speed_m_s', '≤ # m/s');
+  metres('photo_every_m', 'photo every # m');
+  if (step['look_at'] != null) said.push('nose at a point');
+  else if (step['heading'] === 'along_path') said.push('nose along the path');
+  return said.join(' · ');
+}
+
+const HERE: MissionPlace = { offset_ned_m: [0, 0, -10] };
+
+/** Fields of a new step; `at` is where a click put it. */
+export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
+  const round = { center: at, radius_m: 10, turns: 1, clockwise: true };
+  const condition = { value: 'battery_share', above: 0.5 };
+  const fields: Readonly<Record<StepKind, object>> = {
+    take_off: { height_m: 10 },
+    fly: { points: [at], curve: 'straight' },
+    hold: { duration_s: 10 },
+    orbit: round,
+    helix: { ...round, turns: 3, climb_m: 10 },
+    spiral: { ...round, turns: 3, end_radius_m: 20, climb_m: 0 },
+    figure_eight: { center: at, length_m: 40, width_m: 20, rounds: 1, axis_ned_rad: 0 },
+    table: { file: 'path.csv', relative: true },
+    velocity: { velocity_ned_m_s: [1, 0, 0], duration_s: 5 },
+    attitude: { roll_rad: 0, pitch_rad: 0, thrust: 0.5, duration_s: 1 },
+    gimbal: { track: 'fixed', pitch_rad: -Math.PI / 4, yaw_rad: 0 },
+    photo: { count: 1, interval_s: 1 },
+    wait: { until: 'person', message: 'Go on?', timeout_s: 300, on_timeout: 'hold' },
+    repeat: { times: 2, steps: [{ step: 'hold', duration_s: 5 }] },
+    branch: { condition, then: [], otherwise: [] },
+    call: { mission: '' },
+    land: {},
+  };
+  return { step: kind, ...fields[kind] };
+}
+
+/** Steps that a click on the map places. */
+export const PLACED: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
+
+/** Up and down; what is flown comes between. */
+export function freshMission(home: Home | null): Mission {
+  return {
+    format: 'offboard-gcs-mission',
+    version: 1,
+    name: 'New mission',
+    description: '',
+    home,
+    limits: {} as Mission['limits'],
+    actions: { failure: 'hold', low_battery: 'return', link_loss: 'hold' } as Mission['actions'],
+    fence: [],
+    steps: [freshStep('take_off'), freshStep('land')],
+    missions: {},
+    tables: {},
+  };
+}
