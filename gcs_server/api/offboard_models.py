@@ -214,6 +214,10 @@ class LimitsRequest(StrictBody):
     slew_attitude_rad_s: float | None = _limit(
         "A sent attitude turns by no more than this [rad/s].", 0.05, 10
     )
+    obstacle_brake: bool = Field(
+        default=True,
+        description="Stop before what the vehicle's own distance sensors measure; false switches that off.",
+    )
 
     @model_validator(mode="after")
     def _heights_in_order(self) -> LimitsRequest:

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable, Mapping
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle import gimbal_decoder, samples
+from gcs_server.vehicle import gimbal_decoder, ranging_decoder, samples
 from gcs_server.vehicle.instances import instance_of, message_of
 from gcs_server.vehicle.numbers import Unusable, number, on_earth, required, rotation, vector
 from missions.frames import euler_from_q, q_from_euler
@@ -54,6 +54,7 @@ FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
     d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: _mission_reached,
     **gimbal_decoder.FORMATS,
+    **ranging_decoder.FORMATS,
 }
 
 HIGHEST_CELL_MV = 6000
@@ -308,5 +309,7 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "health": ((d.MAVLINK_MSG_ID_SYS_STATUS,), health),
     "mission": ((d.MAVLINK_MSG_ID_MISSION_CURRENT, d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED), mission),
     "estimator": ((d.MAVLINK_MSG_ID_ESTIMATOR_STATUS,), estimator),
+    "distance_sensors": ((d.MAVLINK_MSG_ID_DISTANCE_SENSOR,), ranging_decoder.distance_sensors),
+    "obstacle_distance": ((d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,), ranging_decoder.obstacle_distance),
 }
 """Topic → messages it is made of, and how. Attitude is chosen by `vehicle/state.py`: the newer of two."""

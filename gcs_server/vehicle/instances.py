@@ -13,7 +13,11 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import gimbal_decoder
 
-INSTANCE_AT = {d.MAVLINK_MSG_ID_BATTERY_STATUS: 32, d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 20}
+INSTANCE_AT = {
+    d.MAVLINK_MSG_ID_BATTERY_STATUS: 32,
+    d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 20,
+    d.MAVLINK_MSG_ID_DISTANCE_SENSOR: 11,
+}
 """Offset of the instance's byte in the payload; a test compares them with the dialect."""
 DEVICE_AT = {d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 48, d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: 8}
 """Offset of gimbal_device_id."""

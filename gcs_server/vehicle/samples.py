@@ -237,6 +237,46 @@ class Status:
     """When the sample was made; None before the first."""
 
 
+@dataclass(frozen=True, slots=True)
+class DistanceSensor:
+    """One sensor's DISTANCE_SENSOR."""
+
+    sensor_id: int
+    direction_frd: Vector3
+    """Unit vector from the body."""
+    distance_m: float | None
+    """More than `range_max_m`: nothing within it; None: the sensor says that it does not know."""
+    range_min_m: float
+    range_max_m: float
+    width_rad: float | None
+    """Its horizontal field of view; None where it does not tell."""
+    behind_s: float
+    """How much older its measurement is than the newest of the vehicle's sensors."""
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceSensors:
+    """DISTANCE_SENSOR of each sensor."""
+
+    sensors: tuple[DistanceSensor, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ObstacleDistance:
+    """OBSTACLE_DISTANCE: distances in sectors around the vehicle."""
+
+    frame: str
+    """What the angles count from: body (the nose) or north."""
+    first_deg: float
+    """Direction of the first sector's middle, clockwise."""
+    step_deg: float
+    """From one sector to the next, clockwise; negative: the other way."""
+    distances_m: tuple[float | None, ...]
+    """More than `range_max_m`: nothing within it; None: not known."""
+    range_min_m: float
+    range_max_m: float
+
+
 TOPICS: dict[str, type] = {
     "status": Status,
     "attitude": Attitude,
@@ -253,6 +293,8 @@ TOPICS: dict[str, type] = {
     "health": Health,
     "estimator": Estimator,
     "mission": Mission,
+    "distance_sensors": DistanceSensors,
+    "obstacle_distance": ObstacleDistance,
 }
 
 

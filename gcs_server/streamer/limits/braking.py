@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from missions.avoidance.stopping import braking_speed as braking_speed
 
 BRAKE_M_S2, BRAKE_DELAY_S = 1.2, 0.8
 """How PX4 slows down when a velocity setpoint falls: gentler than it can (5 m/s²). Its integrator, wound up
@@ -15,9 +15,3 @@ PUSH_PER_S, PUSH_MOST_M_S = 1.0, 1.0
 MARGIN_M = 1.0
 """Speeds are cut to stop this far inside."""
 MARGIN_HEIGHT_M = 0.5
-
-
-def braking_speed(distance_m: float, decel_m_s2: float, delay_s: float) -> float:
-    """The speed from which it stops within a distance."""
-    lag = decel_m_s2 * delay_s
-    return max(0.0, -lag + math.sqrt(lag**2 + 2.0 * decel_m_s2 * max(0.0, distance_m)))

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import TypeVar
 
+from gcs_server.streamer.limits.brake import Around, ObstacleBrake
 from gcs_server.streamer.limits.region import RegionLimiter, VehicleMotion
 from gcs_server.streamer.values.bounds import Bounds
 from missions.fence import NorthEast
@@ -53,6 +54,7 @@ def apply_limits(
     here: VehicleMotion | None,
     before: DirectSetpoint | None = None,
     dt_s: float = 0.0,
+    around: Around | None = None,
 ) -> LimitResult:
     """What of `wanted` may be sent.
 
@@ -62,10 +64,11 @@ def apply_limits(
         here: the vehicle; None where it is not known.
         before: what was sent last, for slewing; None where that is no matter.
         dt_s: how long ago.
+        around: what the vehicle's sensors measure; None: nothing, or the brake is off.
     """
     if not is_finite(wanted):
         return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
-    limiter = _Limiter(bounds, here, before, dt_s)
+    limiter = _Limiter(bounds, here, before, dt_s, around)
     setpoint = limiter.limited(wanted)
     stop = (
         limiter.stop
@@ -87,7 +90,12 @@ def is_finite(setpoint: DirectSetpoint) -> bool:
 
 class _Limiter:
     def __init__(
-        self, bounds: Bounds, here: VehicleMotion | None, before: DirectSetpoint | None, dt_s: float
+        self,
+        bounds: Bounds,
+        here: VehicleMotion | None,
+        before: DirectSetpoint | None,
+        dt_s: float,
+        around: Around | None,
     ) -> None:
         self._bounds = bounds
         self._here = here
@@ -95,10 +103,12 @@ class _Limiter:
         self._dt_s = dt_s
         self.notes: list[str] = []
         self._region = RegionLimiter(bounds, here, self.notes)
+        self._brake = ObstacleBrake(around, self.notes)
+        self._must_stop: str | None = None
 
     @property
     def stop(self) -> str | None:
-        return self._region.stop
+        return self._region.stop or self._must_stop
 
     def limited(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):
@@ -160,6 +170,7 @@ class _Limiter:
 
     def _attitude(self, s: Attitude) -> Attitude:
         self._region.require_stoppable()
+        self._must_stop = self._brake.must_stop()
         q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
             self.notes.append(f"tilt limited to {math.degrees(self._bounds.tilt_rad):.0f}°")
@@ -175,6 +186,7 @@ class _Limiter:
 
     def _rates(self, s: Rates) -> Rates:
         self._region.require_stoppable()
+        self._must_stop = self._brake.must_stop()
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
         p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
         if (p, q, r) != s.rates_frd_rad_s:
@@ -194,23 +206,28 @@ class _Limiter:
         self, position: Partial3, velocity: Partial3, acceleration: Partial3
     ) -> tuple[Partial3, Partial3, Partial3]:
         place, speed = _horizontal(position), _horizontal(velocity)
+        here = None if self._here is None else self._here.position_ned_m
         if place is not None:
             place, speed = self._approach(self._region.limit_position_ne(place), speed)
+            place, speed = self._brake.limit_position_ne(place, speed, here, self._bounds.position_gain)
         if speed is not None:
             speed = self._region.limit_velocity_ne(self._scaled(speed, self._bounds.speed_m_s, "speed"))
             if place is None:
-                speed = self._region.keep_margin(speed)
+                speed = self._brake.limit_velocity_ne(self._region.keep_margin(speed))
         down, velocity_down_m_s = position[2], velocity[2]
         if down is not None:
             down, velocity_down_m_s = self._approach_down(self._region.limit_down(down), velocity_down_m_s)
+            down = self._brake.limit_down(down, here)
         if velocity_down_m_s is not None:
             velocity_down_m_s = self._region.limit_velocity_down(
-                self._limit_climb(velocity_down_m_s), keep_margin=down is None
+                self._brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
             )
         if (place is None and speed is None) or (down is None and velocity_down_m_s is None):
             self._region.require_stoppable(
                 ground=place is None and speed is None, height=down is None and velocity_down_m_s is None
             )
+        if place is None and speed is None:
+            self._must_stop = self._brake.must_stop()
         acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
         lift = acceleration[2]
         if lift is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs_server.streamer.offboard.failsafe import MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+from gcs_server.streamer.offboard.obstacles import scans_of
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from gcs_server.vehicle.samples import (
     Attitude,
@@ -17,6 +18,7 @@ from gcs_server.vehicle.samples import (
     TargetLocal,
 )
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.avoidance.scans import Scan
 from missions.geodesy import LocalOrigin
 
 ESTIMATE_FRESH_S = 1.0
@@ -97,6 +99,14 @@ class VehicleEstimates:
         stale = self._age_s(sample.received_monotonic_s) > ACCURACY_FRESH_S
         return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
 
+    def scans(self) -> tuple[Scan, ...]:
+        """What its distance sensors measured last; none without an attitude, by which they look somewhere."""
+        attitude = self.attitude()
+        if attitude is None:
+            return ()
+        samples = (self._vehicle.topic("distance_sensors"), self._vehicle.topic("obstacle_distance"))
+        return scans_of(samples, attitude.q_ned_frd, self._vehicle.clock.monotonic_s())
+
     def hears_transmitter(self) -> bool:
         """Whether a transmitter is there and healthy."""
         sample = self._vehicle.topic("health")
@@ -147,6 +157,7 @@ class VehicleEstimates:
             lost=status.link_lost or not vehicle.endpoints,
             home_alt_amsl_m=None if home is None else home.alt_amsl_m,
             accuracy_m=self.accuracy_m(),
+            scans=self.scans(),
             **more,  # type: ignore[arg-type]
         )
 

@@ -168,7 +168,8 @@ class LimitStore:
 
 
 def _content(key: VehicleKey, record: LimitRecord) -> dict[str, object]:
-    limits = {name: value for name, value in asdict(record.limits).items() if value is not None}
+    none_set = asdict(OperatorLimits())
+    limits = {name: value for name, value in asdict(record.limits).items() if value != none_set[name]}
     return {
         "format": FORMAT,
         "system_id": key.system_id,
@@ -205,8 +206,10 @@ def words_of(limits: OperatorLimits) -> str:
     said = [
         f"{field.name} {value:g}"
         for field in fields(limits)
-        if isinstance(value := getattr(limits, field.name), float | int)
+        if isinstance(value := getattr(limits, field.name), float | int) and not isinstance(value, bool)
     ]
+    if not limits.obstacle_brake:
+        said.append("obstacle brake off")
     if limits.fence is not None:
         said.append(f"fence {limits.fence.kind}")
     return ", ".join(said) or "none"

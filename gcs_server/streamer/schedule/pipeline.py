@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint, keeps_heading
+from gcs_server.streamer.limits.brake import SEES_FOR_S, Around
 from gcs_server.streamer.limits.limiter import LimitResult, apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
+from gcs_server.streamer.schedule.avoidance import AvoidanceStage, Avoiding
 from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
-from gcs_server.streamer.values.events import NOTICE, StreamEvent
+from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
+from missions.avoidance.scans import fresh, looks_out
 from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
 
 TOLD_EVERY_S = 10.0
@@ -37,10 +40,14 @@ class SetpointPipeline:
         self._limited_s = 0.0
         self._told_s: dict[str, float] = {}
         self._reports: list[StreamEvent] = []
+        self._avoidance = AvoidanceStage()
+        self._brake_sees = False
 
     def forget(self) -> None:
         """A new stream begins."""
         self.sent, self.limited, self._wanted = None, (), None
+        self._brake_sees = False
+        self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint, snapshot: Snapshot) -> None:
         """From now on this one."""
@@ -53,7 +60,7 @@ class SetpointPipeline:
         if first is None:
             raise ValueError(f"vehicle {resolved.follows} is not heard")
         self._resolved, self._still, self._yaw_kept = resolved, None, keeps
-        self._load(now_s, snapshot, first)
+        self._load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
     def begin_anew(self, now_s: float) -> None:
         """The flight begins now: a path has waited so far."""
@@ -74,6 +81,7 @@ class SetpointPipeline:
         else:
             still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
         self._resolved, self._still, self._yaw_kept = None, still, False
+        self._avoidance.forget()
         self._load(now_s, snapshot, still)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
@@ -87,12 +95,21 @@ class SetpointPipeline:
         wanted = (
             self._still if self._resolved is None else self._resolved.at(now_s, snapshot, waiting=waiting)
         )
-        return None if wanted is None else self._load(now_s, snapshot, wanted).stop
+        if wanted is None:
+            return None
+        if self._resolved is not None:
+            wanted = self._avoid(now_s, snapshot, wanted, waiting=waiting)
+        return self._load(now_s, snapshot, wanted).stop
 
     def take_reports(self) -> list[StreamEvent]:
-        """What limits did since the last call."""
-        taken, self._reports = self._reports, []
+        """What limits and avoidance did since the last call."""
+        taken, self._reports = [*self._reports, *self._avoidance.take_reports()], []
         return taken
+
+    @property
+    def avoiding(self) -> Avoiding | None:
+        """What obstacle avoidance does now; None: it is off."""
+        return self._avoidance.doing
 
     @property
     def follows(self) -> str | None:
@@ -114,12 +131,25 @@ class SetpointPipeline:
             return False
         return any(axis is not None for axis in sent.position_ned_m)
 
+    def _avoid(
+        self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint, *, waiting: bool
+    ) -> DirectSetpoint:
+        resolved = self._resolved
+        moves = resolved is not None and resolved.moves and not waiting
+
+        def later(at_s: float) -> DirectSetpoint | None:
+            return None if resolved is None else resolved.at(at_s, snapshot)
+
+        return self._avoidance.apply(now_s, snapshot, wanted, later if moves else None, snapshot.avoidance)
+
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
-        if wanted is self._wanted and bounds is self._bounds and not bounds.follows_the_vehicle:
+        around = self._around(now_s, snapshot, bounds)
+        still = wanted is self._wanted and bounds is self._bounds
+        if still and around is None and not bounds.follows_the_vehicle:
             return LimitResult(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._limited_s)
-        result = apply_limits(wanted, bounds, _here(now_s, snapshot), self.sent, dt_s)
+        result = apply_limits(wanted, bounds, _here(now_s, snapshot), self.sent, dt_s, around)
         self._wanted, self._bounds, self._limited_s = wanted, bounds, now_s
         self.limited = result.notes
         for note in result.notes:
@@ -131,6 +161,17 @@ class SetpointPipeline:
                 self._loader.load(result.setpoint)
             self.sent = result.setpoint
         return result
+
+    def _around(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Around | None:
+        """What the brake goes by; None where it is off (avoidance keeps it on) or no sensor is heard."""
+        if not bounds.obstacle_brake and snapshot.avoidance is None:
+            return None
+        sees = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SEES_FOR_S))
+        if self._brake_sees and not sees:
+            text = f"Obstacle sensor silent for {SEES_FOR_S:g} s: the obstacle brake sees nothing."
+            self._reports.append(StreamEvent("obstacle_sensor_lost", WARNING, text))
+        self._brake_sees = sees
+        return Around(snapshot.scans, now_s, snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)) if sees else None
 
 
 def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:

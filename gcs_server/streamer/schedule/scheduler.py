@@ -124,6 +124,7 @@ class StreamScheduler:
             core.last_end,
             stream.number,
             cadence.steady_s if core.streaming else 0.0,
+            core.avoiding if core.streaming else None,
         )
 
     def phases(self) -> dict[str, tuple[str, int]]:

@@ -18,6 +18,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
+from gcs_server.streamer.schedule.avoidance import Avoiding
 from gcs_server.streamer.schedule.cadence import Cadence
 from gcs_server.streamer.schedule.pipeline import SetpointPipeline
 from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
@@ -197,6 +198,11 @@ class VehicleStream:
     def limited(self) -> tuple[str, ...]:
         """What the limits take away from the order now, in words."""
         return self._pipeline.limited
+
+    @property
+    def avoiding(self) -> Avoiding | None:
+        """What obstacle avoidance does now; None: it is off."""
+        return self._pipeline.avoiding
 
     @property
     def streaming(self) -> bool:

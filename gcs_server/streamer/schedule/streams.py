@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from gcs_server.streamer.schedule.avoidance import Avoiding
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.events import StreamEvent
@@ -35,6 +36,8 @@ class StreamState:
     """Counts a vehicle's streams."""
     steady_s: float = 0.0
     """For how long setpoints have gone out without a pause."""
+    avoiding: Avoiding | None = None
+    """What obstacle avoidance does now; None: it is off."""
 
 
 class Streams(Protocol):

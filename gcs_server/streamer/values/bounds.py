@@ -39,6 +39,8 @@ class Bounds:
     approach_sink_m_s: float = INF
     position_gain: float = DEFAULT_POSITION_GAIN
     height_gain: float = DEFAULT_HEIGHT_GAIN
+    obstacle_brake: bool = True
+    """The vehicle is stopped before what its sensors measure."""
     region: Region = NOWHERE_LIMITED
     origin: LocalOrigin | None = None
     unknown: str | None = None
@@ -96,6 +98,7 @@ def bounds_of(
         approach_sink_m_s=_least(operator.sink_max_m_s),
         position_gain=gains[0] or DEFAULT_POSITION_GAIN,
         height_gain=gains[1] or DEFAULT_HEIGHT_GAIN,
+        obstacle_brake=operator.obstacle_brake,
         region=region,
         origin=origin,
         unknown=unknown,

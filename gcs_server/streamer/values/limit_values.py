@@ -110,6 +110,8 @@ class OperatorLimits:
     """A velocity that is sent changes by no more than this a second."""
     slew_attitude_rad_s: float | None = None
     """An attitude that is sent turns by no more than this a second."""
+    obstacle_brake: bool = True
+    """Stop before what the vehicle's own sensors measure; without such a sensor it does nothing."""
 
     @property
     def bounds_a_place(self) -> bool:

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
+from missions.avoidance.scans import Scan
+from missions.avoidance.values import AvoidanceWay
 from missions.frames import Quaternion, Vector3
 
 LONGEST_EXTRAPOLATION_S = 1.0
@@ -54,6 +56,10 @@ class Snapshot:
     """Where this vehicle follows another."""
     accuracy_m: float | None = None
     """Of the position, one sigma: the worse of horizontal and vertical; None where it reports none."""
+    scans: tuple[Scan, ...] = ()
+    """What its distance sensors measured last."""
+    avoidance: AvoidanceWay | None = None
+    """Switched on for this vehicle, and what it tries first; None: off."""
 
     @property
     def heard_s(self) -> float:
@@ -72,7 +78,9 @@ class Snapshot:
             and _within(leader.velocity_ned_m_s, FASTEST_M_S)
             and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
         )
-        if moves and here and led and all(number is None or math.isfinite(number) for number in numbers):
+        scans = tuple(scan for scan in self.scans if scan.plausible)
+        whole = moves and here and led and len(scans) == len(self.scans)
+        if whole and all(number is None or math.isfinite(number) for number in numbers):
             return self
         return replace(
             self,
@@ -84,6 +92,7 @@ class Snapshot:
             q_ned_frd=self.q_ned_frd if _within(self.q_ned_frd or (), 2.0) else None,
             leader=leader if led else None,
             accuracy_m=_finite(self.accuracy_m),
+            scans=scans,
         )
 
     def position_at(self, now_s: float) -> Vector3 | None:

@@ -111,4 +111,15 @@ export const FIELDS = {
     fence_id: 'number',
     rally_points_id: 'number',
   },
+  distance_sensors: {
+
+  },
+  obstacle_distance: {
+    frame: 'string',
+    first_deg: 'number',
+    step_deg: 'number',
+    distances_m: 'list',
+    range_min_m: 'number',
+    range_max_m: 'number',
+  },
 } as const;

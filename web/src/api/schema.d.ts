@@ -3199,6 +3199,59 @@ export interface components {
             shot_id: number | null;
         };
         /**
+         * DistanceSensor
+         * @description One sensor's DISTANCE_SENSOR.
+         */
+        DistanceSensor: {
+            /** Sensor Id */
+            sensor_id: number;
+            /** Direction Frd */
+            direction_frd: [
+                number,
+                number,
+                number
+            ];
+            /** Distance M */
+            distance_m: number | null;
+            /** Range Min M */
+            range_min_m: number;
+            /** Range Max M */
+            range_max_m: number;
+            /** Width Rad */
+            width_rad: number | null;
+            /** Behind S */
+            behind_s: number;
+        };
+        /**
+         * DistanceSensors
+         * @description DISTANCE_SENSOR of each sensor.
+         */
+        DistanceSensors: {
+            /**
+             * Sensors
+             * @description Sensors.
+             */
+            sensors: components["schemas"]["DistanceSensor"][];
+        };
+        /**
+         * DistanceSensorsSample
+         * @description The newest `distance_sensors` and the two clocks it is judged by.
+         */
+        DistanceSensorsSample: {
+            /**
+             * Vehicle Time Boot S
+             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             */
+            vehicle_time_boot_s: number | null;
+            /**
+             * Received Unix S
+             * @description When the server received it [s since 1970 UTC].
+             */
+            received_unix_s: number;
+            /** @description The sample itself. */
+            value: components["schemas"]["DistanceSensors"];
+        };
+        /**
          * DownloadRequest
          * @description How to download.
          */
@@ -6149,6 +6202,12 @@ export interface components {
              * @description A sent attitude turns by no more than this [rad/s].
              */
             slew_attitude_rad_s?: number | null;
+            /**
+             * Obstacle Brake
+             * @description Stop before what the vehicle's own distance sensors measure; false switches that off.
+             * @default true
+             */
+            obstacle_brake: boolean;
         };
         /**
          * Link
@@ -7175,6 +7234,60 @@ export interface components {
             pitch_deg: number | null;
         };
         /**
+         * ObstacleDistance
+         * @description OBSTACLE_DISTANCE: distances in sectors around the vehicle.
+         */
+        ObstacleDistance: {
+            /**
+             * Frame
+             * @description What the angles count from: body (the nose) or north.
+             */
+            frame: string;
+            /**
+             * First Deg
+             * @description Direction of the first sector's middle, clockwise.
+             */
+            first_deg: number;
+            /**
+             * Step Deg
+             * @description From one sector to the next, clockwise; negative: the other way.
+             */
+            step_deg: number;
+            /**
+             * Distances M
+             * @description More than `range_max_m`: nothing within it; None: not known.
+             */
+            distances_m: (number | null)[];
+            /**
+             * Range Min M
+             * @description Range min [m].
+             */
+            range_min_m: number;
+            /**
+             * Range Max M
+             * @description Range max [m].
+             */
+            range_max_m: number;
+        };
+        /**
+         * ObstacleDistanceSample
+         * @description The newest `obstacle_distance` and the two clocks it is judged by.
+         */
+        ObstacleDistanceSample: {
+            /**
+             * Vehicle Time Boot S
+             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             */
+            vehicle_time_boot_s: number | null;
+            /**
+             * Received Unix S
+             * @description When the server received it [s since 1970 UTC].
+             */
+            received_unix_s: number;
+            /** @description The sample itself. */
+            value: components["schemas"]["ObstacleDistance"];
+        };
+        /**
          * OffboardFailsafe
          * @description What the vehicle does by itself when the stream stops.
          */
@@ -7744,6 +7857,11 @@ export interface components {
              * @description An attitude that is sent turns by no more than this a second.
              */
             slew_attitude_rad_s: number | null;
+            /**
+             * Obstacle Brake
+             * @description Stop before what the vehicle's own sensors measure; without such a sensor it does nothing.
+             */
+            obstacle_brake: boolean;
         };
         /**
          * Orbit
@@ -11054,6 +11172,10 @@ export interface components {
             estimator?: components["schemas"]["EstimatorSample"] | null;
             /** @description Newest `mission`. */
             mission?: components["schemas"]["MissionSample"] | null;
+            /** @description Newest `distance_sensors`. */
+            distance_sensors?: components["schemas"]["DistanceSensorsSample"] | null;
+            /** @description Newest `obstacle_distance`. */
+            obstacle_distance?: components["schemas"]["ObstacleDistanceSample"] | null;
         };
         /**
          * TrajectoryOrder

@@ -112,7 +112,7 @@ def test_the_decoders_formats_are_the_dialects_beginnings():
 
 
 def test_instances_stand_where_the_dialect_has_them():
-    fields = {"BATTERY_STATUS": "id", "SERVO_OUTPUT_RAW": "port"}
+    fields = {"BATTERY_STATUS": "id", "SERVO_OUTPUT_RAW": "port", "DISTANCE_SENSOR": "id"}
     for msg_id, at in (INSTANCE_AT | DEVICE_AT).items():
         layout = LAYOUTS[msg_id]
         payload = bytes(at) + b"\x07" + bytes(layout.unpacker.size - at - 1)

@@ -1,0 +1,172 @@
+"""Stops a vehicle before what its own sensors measure ahead of it.
+
+The brake acts on motion over the ground, and on a climb towards what a sensor that looks up measures. It
+never acts on a descent: what a sensor that looks down measures stops no landing. It knows the newest
+measurements only, moved by the vehicle's own motion since, and where no sensor looks it sees nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_server.streamer.limits.braking import (
+    BRAKE_DELAY_S,
+    BRAKE_HEIGHT_DELAY_S,
+    BRAKE_HEIGHT_M_S2,
+    BRAKE_M_S2,
+    GUARD_DELAY_S,
+    GUARD_M_S2,
+    MARGIN_HEIGHT_M,
+    MARGIN_M,
+    braking_speed,
+)
+from missions.avoidance.scans import NARROWEST_RAD, STEEP, Scan, fresh
+from missions.fence import NorthEast
+from missions.frames import Vector3
+
+SEES_FOR_S = 2.0
+"""A measurement older than this is none: PX4 sends DISTANCE_SENSOR every two seconds by itself."""
+WIDTH_M, NARROWEST_M = 0.8, 0.35
+"""What is nearer than this to the line of flight is in the way; less where something is nearer already."""
+HEIGHT_M = 0.4
+"""What is further above or below is flown over or under."""
+GUARD_MARGIN_M = 0.3
+SLOW_M_S = 0.5
+"""A vehicle that flies by attitude or rates is not taken over below this speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Around:
+    """What the sensors measured, and how the vehicle moves."""
+
+    scans: tuple[Scan, ...]
+    now_s: float
+    velocity_ned_m_s: Vector3
+
+
+class ObstacleBrake:
+    """At one moment.
+
+    Args:
+        around: None where nothing is measured or the brake is off.
+        notes: takes what was taken away, in words.
+    """
+
+    def __init__(self, around: Around | None, notes: list[str]) -> None:
+        self._notes = notes
+        self._scans = () if around is None else fresh(around.scans, around.now_s, SEES_FOR_S)
+        self._points: list[Vector3] = []
+        """From the vehicle, as it is now."""
+        if around is None:
+            return
+        vn, ve, vd = around.velocity_ned_m_s
+        for scan in self._scans:
+            age_s = max(0.0, around.now_s - scan.heard_s)
+            for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True):
+                if far_m is not None:
+                    self._points.append(
+                        (n * far_m - vn * age_s, e * far_m - ve * age_s, d * far_m - vd * age_s)
+                    )
+        self._velocity = around.velocity_ned_m_s
+
+    def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
+        """Slow enough to stop before what is ahead."""
+        speed = math.hypot(*velocity)
+        if not self._scans or speed == 0.0:
+            return velocity
+        free_m, why = self._free(velocity[0] / speed, velocity[1] / speed)
+        most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
+        if speed <= most:
+            return velocity
+        self._notes.append(f"speed reduced {why}")
+        return (velocity[0] * most / speed, velocity[1] * most / speed)
+
+    def limit_position_ne(
+        self, place: NorthEast, speed: NorthEast | None, here: Vector3 | None, gain: float
+    ) -> tuple[NorthEast, NorthEast | None]:
+        """A place before what is ahead, so near that PX4 approaches it no faster than it can stop."""
+        if not self._scans or here is None:
+            return place, speed
+        off_m = math.dist(place, here[:2])
+        feed = math.hypot(*speed) if speed is not None else 0.0
+        if off_m < 1e-3:
+            return place, None if speed is None else self.limit_velocity_ne(speed)
+        un, ue = (place[0] - here[0]) / off_m, (place[1] - here[1]) / off_m
+        free_m, why = self._free(un, ue)
+        stop_m = max(0.0, free_m - MARGIN_M)
+        most = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
+        near_m = min(off_m, stop_m)
+        asked = gain * near_m + feed
+        if near_m == off_m and asked <= most:
+            return place, speed
+        self._notes.append(f"speed reduced {why}" if near_m == off_m else f"position limited {why}")
+        scale = min(1.0, most / asked) if asked > 0.0 else 1.0
+        near_m *= scale
+        slowed = None if speed is None else self.limit_velocity_ne((speed[0] * scale, speed[1] * scale))
+        return (here[0] + un * near_m, here[1] + ue * near_m), slowed
+
+    def limit_climb(self, velocity_down_m_s: float) -> float:
+        """Slow enough to stop below what is above."""
+        above_m = self._above_m() if velocity_down_m_s < 0.0 and self._scans else math.inf
+        most = braking_speed(above_m - MARGIN_HEIGHT_M, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
+        if -velocity_down_m_s <= most:
+            return velocity_down_m_s
+        self._notes.append("climb reduced to stop below an obstacle")
+        return -most
+
+    def limit_down(self, down_m: float, here: Vector3 | None) -> float:
+        """A place below what is above."""
+        if here is None or down_m >= here[2] or not self._scans:
+            return down_m
+        highest = here[2] - max(0.0, self._above_m() - MARGIN_HEIGHT_M)
+        if down_m >= highest:
+            return down_m
+        self._notes.append("altitude limited to stay below an obstacle")
+        return highest
+
+    def must_stop(self) -> str | None:
+        """Why a flight that steers no place must be taken over; None: it may go on."""
+        if not self._scans:
+            return None
+        n, e, _ = self._velocity
+        speed = math.hypot(n, e)
+        if speed < SLOW_M_S:
+            return None
+        free_m, _ = self._free(n / speed, e / speed, seen=False)
+        most = braking_speed(free_m - GUARD_MARGIN_M, GUARD_M_S2, GUARD_DELAY_S)
+        return "The vehicle would hit an obstacle" if speed > most else None
+
+    # --- inside -------------------------------------------------------------------------------------
+
+    def _free(self, un: float, ue: float, *, seen: bool = True) -> tuple[float, str]:
+        """How far the way into a direction is free, as far as it is seen, and the words for it."""
+        level = [point for point in self._points if abs(point[2]) < HEIGHT_M]
+        nearest_m = min((math.hypot(n, e) for n, e, _ in level), default=math.inf)
+        width_m = max(NARROWEST_M, min(WIDTH_M, nearest_m - 0.1))
+        ahead = [
+            along for n, e, _ in level if (along := n * un + e * ue) > 0.0 and abs(e * un - n * ue) < width_m
+        ]
+        met_m = min(ahead, default=math.inf)
+        sees_m = self._sees_m(un, ue) if seen else math.inf
+        if met_m <= sees_m:
+            return met_m, "to stop before an obstacle"
+        return sees_m, "to what the obstacle sensor sees"
+
+    def _sees_m(self, un: float, ue: float) -> float:
+        """The range of the sensor that looks there; infinite where none does."""
+        best: float | None = None
+        for scan in self._scans:
+            least = math.cos(max(scan.half_angle_rad, NARROWEST_RAD))
+            for n, e, d in scan.directions_ned:
+                if abs(d) <= STEEP and n * un + e * ue >= least * math.hypot(n, e):
+                    best = scan.range_m if best is None else max(best, scan.range_m)
+                    break
+        return math.inf if best is None else best
+
+    def _above_m(self) -> float:
+        """To the nearest thing above the vehicle."""
+        above = [
+            -d for n, e, d in self._points if -d > STEEP * math.hypot(n, e, d) and math.hypot(n, e) < WIDTH_M
+        ]
+        return min(above, default=math.inf)

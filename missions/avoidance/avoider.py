@@ -1,0 +1,289 @@
+"""Flies over obstacles, or around them, and back to the path behind.
+
+The straight line to the wanted position (and the path beyond it) must be free of what was measured lately.
+Where it is not, the vehicle climbs until it clears the highest point measured, flies on, and comes straight
+down once nothing measured lies near the way down; or it takes the heading nearest to the goal that is free.
+It moves only where a sensor looks. Where no way is allowed, or the sensors are silent, it stops and says why.
+
+Points of memory count as solid from the ground up (`memory.py`). A single ray sees a line: what stands beside
+that line is not seen.
+"""
+
+from __future__ import annotations
+
+import math
+
+from missions.avoidance.corridor import BELOW_M, CLEARANCE_M, OVER_M, InTheWay, in_the_way
+from missions.avoidance.detour import Side, choose_heading
+from missions.avoidance.memory import ObstacleMemory
+from missions.avoidance.scans import Scan, fresh, looks_down, looks_level, seen_m
+from missions.avoidance.stopping import braking_speed
+from missions.avoidance.values import Adjusted, Allowed, AvoidanceState, AvoidanceWay, Here, Wanted
+from missions.frames import Vector3
+from missions.setpoints import Position, Velocity
+
+FRESH_S = 1.0
+"""A measurement older than this shows nothing."""
+CLIMB_MOST_M = 15.0
+"""Above the wanted altitude; a higher obstacle is flown around."""
+CEILING_MARGIN_M = 0.7
+DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_SINK_M_S = 2.0, 1.5, 1.0
+CLEAR_FOR_S = 0.5
+"""The way must be free for so long before the vehicle turns back to it."""
+BACK_WITHIN_M = 1.0
+SEES_NOW_S = 0.5
+"""Over an obstacle it moves on only with a measurement as new as this: the obstacle may be higher."""
+OTHER_GOAL_M = 2.0
+"""Where it found no way, it looks for one again once the goal is another."""
+MOVES_M, MOVES_M_S = 0.5, 0.3
+"""What is less than this is no motion that a sensor must see."""
+STOPPED_M_S = 0.3
+
+
+class Avoider:
+    """Of one vehicle while avoidance is on.
+
+    Args:
+        way: what is tried first.
+    """
+
+    def __init__(self, way: AvoidanceWay = "over") -> None:
+        self.way = way
+        self._memory = ObstacleMemory()
+        self._taken: set[tuple[float, Vector3, int]] = set()
+        self._state: AvoidanceState = "clear"
+        self._clear_since_s: float | None = None
+        self._side: Side | None = None
+        self._turned_back = False
+        """It has changed the side already in this detour."""
+        self._no_way_to: Vector3 | None = None
+        self._scanned_at_m: float | None = None
+        self._unsure_m = 0.0
+        """How far it has climbed from one measurement to the next: an obstacle may end anywhere between."""
+        self._level_m = 0.0
+        self._hold: Vector3 | None = None
+
+    def adjust(
+        self, now_s: float, here: Here, wanted: Wanted, scans: tuple[Scan, ...], allowed: Allowed
+    ) -> Adjusted:
+        """What to fly now instead of what is wanted.
+
+        Args:
+            now_s: monotonic, the clock of the scans.
+            here: the vehicle.
+            wanted: without obstacles.
+            scans: the newest of each sensor.
+            allowed: limits, and the space it must not leave.
+        """
+        adjusted = self._adjusted(now_s, here, wanted, fresh(scans, now_s, FRESH_S), allowed)
+        self._state = adjusted.state
+        if adjusted.state != "stopped" and adjusted.state != "turning":
+            self._hold = None
+        return adjusted
+
+    def _adjusted(
+        self, now_s: float, here: Here, wanted: Wanted, seen: tuple[Scan, ...], allowed: Allowed
+    ) -> Adjusted:
+        if not any(looks_level(scan) for scan in seen):
+            return self._stop(
+                here, wanted, f"No obstacle sensor heard for {FRESH_S:g} s: the vehicle holds its position."
+            )
+        up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
+        low_m = min(up_m, goal_up_m) - BELOW_M
+        self._remember(now_s, here, seen, low_m - OVER_M / 2)
+        heading = _heading(here, wanted)
+        yaw = self._yaw_to_see(here, wanted, seen, heading)
+        points = self._memory.above(low_m, now_s)
+        met = in_the_way(points, here, wanted, self._unsure_m)
+        if met is not None:
+            self._clear_since_s = None
+            return self._detour(now_s, here, wanted, seen, allowed, met, yaw)
+        self._side, self._turned_back, self._no_way_to, self._unsure_m = None, False, None, 0.0
+        if self._clear_since_s is None:
+            self._clear_since_s = now_s
+        if heading is not None and seen_m(seen, heading) is None:
+            return self._turn(here, wanted, heading)
+        below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MOVES_M  # not seen on the way down
+        if self._state in ("clear", "turning") and not below:
+            return Adjusted("clear", yaw_ned_rad=yaw)
+        return self._back(now_s, here, wanted, seen, allowed, yaw)
+
+    def _remember(self, now_s: float, here: Here, seen: tuple[Scan, ...], lowest_m: float) -> None:
+        """Takes each scan once, from where the vehicle was then."""
+        keys = {
+            (scan.heard_s, scan.directions_ned[0], len(scan.directions_ned)): scan
+            for scan in seen
+            if scan.directions_ned
+        }
+        for key, scan in keys.items():
+            if key in self._taken:
+                continue
+            at_ned_m = _at(here, now_s - scan.heard_s)
+            self._memory.take(scan, at_ned_m, lowest_m)
+            if looks_level(scan):
+                before_m, self._scanned_at_m = self._scanned_at_m, -at_ned_m[2]
+                if before_m is not None and self._state in ("over", "stopped"):
+                    self._unsure_m = max(self._unsure_m, self._scanned_at_m - before_m)
+        self._taken = set(keys)
+
+    def _yaw_to_see(
+        self, here: Here, wanted: Wanted, seen: tuple[Scan, ...], heading: float | None
+    ) -> float | None:
+        """The heading to take where the wanted one would turn the sensors away from the way; else None."""
+        if heading is None:
+            return None
+        yaw = here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
+        return None if seen_m(seen, heading, yaw - here.yaw_ned_rad) is not None else heading
+
+    # --- what it does -------------------------------------------------------------------------------
+
+    def _detour(
+        self,
+        now_s: float,
+        here: Here,
+        wanted: Wanted,
+        seen: tuple[Scan, ...],
+        allowed: Allowed,
+        met: InTheWay,
+        yaw: float | None,
+    ) -> Adjusted:
+        up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
+        required_m = met.highest_m + OVER_M
+        most_m = min(goal_up_m + CLIMB_MOST_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
+        begun = self._side is not None or self._no_way_to is not None
+        if self.way == "around" or required_m > most_m or begun:
+            if not begun:
+                self._level_m = up_m
+            return self._around(now_s, here, wanted, seen, allowed, met.clearance_m)
+        climb = _clamp(max(required_m, min(goal_up_m, most_m)) - up_m, allowed)
+        heading = _heading(here, wanted)
+        sees_m = None if heading is None else seen_m(seen, heading)
+        old = all(now_s - scan.heard_s > SEES_NOW_S for scan in seen if looks_level(scan))
+        speed = 0.0
+        if sees_m is not None and not old:
+            free_m = min(met.first_m, sees_m) - CLEARANCE_M
+            speed = min(DETOUR_M_S, allowed.speed_m_s, _distance(here, wanted), braking_speed(free_m))
+        rises = math.isfinite(met.first_m)
+        text = "Obstacle ahead: climbing over it." if rises else "Above an obstacle: flying over it."
+        return self._fly("over", text, here, wanted, heading, speed, climb, yaw)
+
+    def _around(
+        self,
+        now_s: float,
+        here: Here,
+        wanted: Wanted,
+        seen: tuple[Scan, ...],
+        allowed: Allowed,
+        clearance_m: float,
+    ) -> Adjusted:
+        high = "" if self.way == "around" else " and too high to climb over"
+        no_way = f"Obstacle ahead{high}, and no way around it that the sensors see is free."
+        goal = wanted.position_ned_m
+        if self._no_way_to is not None and math.dist(self._no_way_to, goal) < OTHER_GOAL_M:
+            return self._stop(here, wanted, no_way)
+        beside = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
+        chosen = choose_heading(beside, here, wanted, seen, allowed.region, self._side, clearance_m)
+        if chosen is None and self._side is not None and not self._turned_back:
+            self._turned_back, self._side = True, "left" if self._side == "right" else "right"
+            chosen = choose_heading(beside, here, wanted, seen, allowed.region, self._side, clearance_m)
+        if chosen is None:
+            self._no_way_to, self._side, self._turned_back = goal, None, False
+            return self._stop(here, wanted, no_way)
+        self._no_way_to = None
+        heading, self._side, free_m = chosen
+        speed = min(DETOUR_M_S, allowed.speed_m_s, braking_speed(free_m))
+        climb = _clamp(self._level_m + here.position_ned_m[2], allowed)
+        text = f"Obstacle ahead: flying around it on the {self._side}."
+        return self._fly("around", text, here, wanted, heading, speed, climb, None)
+
+    def _back(
+        self,
+        now_s: float,
+        here: Here,
+        wanted: Wanted,
+        seen: tuple[Scan, ...],
+        allowed: Allowed,
+        yaw: float | None,
+    ) -> Adjusted:
+        """The way is free again: down first, where nothing lies below, then level to the wanted position."""
+        assert self._clear_since_s is not None
+        down_m = wanted.position_ned_m[2] - here.position_ned_m[2]
+        waits = now_s - self._clear_since_s < CLEAR_FOR_S
+        moves = math.hypot(*wanted.velocity_ned_m_s) > MOVES_M_S
+        if abs(down_m) < BELOW_M and not waits and (not moves or _distance(here, wanted) < BACK_WITHIN_M):
+            return Adjusted("clear", yaw_ned_rad=yaw)
+        blind = not any(looks_down(scan) for scan in seen)
+        text = "The way is free: returning to the path."
+        climb = _clamp(-down_m, allowed)
+        if down_m > BELOW_M:
+            text = "Descending to the path."
+            if blind:
+                text = "No sensor measures below: the vehicle stays above the path."
+        if waits or blind:
+            climb = max(climb, 0.0)
+        n, e = 0.0, 0.0
+        if down_m <= BELOW_M or blind:
+            n, e, _ = wanted.velocity_ned_m_s
+            toward, heading = min(DETOUR_M_S, _distance(here, wanted)), _heading(here, wanted)
+            if heading is not None:
+                n, e = n + toward * math.cos(heading), e + toward * math.sin(heading)
+        speed = min(math.hypot(n, e), allowed.speed_m_s)
+        return self._fly("back", text, here, wanted, math.atan2(e, n), speed, climb, yaw)
+
+    def _fly(
+        self,
+        state: AvoidanceState,
+        text: str,
+        here: Here,
+        wanted: Wanted,
+        heading: float | None,
+        speed_m_s: float,
+        climb_m_s: float,
+        yaw: float | None,
+    ) -> Adjusted:
+        n, e = (
+            (0.0, 0.0) if heading is None else (speed_m_s * math.cos(heading), speed_m_s * math.sin(heading))
+        )
+        yaw = _yaw(here, wanted) if yaw is None else yaw
+        return Adjusted(state, text, Velocity((n, e, -climb_m_s), yaw), yaw)
+
+    def _turn(self, here: Here, wanted: Wanted, heading: float) -> Adjusted:
+        text = "Turning: the obstacle sensor does not look into the direction of travel."
+        held = self._stop(here, wanted, text, heading)
+        return Adjusted("turning", text, held.motion, heading)
+
+    def _stop(self, here: Here, wanted: Wanted, text: str, yaw: float | None = None) -> Adjusted:
+        """Slows down, then holds the place that it has reached."""
+        yaw = _yaw(here, wanted) if yaw is None else yaw
+        if self._hold is None and math.hypot(*here.velocity_ned_m_s) < STOPPED_M_S:
+            self._hold = here.position_ned_m
+        motion = Velocity((0.0, 0.0, 0.0), yaw) if self._hold is None else Position(self._hold, yaw)
+        return Adjusted("stopped", text, motion, yaw)
+
+
+def _heading(here: Here, wanted: Wanted) -> float | None:
+    """Into which the vehicle is to travel [rad]; None: it stays over its place."""
+    north, east = (wanted.position_ned_m[i] - here.position_ned_m[i] for i in (0, 1))
+    if math.hypot(north, east) > MOVES_M:
+        return math.atan2(east, north)
+    vn, ve, _ = wanted.velocity_ned_m_s
+    return math.atan2(ve, vn) if math.hypot(vn, ve) > MOVES_M_S else None
+
+
+def _distance(here: Here, wanted: Wanted) -> float:
+    return math.dist(here.position_ned_m[:2], wanted.position_ned_m[:2])
+
+
+def _at(here: Here, age_s: float) -> Vector3:
+    """Where the vehicle was."""
+    n, e, d = (p - v * age_s for p, v in zip(here.position_ned_m, here.velocity_ned_m_s, strict=True))
+    return (n, e, d)
+
+
+def _yaw(here: Here, wanted: Wanted) -> float:
+    return here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
+
+
+def _clamp(climb_m_s: float, allowed: Allowed) -> float:
+    """A vertical speed within the detour's and the vehicle's own."""
+    return max(-min(DETOUR_SINK_M_S, allowed.sink_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s))

@@ -1,0 +1,110 @@
+"""Where something was measured lately: tops of columns in the local frame.
+
+A lidar sees the face of an obstacle and nothing of its depth or height. So whatever is below a measured
+point counts as solid, what is above it as free until it is measured, and a point counts for a while after the
+vehicle has risen above it or turned away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.avoidance.scans import Scan
+from missions.frames import Vector3
+
+CELL_M = 0.3
+KEPT_S = 30.0
+"""What was not measured again for so long is forgotten: it may have moved."""
+MOST_COLUMNS = 4096
+NorthEast = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Columns as seen along one line."""
+
+    along_m: NDArray[np.float64]
+    """(N,) from its begin."""
+    beside_m: NDArray[np.float64]
+    """(N,) from the line, to either side."""
+    away_m: NDArray[np.float64]
+    """(N,) from its begin in any direction."""
+    beyond_m: NDArray[np.float64]
+    """(N,) from its end in any direction."""
+    top_m: NDArray[np.float64]
+    """(N,) height above the local origin."""
+
+
+class ObstacleMemory:
+    """Of one vehicle; bounded."""
+
+    def __init__(self) -> None:
+        self._rows: dict[tuple[int, int], int] = {}
+        self._columns = np.full((MOST_COLUMNS, 4), -math.inf)
+        """North, east, top [m], when it was measured [s]."""
+        self._next = 0
+        self._keys: list[tuple[int, int] | None] = [None] * MOST_COLUMNS
+
+    def take(self, scan: Scan, at_ned_m: Vector3, lowest_m: float) -> None:
+        """Remembers what a scan met.
+
+        Args:
+            scan: the measurement.
+            at_ned_m: where the vehicle was then.
+            lowest_m: heights below this do not matter [m above the local origin].
+        """
+        for (n, e, d), distance_m in zip(scan.directions_ned, scan.distances_m, strict=True):
+            if distance_m is None:
+                continue
+            top_m = -(at_ned_m[2] + d * distance_m)
+            if top_m >= lowest_m:
+                self._put(at_ned_m[0] + n * distance_m, at_ned_m[1] + e * distance_m, top_m, scan.heard_s)
+
+    def _put(self, north_m: float, east_m: float, top_m: float, now_s: float) -> None:
+        key = (math.floor(north_m / CELL_M), math.floor(east_m / CELL_M))
+        row = self._rows.get(key)
+        if row is None:
+            row = self._next
+            self._next = (self._next + 1) % MOST_COLUMNS
+            before = self._keys[row]
+            if before is not None:  # the oldest makes room
+                del self._rows[before]
+            self._rows[key], self._keys[row] = row, key
+        else:
+            known = self._columns[row]
+            if now_s - known[3] <= KEPT_S and known[2] > top_m:
+                known[3] = now_s
+                return
+        self._columns[row] = (north_m, east_m, top_m, now_s)
+
+    def above(self, height_m: float, now_s: float) -> NDArray[np.float64]:
+        """(N, 3) north, east, top of the columns that reach above a height."""
+        known = self._columns
+        return known[(known[:, 2] > height_m) & (now_s - known[:, 3] <= KEPT_S)][:, :3]
+
+
+def along(columns: NDArray[np.float64], here: NorthEast, there: NorthEast) -> Columns:
+    """Columns (N, 3) as seen along the line from `here` to `there`."""
+    north, east = columns[:, 0] - here[0], columns[:, 1] - here[1]
+    length_m = math.dist(here, there)
+    un, ue = (
+        (1.0, 0.0) if length_m < 1e-6 else ((there[0] - here[0]) / length_m, (there[1] - here[1]) / length_m)
+    )
+    return Columns(
+        north * un + east * ue,
+        np.abs(east * un - north * ue),
+        np.hypot(north, east),
+        np.hypot(columns[:, 0] - there[0], columns[:, 1] - there[1]),
+        columns[:, 2],
+    )
+
+
+def nearest_m(columns: NDArray[np.float64], place: NorthEast) -> float:
+    """Distance over the ground from a place to the nearest column; infinite where there is none."""
+    if not len(columns):
+        return math.inf
+    return float(np.hypot(columns[:, 0] - place[0], columns[:, 1] - place[1]).min())

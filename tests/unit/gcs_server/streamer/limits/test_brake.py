@@ -1,0 +1,180 @@
+"""A setpoint towards something that the vehicle's sensors measure is slowed down, and stopped before it."""
+
+import math
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from gcs_server.streamer.limits.brake import SEES_FOR_S, Around
+from gcs_server.streamer.limits.braking import MARGIN_M
+from gcs_server.streamer.limits.limiter import apply_limits
+from gcs_server.streamer.limits.region import VehicleMotion
+from gcs_server.streamer.values.bounds import Bounds
+from missions.avoidance.scans import Scan
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
+    Acceleration,
+    Attitude,
+    Position,
+    PositionGlobal,
+    Rates,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+
+NOW_S = 50.0
+STILL = (0.0, 0.0, 0.0)
+HERE = VehicleMotion((0.0, 0.0, -5.0), STILL, 0.0)
+
+
+def seen(distance_m, direction=(1.0, 0.0, 0.0), *, range_m=20.0, velocity=STILL, age_s=0.0):
+    return Around((Scan(NOW_S - age_s, (direction,), (distance_m,), range_m),), NOW_S, velocity)
+
+
+UNLIMITED = Bounds()
+
+
+def limited(wanted, around, here=HERE, bounds=UNLIMITED):
+    return apply_limits(wanted, bounds, here, around=around)
+
+
+def test_a_velocity_towards_an_obstacle_is_one_from_which_it_stops():
+    result = limited(Velocity((8.0, 0.0, 0.0)), seen(6.0))
+    speed = result.setpoint.velocity_ned_m_s[0]
+    assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(6.0 - MARGIN_M)
+    assert result.notes == ("speed reduced to stop before an obstacle",)
+    assert limited(Velocity((8.0, 0.0, 0.0)), seen(0.9)).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
+
+
+def test_the_body_frame_and_slow_or_other_directions():
+    body = limited(VelocityBody((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_frd_m_s
+    assert body[0] == pytest.approx(
+        limited(Velocity((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_ned_m_s[0]
+    )
+    for free in (Velocity((1.0, 0.0, 0.0)), Velocity((-5.0, 0.0, 0.0)), Velocity((0.0, 5.0, 0.0))):
+        result = limited(free, seen(6.0))
+        assert (result.setpoint, result.notes) == (free, ())
+
+
+def test_a_place_behind_an_obstacle_becomes_one_before_it_approached_no_faster_than_it_stops():
+    result = limited(Position((30.0, 0.0, -5.0)), seen(4.0))
+    north, east, down = result.setpoint.position_ned_m
+    assert 0.0 < north <= 4.0 - MARGIN_M
+    assert (east, down) == (0.0, -5.0)
+    assert 0.95 * north <= 2.0
+    assert result.notes == ("position limited to stop before an obstacle",)
+    at_the_line = limited(Position((30.0, 0.0, -5.0)), seen(0.8)).setpoint
+    assert at_the_line.position_ned_m == (0.0, 0.0, -5.0)
+
+
+def test_a_place_on_earth_becomes_a_local_one():
+    origin = LocalOrigin(47.4, 8.5, 480.0)
+    result = limited(
+        PositionGlobal(47.4 + 30.0 / 111_195.0, 8.5, 485.0), seen(4.0), bounds=Bounds(origin=origin)
+    )
+    assert isinstance(result.setpoint, Position)
+    assert result.setpoint.position_ned_m[0] < 3.0
+
+
+def test_a_trajectory_is_slowed_with_its_feed_forward():
+    result = limited(Trajectory((2.0, 0.0, -5.0), (5.0, 0.0, 0.0)), seen(5.0))
+    north, speed = result.setpoint.position_ned_m[0], result.setpoint.velocity_ned_m_s[0]
+    assert 0.95 * north + speed <= 2.5
+    assert north > 0.0
+    assert speed > 0.0
+
+
+def test_what_the_sensor_does_not_see_counts_as_the_end_of_the_way():
+    result = limited(Velocity((12.0, 0.0, 0.0)), seen(None, range_m=10.0))
+    speed = result.setpoint.velocity_ned_m_s[0]
+    assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(10.0 - MARGIN_M)
+    assert result.notes == ("speed reduced to what the obstacle sensor sees",)
+    sideways = Velocity((0.0, 12.0, 0.0))
+    assert limited(sideways, seen(None, range_m=10.0)).setpoint == sideways, "no sensor looks there"
+
+
+def test_the_ground_that_a_sensor_measures_stops_neither_landing_nor_take_off():
+    down = seen(0.3, (0.0, 0.0, 1.0))
+    for wanted in (
+        Velocity((0.0, 0.0, 1.0)),
+        Velocity((0.0, 0.0, -2.0)),
+        Velocity((3.0, 0.0, 0.5)),
+        Position((0.0, 0.0, 0.0)),
+        Position((0.0, 0.0, -20.0)),
+    ):
+        result = limited(wanted, down)
+        assert (result.setpoint, result.notes) == (wanted, ())
+
+
+def test_the_ground_ahead_of_a_vehicle_that_pitches_forward_does_not_stop_it():
+    tilt = math.radians(15.0)
+    ground = seen(5.0 / math.sin(tilt), (math.cos(tilt), 0.0, math.sin(tilt)), range_m=40.0)
+    assert limited(Velocity((4.0, 0.0, 0.0)), ground).notes == ()
+
+
+def test_a_climb_stops_below_what_a_sensor_that_looks_up_measures():
+    up = seen(3.0, (0.0, 0.0, -1.0))
+    assert -1.8 < limited(Velocity((0.0, 0.0, -5.0)), up).setpoint.velocity_ned_m_s[2] < -1.0
+    assert limited(Position((0.0, 0.0, -20.0)), up).setpoint.position_ned_m[2] == pytest.approx(-7.5)
+    assert limited(Position((0.0, 0.0, -2.0)), up).notes == ()
+
+
+def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_then_forgotten():
+    fast = (4.0, 0.0, 0.0)
+    fresh = limited(Velocity(fast), seen(8.0, velocity=fast)).setpoint.velocity_ned_m_s[0]
+    older = limited(Velocity(fast), seen(8.0, velocity=fast, age_s=1.0)).setpoint.velocity_ned_m_s[0]
+    assert older == pytest.approx(limited(Velocity(fast), seen(4.0)).setpoint.velocity_ned_m_s[0])
+    assert older < fresh
+    assert limited(Velocity(fast), seen(1.0, age_s=SEES_FOR_S + 0.1)).notes == ()
+
+
+@pytest.mark.parametrize(
+    "wanted", [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates(STILL, 0.5), Acceleration((0.0, 0.0, 0.0))]
+)
+def test_kinds_that_steer_no_place_are_taken_over_before_an_obstacle(wanted):
+    fast = VehicleMotion((0.0, 0.0, -5.0), (4.0, 0.0, 0.0), 0.0)
+    near = seen(5.0, velocity=fast.velocity_ned_m_s)
+    assert "hit an obstacle" in limited(wanted, near, fast).stop
+    assert limited(wanted, seen(15.0, velocity=fast.velocity_ned_m_s), fast).stop is None
+    assert limited(wanted, seen(0.5)).stop is None, "it stands"
+    assert limited(wanted, None, fast).stop is None
+
+
+def test_along_a_wall_that_is_near_already_it_may_fly():
+    headings = [math.radians(5.0 * k) for k in range(72)]
+    rays = tuple((math.cos(a), math.sin(a), 0.0) for a in headings)
+    wall = tuple(0.6 / ray[1] if ray[1] > 0.05 else None for ray in rays)  # 0.6 m to the east
+    around = Around((Scan(NOW_S, rays, wall, 20.0),), NOW_S, STILL)
+    assert limited(Velocity((1.0, 0.0, 0.0)), around).setpoint.velocity_ned_m_s[0] > 0.0
+    assert limited(Velocity((0.0, 1.0, 0.0)), around).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
+    away = Velocity((0.0, -1.0, 0.0))
+    assert limited(away, around).setpoint == away
+
+
+@settings(max_examples=25, deadline=None, phases=[Phase.generate])
+@given(st.floats(3.0, 18.0), st.floats(1.0, 12.0), st.floats(-0.6, 0.6), st.booleans())
+def test_it_always_stops_before_a_wall(wall_m, speed, course, by_position):
+    """Followed with the lag that PX4 has, measured five times a second."""
+    rays = tuple((math.cos(a), math.sin(a), 0.0) for a in (math.radians(5.0 * k) for k in range(72)))
+    n, e, vn, ve = 0.0, 0.0, 0.0, 0.0
+    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), 0.0))
+    if by_position:
+        wanted = Position((100.0 * math.cos(course), 100.0 * math.sin(course), -5.0))
+    scan = Scan(0.0, rays, (None,) * 72, 20.0)
+    for step in range(300):
+        now_s = step * 0.05
+        if step % 4 == 0:
+            met = tuple(d if ray[0] > 0.05 and (d := (wall_m - n) / ray[0]) < 20.0 else None for ray in rays)
+            scan = Scan(now_s, rays, met, 20.0)
+        here = VehicleMotion((n, e, -5.0), (vn, ve, 0.0), 0.0)
+        sent = apply_limits(wanted, Bounds(), here, around=Around((scan,), now_s, (vn, ve, 0.0))).setpoint
+        if isinstance(sent, Position):
+            asked = (0.95 * (sent.position_ned_m[0] - n), 0.95 * (sent.position_ned_m[1] - e))
+        else:
+            asked = sent.velocity_ned_m_s
+        vn += max(-3.0, min(3.0, (asked[0] - vn) / 0.5)) * 0.05
+        ve += max(-3.0, min(3.0, (asked[1] - ve) / 0.5)) * 0.05
+        n, e = n + vn * 0.05, e + ve * 0.05
+        assert n < wall_m - 0.5

@@ -1,0 +1,140 @@
+"""A point that follows setpoints as slowly as PX4 does, among boxes that its lidar sees."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from missions.avoidance.avoider import Avoider
+from missions.avoidance.scans import Scan
+from missions.avoidance.values import Adjusted, Allowed, Here, Wanted
+from missions.setpoints import Position
+
+STEP_S = 0.05
+SCAN_EVERY = 4
+"""5 Hz."""
+VELOCITY_LAG_S, MOST_M_S2 = 0.5, 3.0
+"""A velocity is followed with this lag, and with no more acceleration."""
+RANGE_M = 20.0
+SECTORS = 72
+_turns = np.arange(8) * math.pi / 4
+DOWN = np.vstack(
+    [
+        [0.0, 0.0, 1.0],
+        np.stack([0.5 * np.cos(_turns), 0.5 * np.sin(_turns), np.full(8, math.sqrt(0.75))], axis=1),
+    ]
+)
+"""A cone of 30° below: a single ray does not see what stands beside it."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """An upright box on the ground, its sides along north and east."""
+
+    north_m: tuple[float, float]
+    east_m: tuple[float, float]
+    height_m: float
+
+    def distance_m(self, at_ned_m) -> float:
+        """From a place to its nearest surface; zero inside."""
+        n, e, d = at_ned_m
+        return math.hypot(
+            max(self.north_m[0] - n, 0.0, n - self.north_m[1]),
+            max(self.east_m[0] - e, 0.0, e - self.east_m[1]),
+            max(-d - self.height_m, 0.0),
+        )
+
+    def met_m(self, at_ned_m, directions) -> np.ndarray:
+        """(R,) along rays (R, 3); infinite where they pass."""
+        low = np.array([self.north_m[0], self.east_m[0], -self.height_m])
+        high = np.array([self.north_m[1], self.east_m[1], 0.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = (low - at_ned_m) / directions, (high - at_ned_m) / directions
+        near = np.nanmax(np.minimum(first, second), axis=1)
+        far = np.nanmin(np.maximum(first, second), axis=1)
+        return np.where((far >= near) & (far >= 0.0), np.maximum(near, 0.0), np.inf)
+
+
+class Course:
+    """One flight.
+
+    Args:
+        blocks: what stands there; the ground is at height zero.
+        around: whether the lidar sees in 72 directions; else straight ahead alone.
+        down: whether a sensor measures below.
+    """
+
+    def __init__(self, blocks, *, start=(0.0, 0.0, -2.0), around=True, down=True, way="over", allowed=None):
+        self.blocks = tuple(blocks)
+        self.avoider = Avoider(way)
+        self.allowed = allowed or Allowed()
+        self.at, self.velocity, self.yaw = np.array(start, float), np.zeros(3), 0.0
+        self.now_s, self.steps = 100.0, 0
+        self.around, self.down, self.blind = around, down, False
+        self.scans: tuple[Scan, ...] = ()
+        self.nearest_m, self.highest_m = math.inf, -math.inf
+        self.told: list[str] = []
+        self.adjusted = Adjusted("clear")
+
+    def _measure(self, directions) -> tuple[float | None, ...]:
+        found = np.full(len(directions), np.inf)
+        for block in self.blocks:
+            found = np.minimum(found, block.met_m(self.at, directions))
+        with np.errstate(divide="ignore"):
+            ground = np.where(directions[:, 2] > 1e-9, -self.at[2] / directions[:, 2], np.inf)
+        found = np.minimum(found, ground)
+        return tuple(float(m) if m <= RANGE_M else None for m in found)
+
+    def _scan(self) -> None:
+        headings = self.yaw + np.arange(SECTORS if self.around else 1) * 2 * math.pi / SECTORS
+        level = np.stack([np.cos(headings), np.sin(headings), np.zeros(len(headings))], axis=1)
+        self.scans = (self._seen(level, math.radians(2.5)),)
+        if self.down:
+            self.scans += (self._seen(DOWN, 0.0),)
+
+    def _seen(self, directions, half_angle_rad) -> Scan:
+        rays = tuple((float(n), float(e), float(d)) for n, e, d in directions)
+        return Scan(self.now_s, rays, self._measure(directions), RANGE_M, half_angle_rad)
+
+    def step(self, wanted: Wanted) -> None:
+        """Flies on for one step."""
+        if self.steps % SCAN_EVERY == 0 and not self.blind:
+            self._scan()
+        here = Here(tuple(self.at.tolist()), tuple(self.velocity.tolist()), self.yaw)
+        self.adjusted = self.avoider.adjust(self.now_s, here, wanted, self.scans, self.allowed)
+        motion = self.adjusted.motion or Position(wanted.position_ned_m)
+        if isinstance(motion, Position):
+            asked = 0.95 * (np.array(motion.position_ned_m) - self.at)
+            if self.adjusted.motion is None:
+                asked += np.array(wanted.velocity_ned_m_s)
+            size = math.hypot(asked[0], asked[1])
+            asked[:2] *= min(1.0, 5.0 / size) if size else 1.0
+            asked[2] = min(1.5, max(-3.0, asked[2]))
+        else:
+            asked = np.array(motion.velocity_ned_m_s)
+        change = (asked - self.velocity) / VELOCITY_LAG_S
+        change *= min(1.0, MOST_M_S2 / max(float(np.linalg.norm(change)), 1e-9))
+        self.velocity = self.velocity + change * STEP_S
+        self.at = self.at + self.velocity * STEP_S
+        yaw = wanted.yaw_ned_rad if self.adjusted.yaw_ned_rad is None else self.adjusted.yaw_ned_rad
+        turn = 0.0 if yaw is None else (yaw - self.yaw + math.pi) % (2 * math.pi) - math.pi
+        self.yaw += max(-1.0 * STEP_S, min(1.0 * STEP_S, turn))
+        self.nearest_m = min([self.nearest_m, *(block.distance_m(self.at) for block in self.blocks)])
+        self.highest_m = max(self.highest_m, -float(self.at[2]))
+        if not self.told or self.told[-1] != self.adjusted.state:
+            self.told.append(self.adjusted.state)
+        self.now_s += STEP_S
+        self.steps += 1
+
+    def fly(self, goal, seconds=60.0, yaw=0.0) -> None:
+        """To a place, until it is reached as wanted or the time is over."""
+        for _ in range(round(seconds / STEP_S)):
+            self.step(Wanted(goal, yaw_ned_rad=yaw))
+            if self.adjusted.state == "clear" and math.dist(self.at, goal) < 0.3:
+                return
+
+    def reached(self, goal) -> bool:
+        """Whether it is there."""
+        return math.dist(self.at, goal) < 0.5
