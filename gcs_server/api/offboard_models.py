@@ -232,6 +232,18 @@ class LimitsRequest(StrictBody):
         return values.OperatorLimits(**fields, fence=self.fence.to_fence() if self.fence else None)
 
 
+class AvoidanceRequest(StrictBody):
+    """Obstacle avoidance of a vehicle's setpoints."""
+
+    model_config = example(on=True, way="over")
+
+    on: bool = Field(description="Whether setpoints are led past obstacles.")
+    way: Literal["over", "around"] = Field(
+        default="over",
+        description="What is tried first: climb over an obstacle, or pass it at the same altitude.",
+    )
+
+
 FAILSAFE_ACTIONS = Literal["position", "altitude", "stabilized", "rtl", "land", "hold"]
 
 

@@ -79,6 +79,24 @@ async def set_limits(
         return answer(offboard.limits())
 
 
+@router.put("/avoidance", response_model=views.OffboardModel)
+async def set_avoidance(
+    v: str, body: models.AvoidanceRequest, station: StationDep, principal: PrincipalDep
+) -> Response:
+    """Switches obstacle avoidance on or off, in flight too; refused (409) where no sensor sees obstacles.
+
+    It acts on setpoints that lead to a place (position, trajectory, path, follow) and stays as it is until it
+    is switched or the server ends. The obstacle brake is a limit of its own.
+    """
+    with authorized_command(station, principal, "offboard/avoidance", v, body.model_dump()):
+        offboard = station.offboard(v)
+        if body.on:
+            await offboard.avoidance.switch_on(body.way)
+        else:
+            offboard.avoidance.switch_off()
+        return answer(offboard.status())
+
+
 @router.put("/failsafe", response_model=views.FailsafeModel)
 async def set_failsafe(
     v: str, body: models.FailsafeRequest, station: StationDep, principal: PrincipalDep

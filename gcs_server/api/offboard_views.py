@@ -58,12 +58,14 @@ class StreamedSetpoint(_Out):
 
 LimitsOriginModel = model_of(LimitsOrigin, recognised_by=Literal["uid", "system_id"] | None)
 StreamHealthModel = model_of(status.StreamHealth, echo=model_of(status.Echo) | None)
+AvoidanceModel = model_of(status.AvoidanceView, "ObstacleAvoidance")
 OffboardModel = model_of(
     status.OffboardStatus,
     ordered_type=SetpointType | None,
     setpoint=StreamedSetpoint | None,
     on_expiry=HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry | None,
     limits_origin=LimitsOriginModel,
+    avoidance=AvoidanceModel,
     health=StreamHealthModel,
 )
 

@@ -336,6 +336,10 @@ class Vehicle:
         """
         return await self.request("PUT", "/offboard/limits", limits)
 
+    async def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
+        """Leads setpoints over obstacles, or with `way="around"` around them, from now on; or no longer."""
+        return await self.request("PUT", "/offboard/avoidance", {"on": on, "way": way})
+
     async def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:

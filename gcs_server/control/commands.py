@@ -163,6 +163,7 @@ ALL: tuple[Command, ...] = (
         vehicles="the vehicle, every member of the group",
     ),
     _flies("offboard/stop", "POST /vehicles/{v}/offboard/stop"),
+    _flies("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance"),
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # open to all: who sees danger stops it
     _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /groups/{g}/hold"),

@@ -20,11 +20,19 @@ class SimulatedWorld(OffboardWorld):
         count: how many.
         parameters: of all of them, as if set before boot.
         seed: of noise and gusts.
+        sim: vehicles that fly already, with a link "gcs"; the other arguments but `count` are theirs then.
     """
 
-    def __init__(self, count: int = 1, parameters: dict[str, float] | None = None, *, seed: int = 3) -> None:
+    def __init__(
+        self,
+        count: int = 1,
+        parameters: dict[str, float] | None = None,
+        *,
+        seed: int = 3,
+        sim: VehicleSim | None = None,
+    ) -> None:
         super().__init__()
-        self.sim = VehicleSim(count, links=(("gcs", "gcs"),), parameters=parameters, seed=seed)
+        self.sim = sim or VehicleSim(count, links=(("gcs", "gcs"),), parameters=parameters, seed=seed)
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feeder(row)) for row in range(count)]
         for link in self._links:
             self.router.add(link)

@@ -1,14 +1,23 @@
 """Stops a vehicle before what its own sensors measure ahead of it.
 
 The brake acts on motion over the ground, and on a climb towards what a sensor that looks up measures. It
-never acts on a descent: what a sensor that looks down measures stops no landing. It knows the newest
-measurements only, moved by the vehicle's own motion since, and where no sensor looks it sees nothing.
+never acts on a descent: what a sensor that looks down measures stops no landing. It knows what was measured
+in the last two seconds; where no sensor looks it sees nothing. Nearer than the margin the vehicle is moved
+back, since PX4's integrator carries it on.
+
+A lidar that is fixed to the body looks at the foot of a wall, or at the ground, while the vehicle pitches
+forward. So each point that a level sensor measures counts, however far below the vehicle: low over the ground
+it flies more slowly, and does not hit the wall.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gcs_server.streamer.limits.braking import (
     BRAKE_DELAY_S,
@@ -19,6 +28,7 @@ from gcs_server.streamer.limits.braking import (
     GUARD_M_S2,
     MARGIN_HEIGHT_M,
     MARGIN_M,
+    PUSH_PER_S,
     braking_speed,
 )
 from missions.avoidance.scans import NARROWEST_RAD, STEEP, Scan, fresh
@@ -27,22 +37,72 @@ from missions.frames import Vector3
 
 SEES_FOR_S = 2.0
 """A measurement older than this is none: PX4 sends DISTANCE_SENSOR every two seconds by itself."""
+SAME_HEIGHT_M = 1.0
+"""What was measured further above or below than where the vehicle is now counts no more."""
+MOST_SCANS = 100
 WIDTH_M, NARROWEST_M = 0.8, 0.35
 """What is nearer than this to the line of flight is in the way; less where something is nearer already."""
-HEIGHT_M = 0.4
-"""What is further above or below is flown over or under."""
+BACK_M_S = 0.5
+"""It is moved back no faster."""
 GUARD_MARGIN_M = 0.3
 SLOW_M_S = 0.5
 """A vehicle that flies by attitude or rates is not taken over below this speed."""
 
+Points = NDArray[np.float64]
+"""(N, 2) north, east."""
+NOTHING: Points = np.empty((0, 2))
+
 
 @dataclass(frozen=True, slots=True)
 class Around:
-    """What the sensors measured, and how the vehicle moves."""
+    """What was measured around the vehicle, and how it moves."""
 
+    points_ne_m: Points
+    """From the vehicle, as it is now."""
     scans: tuple[Scan, ...]
-    now_s: float
+    """The newest of each sensor."""
     velocity_ned_m_s: Vector3
+
+
+class BrakeMemory:
+    """What the sensors of one vehicle measured in the last seconds, in its local frame."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[Scan, float, Points]] = deque(maxlen=MOST_SCANS)
+        """Scan, height of the vehicle [m], points in the local frame."""
+
+    def around(
+        self, now_s: float, scans: tuple[Scan, ...], position_ned_m: Vector3 | None, velocity_ned_m_s: Vector3
+    ) -> Around:
+        """Takes the newest scans and says what is around the vehicle now."""
+        newest = fresh(scans, now_s, SEES_FOR_S)
+        if position_ned_m is None:
+            self._kept.clear()
+            moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.heard_s) for scan in newest]
+            return Around(np.vstack([NOTHING, *moved]), newest, velocity_ned_m_s)
+        here = np.array(position_ned_m[:2])
+        for scan in newest:
+            if all(scan != kept for kept, _, _ in self._kept):
+                at = here - _shift(velocity_ned_m_s, now_s - scan.heard_s)
+                self._kept.append((scan, position_ned_m[2], _level(scan) + at))
+        while self._kept and now_s - self._kept[0][0].heard_s > SEES_FOR_S:
+            self._kept.popleft()
+        points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_HEIGHT_M]
+        return Around(np.vstack([NOTHING, *points]) - here, newest, velocity_ned_m_s)
+
+
+def _level(scan: Scan) -> Points:
+    """Points that a scan met, over the ground, without those of rays that look up or down."""
+    met = [
+        (n * far_m, e * far_m)
+        for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
+        if far_m is not None and abs(d) <= STEEP
+    ]
+    return np.array(met) if met else NOTHING
+
+
+def _shift(velocity_ned_m_s: Vector3, age_s: float) -> Points:
+    return np.array(velocity_ned_m_s[:2]) * max(0.0, age_s)
 
 
 class ObstacleBrake:
@@ -55,20 +115,9 @@ class ObstacleBrake:
 
     def __init__(self, around: Around | None, notes: list[str]) -> None:
         self._notes = notes
-        self._scans = () if around is None else fresh(around.scans, around.now_s, SEES_FOR_S)
-        self._points: list[Vector3] = []
-        """From the vehicle, as it is now."""
-        if around is None:
-            return
-        vn, ve, vd = around.velocity_ned_m_s
-        for scan in self._scans:
-            age_s = max(0.0, around.now_s - scan.heard_s)
-            for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True):
-                if far_m is not None:
-                    self._points.append(
-                        (n * far_m - vn * age_s, e * far_m - ve * age_s, d * far_m - vd * age_s)
-                    )
-        self._velocity = around.velocity_ned_m_s
+        self._scans = () if around is None else around.scans
+        self._points = NOTHING if around is None else around.points_ne_m
+        self._velocity = (0.0, 0.0, 0.0) if around is None else around.velocity_ned_m_s
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
         """Slow enough to stop before what is ahead."""
@@ -80,6 +129,8 @@ class ObstacleBrake:
         if speed <= most:
             return velocity
         self._notes.append(f"speed reduced {why}")
+        if free_m < MARGIN_M:
+            most = -min(BACK_M_S, PUSH_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m))
         return (velocity[0] * most / speed, velocity[1] * most / speed)
 
     def limit_position_ne(
@@ -94,7 +145,12 @@ class ObstacleBrake:
             return place, None if speed is None else self.limit_velocity_ne(speed)
         un, ue = (place[0] - here[0]) / off_m, (place[1] - here[1]) / off_m
         free_m, why = self._free(un, ue)
-        stop_m = max(0.0, free_m - MARGIN_M)
+        if free_m < MARGIN_M:
+            self._notes.append(f"position limited {why}")
+            back_m = self._back_m(un, ue, free_m)
+            still = None if speed is None else (0.0, 0.0)
+            return (here[0] - un * back_m, here[1] - ue * back_m), still
+        stop_m = free_m - MARGIN_M
         most = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
         near_m = min(off_m, stop_m)
         asked = gain * near_m + feed
@@ -139,15 +195,20 @@ class ObstacleBrake:
 
     # --- inside -------------------------------------------------------------------------------------
 
+    def _back_m(self, un: float, ue: float, free_m: float) -> float:
+        """How far back it is to the margin, where there is room behind."""
+        behind_m, _ = self._free(-un, -ue, seen=False)
+        return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
+
     def _free(self, un: float, ue: float, *, seen: bool = True) -> tuple[float, str]:
         """How far the way into a direction is free, as far as it is seen, and the words for it."""
-        level = [point for point in self._points if abs(point[2]) < HEIGHT_M]
-        nearest_m = min((math.hypot(n, e) for n, e, _ in level), default=math.inf)
-        width_m = max(NARROWEST_M, min(WIDTH_M, nearest_m - 0.1))
-        ahead = [
-            along for n, e, _ in level if (along := n * un + e * ue) > 0.0 and abs(e * un - n * ue) < width_m
-        ]
-        met_m = min(ahead, default=math.inf)
+        met_m = math.inf
+        if len(self._points):
+            north, east = self._points[:, 0], self._points[:, 1]
+            width_m = max(NARROWEST_M, min(WIDTH_M, float(np.hypot(north, east).min()) - 0.1))
+            along = north * un + east * ue
+            ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < width_m)]
+            met_m = float(ahead.min()) if len(ahead) else math.inf
         sees_m = self._sees_m(un, ue) if seen else math.inf
         if met_m <= sees_m:
             return met_m, "to stop before an obstacle"
@@ -166,7 +227,12 @@ class ObstacleBrake:
 
     def _above_m(self) -> float:
         """To the nearest thing above the vehicle."""
-        above = [
-            -d for n, e, d in self._points if -d > STEEP * math.hypot(n, e, d) and math.hypot(n, e) < WIDTH_M
-        ]
-        return min(above, default=math.inf)
+        return min(
+            (
+                -d * far_m
+                for scan in self._scans
+                for (_, _, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
+                if far_m is not None and d < -STEEP
+            ),
+            default=math.inf,
+        )

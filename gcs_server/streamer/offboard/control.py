@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, Refused, Rejected
+from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.failsafe import ACTION_MODES, Failsafe
@@ -64,6 +65,7 @@ class OffboardControl:
         self._availability = Availability(self._estimates, self._protocol)
         self._configuration = OffboardConfiguration(clock, vehicle, self._estimates)
         self.operator = limits
+        self.avoidance = AvoidanceControl(clock, vehicle, self._estimates)
         self._bounds = UNBOUNDED
         self._bounds_of: tuple[object, ...] = ()
         self._asked = 0
@@ -94,6 +96,8 @@ class OffboardControl:
                 remedy="Stop the other program, or command Hold first.",
             )
         await self.operator.recognised()
+        if self.avoidance.way is not None:
+            self.avoidance.require_sensor()
         self.check(order)
         await self._streams.ready()
         try:
@@ -286,6 +290,7 @@ class OffboardControl:
             sends_failed=state.sends_failed,
             ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
             limits_origin=self.operator.origin(),
+            avoidance=self.avoidance.view(state),
             health=health_of(state, self._estimates, failsafe),
         )
 
@@ -298,6 +303,7 @@ class OffboardControl:
             bounds=self._current_bounds(),
             hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
             leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
+            avoidance=self.avoidance.way,
         )
 
     def snapshot_without_estimates(self) -> Snapshot:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.streamer.values.order import OnExpiry, StreamOwner
+from missions.avoidance.values import AvoidanceState, AvoidanceWay
 from missions.frames import Quaternion, Vector3
 from missions.setpoints import Partial3
 
@@ -53,6 +54,21 @@ class StreamHealth:
 
 
 @dataclass(frozen=True, slots=True)
+class AvoidanceView:
+    """Obstacle avoidance."""
+
+    on: bool
+    way: AvoidanceWay
+    """What is tried first: over an obstacle, or around it at the same altitude."""
+    state: AvoidanceState | None
+    """What it does now; null while it is off or nothing is streamed."""
+    text: str
+    """The same for people; empty while it flies as ordered."""
+    sensor: bool
+    """Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one, too."""
+
+
+@dataclass(frozen=True, slots=True)
 class OffboardStatus:
     """The topic `offboard`, and what the calls below `…/offboard` answer."""
 
@@ -88,6 +104,7 @@ class OffboardStatus:
     limits_origin: LimitsOrigin
     """Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
     them."""
+    avoidance: AvoidanceView
     health: StreamHealth
 
 

@@ -157,6 +157,9 @@ class Streamer:
         known = [vehicle_id for vehicle_id in seen if vehicle_id in self._controls]
         self._streams.beat({vid: s for vid in known if (s := self._snapshot(vid, seen[vid])) is not None})
         self._isolation.run("the look after groups", self.groups.look)
+        for vehicle_id in known:
+            control = self._controls[vehicle_id]
+            control.vehicle.isolation.run("the rate of its sensors", control.avoidance.ask_for_rates)
         for vehicle_id, report in self._streams.take_reports():
             self._tell(vehicle_id, report.text, report.severity, report.code)
 

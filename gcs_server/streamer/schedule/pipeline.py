@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint, keeps_heading
-from gcs_server.streamer.limits.brake import SEES_FOR_S, Around
+from gcs_server.streamer.limits.brake import SEES_FOR_S, Around, BrakeMemory
 from gcs_server.streamer.limits.limiter import LimitResult, apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
 from gcs_server.streamer.schedule.avoidance import AvoidanceStage, Avoiding
@@ -42,6 +42,7 @@ class SetpointPipeline:
         self._reports: list[StreamEvent] = []
         self._avoidance = AvoidanceStage()
         self._brake_sees = False
+        self._measured = BrakeMemory()
 
     def forget(self) -> None:
         """A new stream begins."""
@@ -171,7 +172,10 @@ class SetpointPipeline:
             text = f"Obstacle sensor silent for {SEES_FOR_S:g} s: the obstacle brake sees nothing."
             self._reports.append(StreamEvent("obstacle_sensor_lost", WARNING, text))
         self._brake_sees = sees
-        return Around(snapshot.scans, now_s, snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)) if sees else None
+        if not sees:
+            return None
+        position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
+        return self._measured.around(now_s, snapshot.scans, position, velocity)
 
 
 def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from gcs_server.streamer.limits.brake import SEES_FOR_S, Around
+from gcs_server.streamer.limits.brake import SEES_FOR_S, BrakeMemory
 from gcs_server.streamer.limits.braking import MARGIN_M
 from gcs_server.streamer.limits.limiter import apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
@@ -30,7 +30,8 @@ HERE = VehicleMotion((0.0, 0.0, -5.0), STILL, 0.0)
 
 
 def seen(distance_m, direction=(1.0, 0.0, 0.0), *, range_m=20.0, velocity=STILL, age_s=0.0):
-    return Around((Scan(NOW_S - age_s, (direction,), (distance_m,), range_m),), NOW_S, velocity)
+    scan = Scan(NOW_S - age_s, (direction,), (distance_m,), range_m)
+    return BrakeMemory().around(NOW_S, (scan,), HERE.position_ned_m, velocity)
 
 
 UNLIMITED = Bounds()
@@ -45,7 +46,8 @@ def test_a_velocity_towards_an_obstacle_is_one_from_which_it_stops():
     speed = result.setpoint.velocity_ned_m_s[0]
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(6.0 - MARGIN_M)
     assert result.notes == ("speed reduced to stop before an obstacle",)
-    assert limited(Velocity((8.0, 0.0, 0.0)), seen(0.9)).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
+    at_the_line = limited(Velocity((8.0, 0.0, 0.0)), seen(1.0)).setpoint
+    assert at_the_line.velocity_ned_m_s == pytest.approx((0.0, 0.0, 0.0))
 
 
 def test_the_body_frame_and_slow_or_other_directions():
@@ -65,8 +67,19 @@ def test_a_place_behind_an_obstacle_becomes_one_before_it_approached_no_faster_t
     assert (east, down) == (0.0, -5.0)
     assert 0.95 * north <= 2.0
     assert result.notes == ("position limited to stop before an obstacle",)
-    at_the_line = limited(Position((30.0, 0.0, -5.0)), seen(0.8)).setpoint
-    assert at_the_line.position_ned_m == (0.0, 0.0, -5.0)
+
+
+def test_nearer_than_the_margin_it_is_moved_back_where_there_is_room():
+    assert limited(Position((30.0, 0.0, -5.0)), seen(0.8)).setpoint.position_ned_m == pytest.approx(
+        (-0.2, 0.0, -5.0)
+    )
+    assert limited(Velocity((8.0, 0.0, 1.0)), seen(0.8)).setpoint.velocity_ned_m_s == pytest.approx(
+        (-0.2, 0.0, 1.0)
+    )
+    both = Scan(NOW_S, ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), (0.8, 0.9), 20.0)
+    around = BrakeMemory().around(NOW_S, (both,), HERE.position_ned_m, STILL)
+    assert limited(Velocity((8.0, 0.0, 0.0)), around).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
+    assert limited(Position((30.0, 0.0, -5.0)), around).setpoint.position_ned_m == (0.0, 0.0, -5.0)
 
 
 def test_a_place_on_earth_becomes_a_local_one():
@@ -108,10 +121,29 @@ def test_the_ground_that_a_sensor_measures_stops_neither_landing_nor_take_off():
         assert (result.setpoint, result.notes) == (wanted, ())
 
 
-def test_the_ground_ahead_of_a_vehicle_that_pitches_forward_does_not_stop_it():
+def test_a_wall_is_seen_though_the_vehicle_pitches_forward_and_the_ground_slows_it_only():
     tilt = math.radians(15.0)
-    ground = seen(5.0 / math.sin(tilt), (math.cos(tilt), 0.0, math.sin(tilt)), range_m=40.0)
-    assert limited(Velocity((4.0, 0.0, 0.0)), ground).notes == ()
+    foot = seen(6.0 / math.cos(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
+    level = limited(Velocity((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_ned_m_s[0]
+    assert limited(Velocity((8.0, 0.0, 0.0)), foot).setpoint.velocity_ned_m_s[0] == pytest.approx(level)
+    ground = seen(1.0 / math.sin(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
+    assert limited(Velocity((8.0, 0.0, 0.0)), ground).setpoint.velocity_ned_m_s[0] > 1.5, "from 1 m height"
+
+
+def test_what_was_measured_counts_for_two_seconds_at_the_same_height_though_it_is_looked_over_since():
+    ahead, over = ((1.0, 0.0, 0.0),), ((math.cos(0.5), 0.0, -math.sin(0.5)),)
+    for since_s, climbed_m, kept in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
+        memory = BrakeMemory()
+        memory.around(NOW_S, (Scan(NOW_S, ahead, (4.0,), 20.0),), HERE.position_ned_m, STILL)
+        later_s, at = NOW_S + since_s, (0.5, 0.0, -5.0 - climbed_m)
+        around = memory.around(later_s, (Scan(later_s, over, (None,), 20.0),), at, STILL)
+        assert around.points_ne_m.tolist() == ([[3.5, 0.0]] if kept else [])
+
+
+def test_without_a_position_the_newest_measurements_count():
+    scan = Scan(NOW_S - 0.5, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
+    around = BrakeMemory().around(NOW_S, (scan,), None, (2.0, 0.0, 0.0))
+    assert around.points_ne_m.tolist() == [[3.0, 0.0]]
 
 
 def test_a_climb_stops_below_what_a_sensor_that_looks_up_measures():
@@ -146,9 +178,9 @@ def test_along_a_wall_that_is_near_already_it_may_fly():
     headings = [math.radians(5.0 * k) for k in range(72)]
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in headings)
     wall = tuple(0.6 / ray[1] if ray[1] > 0.05 else None for ray in rays)  # 0.6 m to the east
-    around = Around((Scan(NOW_S, rays, wall, 20.0),), NOW_S, STILL)
+    around = BrakeMemory().around(NOW_S, (Scan(NOW_S, rays, wall, 20.0),), HERE.position_ned_m, STILL)
     assert limited(Velocity((1.0, 0.0, 0.0)), around).setpoint.velocity_ned_m_s[0] > 0.0
-    assert limited(Velocity((0.0, 1.0, 0.0)), around).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
+    assert limited(Velocity((0.0, 1.0, 0.0)), around).setpoint.velocity_ned_m_s[1] < 0.0
     away = Velocity((0.0, -1.0, 0.0))
     assert limited(away, around).setpoint == away
 
@@ -162,14 +194,15 @@ def test_it_always_stops_before_a_wall(wall_m, speed, course, by_position):
     wanted = Velocity((speed * math.cos(course), speed * math.sin(course), 0.0))
     if by_position:
         wanted = Position((100.0 * math.cos(course), 100.0 * math.sin(course), -5.0))
-    scan = Scan(0.0, rays, (None,) * 72, 20.0)
+    scan, memory = Scan(0.0, rays, (None,) * 72, 20.0), BrakeMemory()
     for step in range(300):
         now_s = step * 0.05
         if step % 4 == 0:
             met = tuple(d if ray[0] > 0.05 and (d := (wall_m - n) / ray[0]) < 20.0 else None for ray in rays)
             scan = Scan(now_s, rays, met, 20.0)
         here = VehicleMotion((n, e, -5.0), (vn, ve, 0.0), 0.0)
-        sent = apply_limits(wanted, Bounds(), here, around=Around((scan,), now_s, (vn, ve, 0.0))).setpoint
+        around = memory.around(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
+        sent = apply_limits(wanted, Bounds(), here, around=around).setpoint
         if isinstance(sent, Position):
             asked = (0.95 * (sent.position_ned_m[0] - n), 0.95 * (sent.position_ned_m[1] - e))
         else:

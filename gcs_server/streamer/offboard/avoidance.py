@@ -1,0 +1,130 @@
+"""Whether one vehicle's stream leads it past obstacles, and how often its sensors tell what they measure."""
+
+from __future__ import annotations
+
+from gcs_server.clock import Clock
+from gcs_server.errors import Refused
+from gcs_server.mavlink import dialect as d
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.offboard.status import AvoidanceView
+from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.vehicle.samples import DistanceSensors, ObstacleDistance
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.avoidance.avoider import FRESH_S
+from missions.avoidance.scans import STEEP, fresh, looks_level
+from missions.avoidance.values import AvoidanceWay
+
+TOPICS = {
+    "distance_sensors": d.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+    "obstacle_distance": d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
+}
+RATE_HZ = 5.0
+"""PX4 sends these once in one or two seconds by itself: too seldom to brake by."""
+SLOW_S = 0.5
+"""What is heard less often than this is asked for again."""
+ASK_AGAIN_S = 2.0
+HAS_SENSOR_S = 10.0
+"""A sensor heard within this time is there, however seldom it is heard."""
+HEARD_WITHIN_S, LOOK_EVERY_S = 3.0, 0.1
+
+
+class AvoidanceControl:
+    """Of one vehicle; off when the server starts.
+
+    Args:
+        clock: the server's.
+        vehicle: whose.
+        estimates: its sensors.
+    """
+
+    def __init__(self, clock: Clock, vehicle: Vehicle, estimates: VehicleEstimates) -> None:
+        self._clock = clock
+        self._vehicle = vehicle
+        self._estimates = estimates
+        self._asked_s = float("-inf")
+        self.way: AvoidanceWay | None = None
+        """What is tried first; None: off."""
+
+    async def switch_on(self, way: AvoidanceWay) -> None:
+        """From now on, for the stream that runs too; returns once a sensor is heard often enough.
+
+        Raises:
+            Refused: no sensor sees obstacles.
+        """
+        until_s = self._clock.monotonic_s() + HEARD_WITHIN_S
+        self._vehicle.require_commandable()
+        while self.has_sensor() and not self._sees() and self._clock.monotonic_s() < until_s:
+            self.ask_for_rates()
+            await self._clock.sleep(LOOK_EVERY_S)
+        self.require_sensor()
+        self.way = way
+
+    def switch_off(self) -> None:
+        """The setpoints are flown as ordered; the obstacle brake stays."""
+        self.way = None
+
+    def require_sensor(self) -> None:
+        """Before avoidance is relied on.
+
+        Raises:
+            Refused: no sensor sees obstacles.
+        """
+        if not self._sees():
+            raise Refused(
+                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no obstacle sensor was heard within the "
+                f"last {FRESH_S:g} s.",
+                remedy="Check the sensor (DISTANCE_SENSOR to a side, or OBSTACLE_DISTANCE) and the link, or "
+                "switch avoidance off.",
+            )
+
+    def ask_for_rates(self) -> None:
+        """With each beat of a stream: asks the vehicle for more of what is heard too seldom."""
+        now_s = self._clock.monotonic_s()
+        if now_s - self._asked_s < ASK_AGAIN_S or not self.has_sensor():
+            return
+        for topic, msg_id in TOPICS.items():
+            sample = self._vehicle.topic(topic)
+            if sample is None or now_s - sample.received_monotonic_s < SLOW_S:
+                continue
+            self._asked_s = now_s
+            identity = self._vehicle.identity
+            self._vehicle.send(
+                d.MAVLink_command_long_message(
+                    identity.system_id, identity.component_id, d.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
+                    float(msg_id), 1e6 / RATE_HZ, 0.0, 0.0, 0.0, 0.0, 0.0,
+                )
+            )  # fmt: skip
+
+    def has_sensor(self) -> bool:
+        """Whether it has a sensor that sees obstacles, by what it has sent lately."""
+        now_s = self._clock.monotonic_s()
+        for topic in TOPICS:
+            sample = self._vehicle.topic(topic)
+            if sample is None or now_s - sample.received_monotonic_s > HAS_SENSOR_S:
+                continue
+            value = sample.value
+            if isinstance(value, ObstacleDistance):
+                return True
+            if isinstance(value, DistanceSensors) and any(
+                each.direction_frd[2] <= STEEP for each in value.sensors
+            ):
+                return True
+        return False
+
+    def view(self, state: StreamState) -> AvoidanceView:
+        """As the status shows it."""
+        doing = state.avoiding
+        text = "" if doing is None else doing.text
+        if self.way is not None and state.phase == "idle":
+            text = "On: it acts once setpoints are streamed."
+        return AvoidanceView(
+            on=self.way is not None,
+            way=self.way or "over",
+            state=None if doing is None else doing.state,
+            text=text,
+            sensor=self.has_sensor(),
+        )
+
+    def _sees(self) -> bool:
+        scans = fresh(self._estimates.scans(), self._clock.monotonic_s(), FRESH_S)
+        return any(looks_level(scan) for scan in scans)

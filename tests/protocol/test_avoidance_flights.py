@@ -1,0 +1,174 @@
+"""Flights at the obstacle box: into it, before it, over it, and with sensors that fall silent."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import Refused
+from gcs_server.mavlink import dialect as d
+from gcs_server.streamer.values.limit_values import OperatorLimits
+from gcs_server.streamer.values.order import Order
+from missions.setpoints import Path, PathPoint, Position
+from tests.protocol.offboard_world import codes
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.unit.vehicle_sim.flown import flown
+from tests.unit.vehicle_sim.sim_station import Station
+from vehicle_sim.world.files import load_world
+
+GOAL = (10.0, 0.0, -2.0)
+BOX_NORTH_M = (4.25, 5.75)
+INTERVALS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
+
+
+def to(place, valid_for_s=120.0):
+    return Order(Position(place, 0.0), valid_for_s, client="test")
+
+
+class Flight:
+    """In front of the box, in Offboard, looking north."""
+
+    def __init__(self, world, vehicle):
+        self.world, self.vehicle, self.offboard = world, vehicle, vehicle.offboard
+        self.truth = world.sim.simulation.truth
+        self.track = []
+        self.streamed = None
+
+    async def begin(self):
+        await self.offboard.start(to((0.0, 0.0, -2.0)))
+        await until(lambda: abs(self.at[2] + 2.0) < 0.2 and abs(self.at[0]) < 0.3, 20)
+        self.streamed = asyncio.ensure_future(self.record())
+
+    async def record(self):
+        while True:
+            self.track.append((*self.at, self.broken()))
+            await asyncio.sleep(0.1)
+
+    def broken(self):
+        return any("Collision" in event.text for event in self.vehicle.events.since())
+
+    @property
+    def at(self):
+        return tuple(self.truth.position_ned_m[0].tolist())
+
+    @property
+    def avoidance(self):
+        return self.offboard.status().avoidance
+
+    def near(self, place, within_m=0.5):
+        return all(abs(a - b) < within_m for a, b in zip(self.at, place, strict=True))
+
+    def highest_over_the_box(self):
+        return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
+
+    def whole(self):
+        return not any(broken for *_, broken in self.track)
+
+    def silence_sensors(self, interval_us=-1.0):
+        for msg_id in INTERVALS:
+            self.vehicle.send(
+                d.MAVLink_command_long_message(1, 1, 511, 0, float(msg_id), interval_us, 0, 0, 0, 0, 0)
+            )
+
+
+def fly(jump, story):
+    async def run():
+        station = flown(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
+        world = SimulatedWorld(sim=station.sim)
+        try:
+            vehicle = await world.ready()
+            flight = Flight(world, vehicle)
+            await flight.begin()
+            try:
+                await story(flight)
+            finally:
+                flight.streamed.cancel()
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
+    async def story(flight):
+        await flight.offboard.operator.set(OperatorLimits(obstacle_brake=False), by="test")
+        await flight.offboard.setpoint(to(GOAL))
+        await until(lambda: not flight.whole(), 30)
+        assert flight.at[0] < BOX_NORTH_M[0]
+
+    fly(jump, story)
+
+
+def test_the_brake_holds_it_before_the_box_and_avoidance_switched_on_in_flight_leads_it_over(jump):
+    async def story(flight):
+        offboard = flight.offboard
+        await offboard.setpoint(to(GOAL))
+        await asyncio.sleep(10)
+        status = offboard.status()
+        assert status.limited == ("position limited to stop before an obstacle",)
+        assert (status.state, status.avoidance.state, status.avoidance.sensor) == ("streaming", None, True)
+        assert 2.0 < flight.at[0] < 3.6
+        await offboard.avoidance.switch_on("over")
+        await until(lambda: flight.avoidance.state == "over", 5)
+        assert "climbing over" in flight.avoidance.text
+        await until(lambda: flight.avoidance.state == "clear" and flight.near(GOAL), 60)
+        assert flight.whole()
+        assert 4.4 < flight.highest_over_the_box() < 7.0
+        assert codes(flight.vehicle).count("avoidance") >= 2
+        offboard.avoidance.switch_off()
+        await until(lambda: flight.avoidance.state is None, 2)
+
+    fly(jump, story)
+
+
+def test_a_path_through_the_box_is_left_sideways_and_met_again_behind(jump):
+    async def story(flight):
+        await flight.offboard.avoidance.switch_on("around")
+        points = tuple(PathPoint(t, (1.5 * t, 0.0, -2.0), 0.0) for t in (0.0, 6.0, 12.0))
+        await flight.offboard.setpoint(Order(Path(points), 60.0, client="test"))
+        await until(lambda: flight.avoidance.state == "around", 20)
+        await until(lambda: flight.avoidance.state == "clear" and flight.near((18.0, 0.0, -2.0)), 60)
+        assert flight.whole()
+        assert max(-down for _, _, down, _ in flight.track) < 3.0
+        assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
+
+    fly(jump, story)
+
+
+def test_sensors_that_fall_silent_in_flight_stop_it_until_they_are_back(jump):
+    async def story(flight):
+        await flight.offboard.avoidance.switch_on("over")
+        await flight.offboard.setpoint(to(GOAL))
+        await until(lambda: flight.avoidance.state == "over", 20)
+        flight.offboard.avoidance.ask_for_rates = lambda: None
+        flight.silence_sensors()
+        await until(lambda: flight.avoidance.state == "stopped", 5)
+        assert "No obstacle sensor" in flight.avoidance.text
+        await asyncio.sleep(5)
+        held = flight.at
+        await asyncio.sleep(3)
+        assert flight.near(held, 0.3)
+        assert "avoidance_stopped" in codes(flight.vehicle)
+        flight.silence_sensors(2e5)
+        await until(lambda: flight.near(GOAL), 60)
+        assert flight.whole()
+
+    fly(jump, story)
+
+
+def test_without_a_sensor_avoidance_is_refused_in_words_and_no_stream_begins_with_it(jump):
+    async def run():
+        world = SimulatedWorld(sim=flown(Station, 2.0, links=(("gcs", "gcs"),)).sim)
+        try:
+            vehicle = await world.ready()
+            with pytest.raises(Refused, match="no obstacle sensor") as refused:
+                await vehicle.offboard.avoidance.switch_on("over")
+            assert "DISTANCE_SENSOR" in refused.value.remedy
+            assert not vehicle.offboard.status().avoidance.on
+            vehicle.offboard.avoidance.way = "over"  # as if its sensor had been lost since
+            with pytest.raises(Refused, match="no obstacle sensor"):
+                await vehicle.offboard.start(to((0.0, 0.0, -10.0)))
+            assert vehicle.status.mode == "hold"
+        finally:
+            await world.close()
+
+    jump(run)
