@@ -261,6 +261,10 @@ class SyncVehicle:
         """
         return self._portal.call(lambda: self._inner.set_offboard_limits(**limits))
 
+    def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
+        """Leads setpoints over obstacles, or with `way="around"` around them, from now on; or no longer."""
+        return self._portal.call(lambda: self._inner.set_obstacle_avoidance(on, way=way))
+
     def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:

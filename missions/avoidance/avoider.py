@@ -193,7 +193,8 @@ class Avoider:
         heading, self._side, free_m = chosen
         speed = min(DETOUR_M_S, allowed.speed_m_s, braking_speed(free_m))
         climb = _clamp(self._level_m + here.position_ned_m[2], allowed)
-        text = f"Obstacle ahead: flying around it on the {self._side}."
+        where = "" if self._side is None else f" on the {self._side}"
+        text = f"Obstacle ahead: flying around it{where}."
         return self._fly("around", text, here, wanted, heading, speed, climb, None)
 
     def _back(

@@ -18,8 +18,8 @@ STEP_RAD = math.radians(10.0)
 STEPS = 16
 """160° to each side: further is back."""
 LOOK_M = 6.0
-LEAST_FREE_M = 1.0
-"""Beyond the clearance: less is no way."""
+LEAST_FREE_M = 2.0
+"""Beyond the clearance: less is no way, and `LOOK_M` is better."""
 FENCE_MARGIN_M = 2.0
 
 
@@ -31,7 +31,7 @@ def choose_heading(
     region: Region,
     side: Side | None,
     clearance_m: float,
-) -> tuple[float, Side, float] | None:
+) -> tuple[float, Side | None, float] | None:
     """The heading nearest to the goal's that is seen, free and inside the fence; None: there is none.
 
     Args:
@@ -44,19 +44,19 @@ def choose_heading(
         clearance_m: to be kept.
 
     Returns:
-        The heading [rad], its side, and how far it is free [m].
+        The heading [rad], its side (None: still towards the goal), and how far it is free [m].
     """
     n, e = here.position_ned_m[:2]
     goal = math.atan2(wanted.position_ned_m[1] - e, wanted.position_ned_m[0] - n)
-    for turn in range(STEPS + 1):
-        for name in ("right", "left") if side is None else (side,):
-            heading = goal + (turn if name == "right" else -turn) * STEP_RAD
-            free_m = _free_m(points, (n, e), heading, clearance_m)
-            if free_m < LEAST_FREE_M or seen_m(scans, heading) is None:
-                continue
-            if _leaves(region, (n, e), heading):
-                continue
-            return heading, name, free_m
+    sides: tuple[Side, ...] = ("right", "left") if side is None else (side,)
+    for least_m in (LOOK_M, LEAST_FREE_M):
+        for turn in range(STEPS + 1):
+            for name in sides:
+                heading = goal + (turn if name == "right" else -turn) * STEP_RAD
+                free_m = _free_m(points, (n, e), heading, clearance_m)
+                if free_m < least_m or seen_m(scans, heading) is None or _leaves(region, (n, e), heading):
+                    continue
+                return heading, name if turn else side, free_m
     return None
 
 

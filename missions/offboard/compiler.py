@@ -27,6 +27,7 @@ from missions.offboard.steps import (
     Land,
     MissionStep,
     Orbit,
+    PathStep,
     Photo,
     Repeat,
     Spiral,
@@ -168,6 +169,8 @@ def _carry_out(state: State, step: Any) -> None:
             "takeoff_missing", f"{state.title}: the vehicle is on the ground.", "Add a take-off before it."
         )
         state.in_air = True
+    own = step.avoidance if isinstance(step, PathStep) else None
+    state.avoidance = state.work.mission.avoidance if own is None else own
     made = len(state.segments)
     before = (state.position_ned_m, state.yaw_ned_rad)
     try:

@@ -50,6 +50,8 @@ class OffboardMission(Model):
     """Where it is planned to start, for planning without a vehicle."""
     limits: Bounds = Bounds()
     actions: Actions = Actions()
+    avoidance: bool = False
+    """Lead the vehicle past obstacles that its sensors measure, on all steps that do not say otherwise."""
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=100)] = ()
     steps: Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
     missions: Annotated[

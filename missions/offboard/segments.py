@@ -42,6 +42,8 @@ class Segment:
     gimbal: GimbalTrack | None = None
     """None: the gimbal is left as it is."""
     events: tuple[Event, ...] = ()
+    avoidance: bool = False
+    """Whether the vehicle is led past obstacles that its sensors measure."""
 
     def at(self, t_s: float) -> Setpoint:
         """The setpoint at a time since the segment began."""

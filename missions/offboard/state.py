@@ -101,6 +101,7 @@ class State:
     place: str = "the mission"
     title: str = ""
     gimbal: GimbalTrack | None = None
+    avoidance: bool = False
     needs: set[Estimate] = field(default_factory=set)
     segments: list[Segment] = field(default_factory=list)
 
@@ -111,7 +112,7 @@ class State:
     def add(self, segment: Segment) -> None:
         """The vehicle has flown a segment."""
         self.work.count(segments=1)
-        self.segments.append(segment)
+        self.segments.append(replace(segment, avoidance=True) if self.avoidance else segment)
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
     def report(self, code: str, message: str, fix: str | None = None) -> None:

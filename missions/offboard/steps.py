@@ -73,6 +73,8 @@ class PathStep(Step):
     yaw_ned_rad: Angle | None = None
     look_at: Place | None = None
     photo_every_m: Metres | None = None
+    avoidance: bool | None = None
+    """Lead the vehicle past obstacles that its sensors measure; None: as the mission says."""
 
     @model_validator(mode="after")
     def _one_heading(self) -> PathStep:

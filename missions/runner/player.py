@@ -89,6 +89,12 @@ class Player:
         return setpoint
 
     @property
+    def avoids(self) -> bool:
+        """Whether the segment that is flown is to be led past obstacles."""
+        segment = self._segment()
+        return segment is not None and segment.avoidance
+
+    @property
     def played(self) -> Played:
         """As of the last sampling."""
         segment = self._segment()

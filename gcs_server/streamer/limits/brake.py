@@ -115,6 +115,8 @@ class ObstacleBrake:
 
     def __init__(self, around: Around | None, notes: list[str]) -> None:
         self._notes = notes
+        self.acted = False
+        """Whether it took something away."""
         self._scans = () if around is None else around.scans
         self._points = NOTHING if around is None else around.points_ne_m
         self._velocity = (0.0, 0.0, 0.0) if around is None else around.velocity_ned_m_s
@@ -128,7 +130,7 @@ class ObstacleBrake:
         most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
         if speed <= most:
             return velocity
-        self._notes.append(f"speed reduced {why}")
+        self._note(f"speed reduced {why}")
         if free_m < MARGIN_M:
             most = -min(BACK_M_S, PUSH_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m))
         return (velocity[0] * most / speed, velocity[1] * most / speed)
@@ -146,7 +148,7 @@ class ObstacleBrake:
         un, ue = (place[0] - here[0]) / off_m, (place[1] - here[1]) / off_m
         free_m, why = self._free(un, ue)
         if free_m < MARGIN_M:
-            self._notes.append(f"position limited {why}")
+            self._note(f"position limited {why}")
             back_m = self._back_m(un, ue, free_m)
             still = None if speed is None else (0.0, 0.0)
             return (here[0] - un * back_m, here[1] - ue * back_m), still
@@ -156,7 +158,7 @@ class ObstacleBrake:
         asked = gain * near_m + feed
         if near_m == off_m and asked <= most:
             return place, speed
-        self._notes.append(f"speed reduced {why}" if near_m == off_m else f"position limited {why}")
+        self._note(f"speed reduced {why}" if near_m == off_m else f"position limited {why}")
         scale = min(1.0, most / asked) if asked > 0.0 else 1.0
         near_m *= scale
         slowed = None if speed is None else self.limit_velocity_ne((speed[0] * scale, speed[1] * scale))
@@ -168,7 +170,7 @@ class ObstacleBrake:
         most = braking_speed(above_m - MARGIN_HEIGHT_M, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
         if -velocity_down_m_s <= most:
             return velocity_down_m_s
-        self._notes.append("climb reduced to stop below an obstacle")
+        self._note("climb reduced to stop below an obstacle")
         return -most
 
     def limit_down(self, down_m: float, here: Vector3 | None) -> float:
@@ -178,7 +180,7 @@ class ObstacleBrake:
         highest = here[2] - max(0.0, self._above_m() - MARGIN_HEIGHT_M)
         if down_m >= highest:
             return down_m
-        self._notes.append("altitude limited to stay below an obstacle")
+        self._note("altitude limited to stay below an obstacle")
         return highest
 
     def must_stop(self) -> str | None:
@@ -194,6 +196,10 @@ class ObstacleBrake:
         return "The vehicle would hit an obstacle" if speed > most else None
 
     # --- inside -------------------------------------------------------------------------------------
+
+    def _note(self, note: str) -> None:
+        self._notes.append(note)
+        self.acted = True
 
     def _back_m(self, un: float, ue: float, free_m: float) -> float:
         """How far back it is to the margin, where there is room behind."""

@@ -46,6 +46,8 @@ class LimitResult:
     """What was reduced, in words."""
     stop: str | None = None
     """Why the order must not be followed any further; None where it may."""
+    braked: bool = False
+    """Whether an obstacle took something away."""
 
 
 def apply_limits(
@@ -75,7 +77,7 @@ def apply_limits(
         if limiter.stop or is_finite(setpoint)
         else "The setpoint contains a value that is not a finite number"
     )
-    return LimitResult(setpoint, tuple(dict.fromkeys(limiter.notes)), stop)
+    return LimitResult(setpoint, tuple(dict.fromkeys(limiter.notes)), stop, limiter.braked)
 
 
 def is_finite(setpoint: DirectSetpoint) -> bool:
@@ -109,6 +111,10 @@ class _Limiter:
     @property
     def stop(self) -> str | None:
         return self._region.stop or self._must_stop
+
+    @property
+    def braked(self) -> bool:
+        return self._brake.acted
 
     def limited(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):

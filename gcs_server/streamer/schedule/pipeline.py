@@ -41,13 +41,15 @@ class SetpointPipeline:
         self._told_s: dict[str, float] = {}
         self._reports: list[StreamEvent] = []
         self._avoidance = AvoidanceStage()
-        self._brake_sees = False
+        self._brake_sees = self._braked = False
+        self._blind: DirectSetpoint | None = None
+        """What is held where the sensor fell silent while the brake held the vehicle."""
         self._measured = BrakeMemory()
 
     def forget(self) -> None:
         """A new stream begins."""
         self.sent, self.limited, self._wanted = None, (), None
-        self._brake_sees = False
+        self._brake_sees = self._braked = False
         self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint, snapshot: Snapshot) -> None:
@@ -60,7 +62,7 @@ class SetpointPipeline:
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
             raise ValueError(f"vehicle {resolved.follows} is not heard")
-        self._resolved, self._still, self._yaw_kept = resolved, None, keeps
+        self._resolved, self._still, self._yaw_kept, self._blind = resolved, None, keeps, None
         self._load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
     def begin_anew(self, now_s: float) -> None:
@@ -81,7 +83,7 @@ class SetpointPipeline:
             still = level(yaw, sent.thrust if snapshot.hover_thrust is None else snapshot.hover_thrust)
         else:
             still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-        self._resolved, self._still, self._yaw_kept = None, still, False
+        self._resolved, self._still, self._yaw_kept, self._blind = None, still, False, None
         self._avoidance.forget()
         self._load(now_s, snapshot, still)
 
@@ -146,12 +148,13 @@ class SetpointPipeline:
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         around = self._around(now_s, snapshot, bounds)
+        wanted = wanted if self._blind is None else self._blind
         still = wanted is self._wanted and bounds is self._bounds
         if still and around is None and not bounds.follows_the_vehicle:
             return LimitResult(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._limited_s)
         result = apply_limits(wanted, bounds, _here(now_s, snapshot), self.sent, dt_s, around)
-        self._wanted, self._bounds, self._limited_s = wanted, bounds, now_s
+        self._wanted, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
         self.limited = result.notes
         for note in result.notes:
             if now_s - self._told_s.get(note, -math.inf) > TOLD_EVERY_S:
@@ -168,13 +171,19 @@ class SetpointPipeline:
         if not bounds.obstacle_brake and snapshot.avoidance is None:
             return None
         sees = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SEES_FOR_S))
+        position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
         if self._brake_sees and not sees:
-            text = f"Obstacle sensor silent for {SEES_FOR_S:g} s: the obstacle brake sees nothing."
+            then = "the obstacle brake sees nothing"
+            if self._braked:
+                then = "held here, before an obstacle, until it is heard again or another setpoint comes"
+                still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
+                self._blind = still if position is None else Position(position, snapshot.yaw_ned_rad)
+            text = f"Obstacle sensor silent for {SEES_FOR_S:g} s: {then}."
             self._reports.append(StreamEvent("obstacle_sensor_lost", WARNING, text))
         self._brake_sees = sees
         if not sees:
             return None
-        position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
+        self._blind = None
         return self._measured.around(now_s, snapshot.scans, position, velocity)
 
 

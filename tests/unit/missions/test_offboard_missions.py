@@ -237,6 +237,17 @@ def test_pictures_are_events_at_their_times() -> None:
     assert found.photos == 7
 
 
+def test_avoidance_is_of_the_mission_or_of_a_step_and_stands_in_each_segment() -> None:
+    steps = flown(
+        "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: false",
+        "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
+    )
+    everywhere = compile_mission(mission(steps, avoidance=True)).segments
+    assert [segment.avoidance for segment in everywhere] == [True, False, True, True]
+    assert not any(segment.avoidance for segment in compile_mission(mission(steps)).segments)
+    assert mission(steps).steps[1].avoidance is False
+
+
 def test_repeats_and_calls_are_written_out() -> None:
     text = (
         "name: Test\nsteps:\n"

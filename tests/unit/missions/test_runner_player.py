@@ -176,3 +176,14 @@ def test_a_script_crosses_to_another_process():
     copy = pickle.loads(pickle.dumps(script))
     a, b = Player(script, 0.0), Player(copy, 0.0)
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
+
+
+def test_it_says_whether_the_segment_that_is_flown_is_led_past_obstacles():
+    script = script_of(LEGS + ", avoidance: true", "step: hold, duration_s: 3")
+    player, seen = Player(script, 0.0), []
+    for second in range(1, round(script.segments[0].duration_s) + 3):
+        for part in range(5):
+            player.at(second + 0.2 * part)
+        assert player.avoids == (player.played.index == 0)
+        seen.append(player.avoids)
+    assert (seen[0], seen[-1]) == (True, False)

@@ -710,6 +710,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{v}/offboard/avoidance": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        /**
+         * Set Avoidance
+         * @description Switches obstacle avoidance on or off, in flight too; refused (409) where no sensor sees obstacles.
+         *
+         *     It acts on setpoints that lead to a place (position, trajectory, path, follow) and stays as it is until it
+         *     is switched or the server ends. The obstacle brake is a limit of its own.
+         */
+        put: operations["set_avoidance_api_v1_vehicles__v__offboard_avoidance_put"];
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{v}/offboard/failsafe": {
         parameters: {
             query?: never;
@@ -2215,6 +2238,28 @@ export interface components {
              * @description Of the vehicle's estimates: position, velocity, heading, global_position, home.
              */
             needs: string[];
+        };
+        /**
+         * AvoidanceRequest
+         * @description Obstacle avoidance of a vehicle's setpoints.
+         * @example {
+         *       "on": true,
+         *       "way": "over"
+         *     }
+         */
+        AvoidanceRequest: {
+            /**
+             * On
+             * @description Whether setpoints are led past obstacles.
+             */
+            on: boolean;
+            /**
+             * Way
+             * @description What is tried first: climb over an obstacle, or pass it at the same altitude.
+             * @default over
+             * @enum {string}
+             */
+            way: "over" | "around";
         };
         /**
          * Battery
@@ -7234,6 +7279,38 @@ export interface components {
             pitch_deg: number | null;
         };
         /**
+         * ObstacleAvoidance
+         * @description Obstacle avoidance.
+         */
+        ObstacleAvoidance: {
+            /**
+             * On
+             * @description On.
+             */
+            on: boolean;
+            /**
+             * Way
+             * @description What is tried first: over an obstacle, or around it at the same altitude.
+             * @enum {string}
+             */
+            way: "over" | "around";
+            /**
+             * State
+             * @description What it does now; null while it is off or nothing is streamed.
+             */
+            state: ("clear" | "turning" | "over" | "around" | "back" | "stopped") | null;
+            /**
+             * Text
+             * @description The same for people; empty while it flies as ordered.
+             */
+            text: string;
+            /**
+             * Sensor
+             * @description Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one, too.
+             */
+            sensor: boolean;
+        };
+        /**
          * ObstacleDistance
          * @description OBSTACLE_DISTANCE: distances in sectors around the vehicle.
          */
@@ -7516,6 +7593,8 @@ export interface components {
              *     them.
              */
             limits_origin: components["schemas"]["LimitsOrigin"];
+            /** @description Avoidance. */
+            avoidance: components["schemas"]["ObstacleAvoidance"];
             /** @description Health. */
             health: components["schemas"]["StreamHealth"];
             /** @description What its setpoints are held to; `origin` says whether the operator's were restored. */
@@ -7614,6 +7693,8 @@ export interface components {
              *     them.
              */
             limits_origin: components["schemas"]["LimitsOrigin"];
+            /** @description Avoidance. */
+            avoidance: components["schemas"]["ObstacleAvoidance"];
             /** @description Health. */
             health: components["schemas"]["StreamHealth"];
         };
@@ -7710,6 +7791,8 @@ export interface components {
              *     them.
              */
             limits_origin: components["schemas"]["LimitsOrigin"];
+            /** @description Avoidance. */
+            avoidance: components["schemas"]["ObstacleAvoidance"];
             /** @description Health. */
             health: components["schemas"]["StreamHealth"];
             /**
@@ -14696,6 +14779,69 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["OffboardLimits"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    set_avoidance_api_v1_vehicles__v__offboard_avoidance_put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["AvoidanceRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardStatus"];
                 };
             };
             400: components["responses"]["Refused400"];

@@ -1,0 +1,152 @@
+"""Avoidance and brake inside a stream: when they act, what they tell, and what they leave alone."""
+
+import pytest
+
+from gcs_server.streamer.schedule.pipeline import SetpointPipeline
+from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.avoidance.scans import Scan
+from missions.fence import Region
+from missions.geodesy import LocalOrigin
+from missions.setpoints import Path, PathPoint, Position, PositionGlobal, Trajectory, Velocity
+
+GOAL = Position((10.0, 0.0, -2.0), 0.0)
+ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
+STILL = (0.0, 0.0, 0.0)
+
+
+class Stream:
+    """A pipeline whose vehicle stands at the origin, 2 m high, with what its sensors measure."""
+
+    def __init__(self):
+        self.pipeline, self.now_s = SetpointPipeline(self), 100.0
+        self.ahead_m, self.avoidance, self.bounds, self.silent_s = 3.0, None, Bounds(), 0.0
+        self.position = (0.0, 0.0, -2.0)
+        self.told = []
+
+    def load(self, setpoint):
+        pass
+
+    def snapshot(self):
+        heard_s = self.now_s - self.silent_s
+        scans = (
+            Scan(heard_s, ((1.0, 0.0, 0.0),), (self.ahead_m,), 20.0),
+            Scan(heard_s, ((0.0, 0.0, 1.0),), (2.0,), 30.0),
+        )
+        return Snapshot(
+            self.now_s, "offboard", self.position, STILL, 0.0,
+            bounds=self.bounds, scans=scans, avoidance=self.avoidance,
+        )  # fmt: skip
+
+    def send(self, setpoint, steps=1):
+        """Orders it, and what goes out after so many sendings."""
+        self.pipeline.take(self.now_s, setpoint, self.snapshot())
+        return self.go_on(steps)
+
+    def go_on(self, steps=1):
+        for _ in range(steps):
+            self.now_s += 0.1
+            self.pipeline.refresh(self.now_s, self.snapshot(), waiting=False)
+            self.told += [report.code for report in self.pipeline.take_reports()]
+        return self.pipeline.sent
+
+
+@pytest.fixture
+def stream():
+    return Stream()
+
+
+def test_off_the_brake_alone_acts_and_avoidance_says_nothing(stream):
+    assert stream.send(GOAL).position_ned_m[0] < 2.0
+    assert stream.pipeline.limited == ("position limited to stop before an obstacle",)
+    assert stream.pipeline.avoiding is None
+    assert stream.told == ["limited"]
+
+
+def test_the_operator_switches_the_brake_off_and_avoidance_keeps_it_on(stream):
+    stream.bounds = Bounds(obstacle_brake=False)
+    assert stream.send(GOAL) == GOAL
+    stream.avoidance, stream.ahead_m = "over", 0.8
+    velocity = Velocity((3.0, 0.0, 0.0))
+    assert stream.send(velocity).velocity_ned_m_s[0] < 0.0
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        GOAL,
+        Trajectory((10.0, 0.0, -2.0), (1.0, 0.0, 0.0), yaw_ned_rad=0.0),
+        PositionGlobal(47.4 + 10.0 / 111_195.0, 8.5, 482.0, yaw_ned_rad=0.0),
+        Path((PathPoint(0.0, (0.0, 0.0, -2.0), 0.0), PathPoint(5.0, (10.0, 0.0, -2.0), 0.0))),
+    ],
+    ids=lambda wanted: wanted.type,
+)
+def test_on_every_setpoint_that_leads_to_a_place_climbs_over(stream, wanted):
+    stream.avoidance, stream.bounds = "over", Bounds(origin=ORIGIN)
+    sent = stream.send(wanted, 3)
+    assert isinstance(sent, Velocity)
+    assert sent.velocity_ned_m_s[2] < -0.5
+    assert stream.pipeline.avoiding.state == "over"
+    assert stream.told == ["avoidance"], "told once"
+
+
+def test_a_velocity_is_not_led_around_and_that_is_said(stream):
+    stream.avoidance = "over"
+    sent = stream.send(Velocity((3.0, 0.0, 0.0)), 2)
+    assert 0.0 < sent.velocity_ned_m_s[0] < 3.0, "braked"
+    assert "not led around" in stream.pipeline.avoiding.text
+
+
+def test_switched_on_and_off_between_two_sendings(stream):
+    stream.send(GOAL)
+    stream.avoidance = "over"
+    assert isinstance(stream.go_on(), Velocity)
+    stream.avoidance = None
+    assert isinstance(stream.go_on(), Position)
+    assert stream.pipeline.avoiding is None
+
+
+def test_without_a_position_it_is_stopped_and_with_silent_sensors_too(stream):
+    stream.avoidance = "over"
+    stream.silent_s = 1.5
+    assert stream.send(GOAL).position_ned_m == (0.0, 0.0, -2.0)
+    assert stream.pipeline.avoiding.state == "stopped"
+    stream.silent_s, stream.position = 0.0, None
+    assert stream.go_on().velocity_ned_m_s == STILL
+    assert "position estimate" in stream.pipeline.avoiding.text
+    assert stream.told.count("avoidance_stopped") == 1
+
+
+def test_a_sensor_that_falls_silent_is_told_once_and_the_stream_goes_on(stream):
+    stream.ahead_m = None
+    stream.send(Position((3.0, 0.0, -2.0), 0.0), 2)
+    stream.silent_s = 2.5
+    assert stream.go_on(5) == Position((3.0, 0.0, -2.0), 0.0)
+    assert stream.told == ["obstacle_sensor_lost"]
+
+
+@pytest.mark.parametrize("wanted", [GOAL, Velocity((5.0, 0.0, 0.0))], ids=lambda wanted: wanted.type)
+def test_a_sensor_that_falls_silent_while_the_brake_holds_the_vehicle_does_not_release_it(stream, wanted):
+    stream.send(wanted, 2)
+    stream.silent_s = 2.5
+    assert stream.go_on(5) == Position((0.0, 0.0, -2.0), 0.0)
+    assert stream.told == ["limited", "obstacle_sensor_lost"]
+    assert stream.send(GOAL) == GOAL, "another setpoint is flown: the sensor is known to be silent"
+    stream.silent_s = 0.0
+    assert stream.go_on().position_ned_m[0] < 2.0
+
+
+def test_what_is_held_after_the_order_is_not_avoided(stream):
+    stream.avoidance = "over"
+    stream.send(GOAL)
+    stream.pipeline.hold_position(stream.now_s, stream.snapshot())
+    assert stream.pipeline.sent == Position((0.0, 0.0, -2.0), 0.0)
+    assert stream.pipeline.avoiding is None
+
+
+def test_the_fence_holds_a_detour_as_any_other_setpoint(stream):
+    stream.avoidance = "over"
+    stream.bounds = Bounds(region=Region(down_min_m=-2.2))
+    sent = stream.send(GOAL, 3)
+    assert stream.pipeline.avoiding.state == "stopped"
+    assert isinstance(sent, Position)
