@@ -4274,6 +4274,11 @@ export interface components {
              */
             photo_every_m?: number | null;
             /**
+             * Avoidance
+             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             */
+            avoidance?: boolean | null;
+            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
@@ -4392,6 +4397,11 @@ export interface components {
              * @description Photo every [m].
              */
             photo_every_m?: number | null;
+            /**
+             * Avoidance
+             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             */
+            avoidance?: boolean | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -5514,6 +5524,11 @@ export interface components {
              * @description Photo every [m].
              */
             photo_every_m?: number | null;
+            /**
+             * Avoidance
+             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             */
+            avoidance?: boolean | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -7475,6 +7490,12 @@ export interface components {
              */
             actions: components["schemas"]["Actions"];
             /**
+             * Avoidance
+             * @description Lead the vehicle past obstacles that its sensors measure, on all steps that do not say otherwise.
+             * @default false
+             */
+            avoidance: boolean;
+            /**
              * Fence
              * @description Fence.
              * @default []
@@ -7980,6 +8001,11 @@ export interface components {
              * @description Photo every [m].
              */
             photo_every_m?: number | null;
+            /**
+             * Avoidance
+             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             */
+            avoidance?: boolean | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -10434,6 +10460,11 @@ export interface components {
              * @description Photo every [m].
              */
             photo_every_m?: number | null;
+            /**
+             * Avoidance
+             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             */
+            avoidance?: boolean | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
