@@ -9,6 +9,7 @@ from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd, q_ne
 from gcs_server.scene.labels import height_words
 from gcs_server.scene.placement import Place
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
+from gcs_server.scene.returns import returns_of
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
 from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, normalized
 
@@ -47,6 +48,8 @@ class VehiclePose:
     label: str
     note: str
     """What must stand beside the label: simulated, replayed, lost, no position; else empty."""
+    returns_enu_m: tuple[Vector3, ...] = ()
+    """Where its distance sensors measured something."""
 
 
 def pose_of(
@@ -69,6 +72,7 @@ def pose_of(
         lost=lost,
         label=_label(vehicle.id, place),
         note=_note(vehicle, place, lost),
+        returns_enu_m=(() if lost else returns_of(vehicle, q_ned_frd, place.position_enu_m, now_monotonic_s)),
     )
 
 

@@ -12,6 +12,7 @@ from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.pose import Target, VehiclePose
+from gcs_server.scene.returns import strokes
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import Trail
@@ -60,6 +61,8 @@ class VehicleNode:
         self._add_gimbal()
         self._add_ground_marks()
         self._add_target()
+        self._returns: Any = None
+        """Made with the first measurement: most vehicles have no such sensor."""
         self._sealed: Any = None
         self._tail = self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
         self._label = Label(client, f"{self._root}/place/label", self._colour)
@@ -104,6 +107,8 @@ class VehicleNode:
             if pose.home_enu_m is not None:
                 self._home.position = _lifted(pose.home_enu_m)
         self._show_target(pose, last)
+        if last is None or pose.returns_enu_m != last.returns_enu_m:
+            self._show_returns(pose)
         self._label.text, self._label.note = pose.label, pose.note
         if now_s >= self._next_trail_s:
             self._next_trail_s = now_s + TRAIL_EVERY_S
@@ -163,6 +168,14 @@ class VehicleNode:
         self._stretch(pose, target)
         height_m = target.position_enu_m[2] - pose.ground_z_m
         self._target_label.text = "velocity" if target.is_velocity else f"target {height_m:.1f} m"
+
+    def _show_returns(self, pose: VehiclePose) -> None:
+        if self._returns is None and pose.returns_enu_m:
+            self._returns = self._lines("/returns", strokes(pose.returns_enu_m), self._palette.text_2, 3.0)
+        elif self._returns is not None:
+            self._returns.visible = bool(pose.returns_enu_m)
+            if pose.returns_enu_m:
+                self._returns.points = strokes(pose.returns_enu_m)
 
     def _stretch(self, pose: VehiclePose, target: Target) -> None:
         a, b = pose.position_enu_m, target.position_enu_m

@@ -16,6 +16,8 @@ export type Home = Schemas['HomeSample']['value'];
 export type Gimbal = Schemas['GimbalSample']['value'];
 export type Hud = Schemas['HudSample']['value'];
 export type Health = Schemas['HealthSample']['value'];
+export type DistanceSensors = Schemas['DistanceSensorsSample']['value'];
+export type ObstacleDistance = Schemas['ObstacleDistanceSample']['value'];
 export type Status = Schemas['StatusSample']['value'];
 
 /** Topic name → its value. */
@@ -30,6 +32,8 @@ export interface Topics {
   gimbal: Gimbal;
   hud: Hud;
   health: Health;
+  distance_sensors: DistanceSensors;
+  obstacle_distance: ObstacleDistance;
 }
 
 export type TopicName = keyof Topics;
@@ -47,6 +51,8 @@ export const PAGE_TOPICS: readonly string[] = [
   'hud',
   'health',
   'mission',
+  'distance_sensors',
+  'obstacle_distance',
   'readiness',
   'offboard',
   'control',
@@ -70,4 +76,6 @@ export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   hud: 0.2,
   health: 1,
   mission: 1,
+  distance_sensors: 0.2,
+  obstacle_distance: 0.2,
 };

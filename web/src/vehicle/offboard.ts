@@ -7,6 +7,16 @@ import type { PositionSetpoint } from './setpoint';
 
 export type LimitsOrigin = components['schemas']['LimitsOrigin'];
 
+/** Obstacle avoidance, as the server tells it. */
+export interface Avoidance {
+  on: boolean;
+  /** The vehicle has a sensor that sees obstacles. */
+  sensor: boolean;
+  /** clear, turning, over, around, back, stopped; null while off or nothing is streamed. */
+  state: string | null;
+  text: string;
+}
+
 export interface OffboardStatus {
   /** The server sends setpoints to this vehicle. */
   streaming: boolean;
@@ -35,6 +45,7 @@ export interface OffboardStatus {
   limited: readonly string[];
   /** Why the last stream ended. */
   ended: string | null;
+  avoidance: Avoidance;
 }
 
 type Raw = Record<string, unknown>;
@@ -95,7 +106,12 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     limitsOrigin: object(raw['limits_origin']) as LimitsOrigin | null,
     limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
     ended: text(raw, 'ended'),
+    avoidance: readAvoidance(object(raw['avoidance'])),
   };
+}
+
+function readAvoidance(raw: Raw | null): Avoidance {
+  return { on: raw?.['on'] === true, sensor: raw?.['sensor'] === true, state: text(raw, 'state'), text: text(raw, 'text') ?? '' };
 }
 
 const STATES: Readonly<Record<string, string>> = {

@@ -5,7 +5,8 @@ import pytest
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
-from gcs_server.vehicle.samples import TargetLocal
+from gcs_server.scene.returns import HALF_HEIGHT_M, SHOWN_S, strokes
+from gcs_server.vehicle.samples import DistanceSensor, DistanceSensors, ObstacleDistance, TargetLocal
 from missions.frames import rotate
 from tests.unit.gcs_server.scene.scene_fakes import (
     FakeIdentity,
@@ -126,3 +127,19 @@ def test_a_lost_vehicle_is_said_to_be_and_has_no_target():
 def test_a_silent_vehicle_is_named_without_a_height():
     pose = look(FakeVehicle("7", FakeIdentity(replayed=True)))
     assert (pose.label, pose.note) == ("7", "no position, replayed")
+
+
+def test_what_distance_sensors_met_is_drawn_where_it_is_and_only_while_it_is_measured():
+    vehicle = flying()
+    vehicle.values["attitude"] = attitude(yaw=math.pi / 2)
+    assert look(vehicle).returns_enu_m == ()
+    ahead = DistanceSensor(1, (1.0, 0.0, 0.0), 4.0, 0.1, 20.0, None, 0.0)
+    down = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
+    vehicle.values["distance_sensors"] = DistanceSensors((ahead, down))
+    vehicle.values["obstacle_distance"] = ObstacleDistance("north", 0.0, 5.0, (3.0, 20.01, None), 0.1, 20.0)
+    seen = look(vehicle)
+    x, y, z = seen.position_enu_m
+    assert seen.returns_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
+    assert strokes(seen.returns_enu_m).shape == (2, 2, 3)
+    assert strokes(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
+    assert look(vehicle, now_s=SHOWN_S + 0.1).returns_enu_m == ()

@@ -105,6 +105,11 @@ export class OffboardControl {
     return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, LASTING);
   }
 
+  /** Leads its setpoints past obstacles from now on, or no longer. */
+  avoid(id: string, on: boolean): Promise<Outcome<unknown>> {
+    return this.api.put(`${base(id)}/avoidance`, { on });
+  }
+
   /** Vehicles whose setpoint this page renews. */
   renewed(): string[] {
     return [...this.keepers].flatMap(([id, keeper]) => (keeper.setpoint === null ? [] : [id]));

@@ -41,6 +41,11 @@ describe('offboard', () => {
     });
     expect(limitsNotice(readOffboard(raw)?.limitsOrigin)).toBeNull();
   });
+  it('knows of obstacle avoidance what the server says, and nothing where an older one says nothing', () => {
+    const avoidance = { on: true, way: 'over', state: 'stopped', text: 'No way.', sensor: true };
+    expect(readOffboard({ ...raw, avoidance })?.avoidance).toEqual({ on: true, sensor: true, state: 'stopped', text: 'No way.' });
+    expect(readOffboard(raw)?.avoidance).toEqual({ on: false, sensor: false, state: null, text: '' });
+  });
   it('reads the server’s stream and how far the vehicle is off', () => {
     const stream = readOffboard(raw);
     expect(stream).toMatchObject({

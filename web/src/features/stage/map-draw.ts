@@ -26,6 +26,7 @@ type Ctx = CanvasRenderingContext2D;
 
 /** Of a point's outline, outside its radius. */
 const EDGE_PX = 2;
+const RETURN_RADIUS_PX = 2.5;
 /** Trail points nearer to each other than this are one [px]. */
 const TRAIL_STEP_PX = 1.5;
 
@@ -49,6 +50,7 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   if (picture.grid !== null) clearPoints(ctx, view, picture.edited);
   if (!inset) for (const label of picture.labels) drawEdge(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
+  for (const v of vehicles) drawReturns(ctx, view, v, palette);
   for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
   for (const v of vehicles) {
     const at = toPixel(view, v);
@@ -92,6 +94,18 @@ function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): vo
     ctx.fill();
   }
   ctx.globalCompositeOperation = 'source-over';
+}
+
+/** Small dots, grey as all that is neither vehicle nor target. */
+function drawReturns(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
+  if (v.returns.length === 0) return;
+  ctx.fillStyle = palette.text2;
+  for (const place of v.returns) {
+    const { x, y } = toPixel(view, place);
+    ctx.beginPath();
+    ctx.arc(x, y, RETURN_RADIUS_PX, 0, 2 * Math.PI);
+    ctx.fill();
+  }
 }
 
 /** Vehicles that started side by side share one mark. */

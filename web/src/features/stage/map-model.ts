@@ -4,6 +4,8 @@ import { identityColour } from '../../vehicle/names';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
+import type { VehicleState } from '../../live/vehicle-state';
+import { returnsOf, SHOWN_S } from '../../vehicle/returns';
 import { fixed } from '../../ui/format';
 import type { MapPreview } from '../../app/preview.svelte';
 import { groundDistance_m, placeAt, type Place } from '../../vehicle/geo';
@@ -24,6 +26,8 @@ export interface MapVehicle extends Place {
   targets: MapTarget[];
   /** Where the camera looks from north [rad]. */
   look_rad: number | null;
+  /** Where its distance sensors met something. */
+  returns: readonly Place[];
 }
 
 /** What is asked of the vehicle: a setpoint, the place it was sent to, the place its camera keeps. */
@@ -83,6 +87,17 @@ function look(facts: VehicleFacts): number | null {
   return gimbal.value.yaw_frd_rad === null || yaw === null ? null : gimbal.value.yaw_frd_rad + yaw;
 }
 
+/** What its distance sensors say now, as places. */
+function returns(vehicle: VehicleState, facts: VehicleFacts, here: Place): Place[] {
+  const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
+  const around = vehicle.read('obstacle_distance', facts.now_unix_s);
+  if (sensors === null && around === null) return [];
+  return returnsOf(here, facts.attitude?.value.yaw_ned_rad ?? null, {
+    sensors: sensors !== null && sensors.age_s <= SHOWN_S ? sensors.value : null,
+    around: around !== null && around.age_s <= SHOWN_S ? around.value : null,
+  });
+}
+
 function label(facts: VehicleFacts): string {
   const place = facts.global;
   if (place === null) return facts.id;
@@ -120,6 +135,7 @@ export function mapVehicles(
       trail: vehicle.trail.points,
       home: facts.home?.value ?? null,
       look_rad: look(facts),
+      returns: facts.lost ? [] : returns(vehicle, facts, here),
       targets: targets.filter((t): t is MapTarget => t !== null),
     });
   });

@@ -38,7 +38,7 @@ export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[
 ];
 
 export interface LimitField {
-  name: Exclude<keyof OperatorLimits, 'fence'>;
+  name: Exclude<keyof OperatorLimits, 'fence' | 'obstacle_brake'>;
   label: string;
   unit: string;
   /** API value = typed × scale. */
@@ -72,6 +72,7 @@ export function limitsWords(limits: Limits | null): string {
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
   );
   if (limits.operator.fence != null) said.push('fence');
+  if (!limits.operator.obstacle_brake) said.push('obstacle brake off');
   return said.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : said.join(', ');
 }
 

@@ -1,0 +1,37 @@
+/** Where a vehicle's distance sensors met something, over the ground. */
+
+import type { DistanceSensors, ObstacleDistance } from '../live/topics';
+import { placeAt, type Place } from './geo';
+
+/** A measurement older than this is not shown [s]; PX4 sends DISTANCE_SENSOR every two seconds by itself. */
+export const SHOWN_S = 2.5;
+/** A ray that points down or up more steeply says nothing of what is around (sine of 45°). */
+const STEEP = 0.7;
+const RAD = Math.PI / 180;
+
+/** What is read for it; null where there is no such sensor, or it is silent. */
+export interface Measured {
+  sensors: DistanceSensors | null;
+  around: ObstacleDistance | null;
+}
+
+/** Places that were met; the vehicle's tilt is left out, as the map shows no heights. */
+export function returnsOf(here: Place, yaw_ned_rad: number | null, measured: Measured): Place[] {
+  const found: Place[] = [];
+  const at = (angle_rad: number, distance_m: number | null, range_m: number): void => {
+    if (distance_m === null || distance_m > range_m) return;
+    found.push(placeAt(here, { north_m: distance_m * Math.cos(angle_rad), east_m: distance_m * Math.sin(angle_rad) }));
+  };
+  if (measured.around !== null && (measured.around.frame === 'north' || yaw_ned_rad !== null)) {
+    const { first_deg, step_deg, distances_m, range_max_m, frame } = measured.around;
+    const from_rad = frame === 'north' ? 0 : (yaw_ned_rad ?? 0);
+    distances_m.forEach((distance_m, index) => at(from_rad + (first_deg + index * step_deg) * RAD, distance_m, range_max_m));
+  }
+  if (measured.sensors !== null && yaw_ned_rad !== null) {
+    for (const { direction_frd, distance_m, range_max_m } of measured.sensors.sensors) {
+      const [forward, right, down] = direction_frd;
+      if (Math.abs(down) <= STEEP) at(yaw_ned_rad + Math.atan2(right, forward), distance_m, range_max_m);
+    }
+  }
+  return found;
+}
