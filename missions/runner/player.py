@@ -88,6 +88,13 @@ class Player:
         self._position = None if place is None else complete(place)
         return setpoint
 
+    def ahead(self, by_s: float) -> Setpoint | None:
+        """The setpoint so much later by plan, within the segment that is flown; None: it is not known."""
+        segment = self._segment()
+        if segment is None or isinstance(segment, WaitSegment) or self._steering.paused:
+            return None
+        return segment.at(min(self._t_s + by_s, segment.duration_s))
+
     @property
     def avoids(self) -> bool:
         """Whether the segment that is flown is to be led past obstacles."""

@@ -82,6 +82,14 @@ class ResolvedSetpoint:
             return _beside(self._follow, now_s, snapshot, self._yaw_kept_rad)
         return self._fixed
 
+    def later(self, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
+        """What is to be sent at a time to come, as far as a path or a vehicle that is followed says it."""
+        if self._curve is not None:
+            return self._curve.at(at_s - self._began_s)
+        if self._follow is not None:
+            return _beside(self._follow, at_s, snapshot, self._yaw_kept_rad)
+        return None
+
 
 def keeps_heading(setpoint: Setpoint) -> bool:
     """Whether it names neither yaw nor yaw rate."""

@@ -138,12 +138,11 @@ class SetpointPipeline:
         self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint, *, waiting: bool
     ) -> DirectSetpoint:
         resolved = self._resolved
-        moves = resolved is not None and resolved.moves and not waiting
 
         def later(at_s: float) -> DirectSetpoint | None:
-            return None if resolved is None else resolved.at(at_s, snapshot)
+            return None if resolved is None else resolved.later(at_s, snapshot)
 
-        return self._avoidance.apply(now_s, snapshot, wanted, later if moves else None, snapshot.avoidance)
+        return self._avoidance.apply(now_s, snapshot, wanted, None if waiting else later, snapshot.avoidance)
 
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds

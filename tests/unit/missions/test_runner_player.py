@@ -187,3 +187,17 @@ def test_it_says_whether_the_segment_that_is_flown_is_led_past_obstacles():
         assert player.avoids == (player.played.index == 0)
         seen.append(player.avoids)
     assert (seen[0], seen[-1]) == (True, False)
+
+
+def test_what_lies_ahead_is_told_without_flying_on():
+    script = script_of(LEGS, "step: wait, until: person, timeout_s: 60")
+    player = Player(script, 0.0)
+    for k in range(1, 26):
+        player.at(0.2 * k)
+    before = player.played
+    ahead, now = player.ahead(2.0), player.ahead(0.0)
+    assert player.played == before
+    assert math.dist(ahead.position_ned_m, now.position_ned_m) > 1.0
+    assert player.ahead(1e6).position_ned_m == pytest.approx(script.segments[0].end_ned_m)
+    player.steer(Steering(paused=True))
+    assert player.ahead(1.0) is None
