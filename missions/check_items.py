@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from missions.camera_items import CameraZoom
 from missions.check_context import Context, Finding, name
 from missions.errors import PlanError
 from missions.estimates import GROUND_SPEED_TYPES
@@ -19,6 +20,7 @@ from missions.items import (
     PlacedItem,
     ReturnHome,
     SetHome,
+    SetServo,
     Takeoff,
 )
 from missions.plan import ComplexItem, Plan
@@ -61,6 +63,11 @@ def _refused(context: Context) -> Iterator[Finding]:
             else:
                 message = f"PX4 refuses item {row + 1} (command {item.command}, frame {item.frame})."
                 yield Finding("command_refused", message, row, fix="Remove it.")
+        elif isinstance(item, SetServo | CameraZoom):
+            # Recorded on PX4 v1.16: such an item ends the upload.
+            message = f"PX4 refuses {name(row, item).lower()}."
+            fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove it."
+            yield Finding("command_refused", message, row, fix=fix)
         elif isinstance(item, SetHome) and item.use_current != 1.0:
             message = f"{name(row, item)} names a place; PX4 takes only the vehicle's own."
             yield Finding("set_home_place", message, row, fix="Set use_current to 1.")

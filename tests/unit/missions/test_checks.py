@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 
 from missions import check_items
-from missions.camera_items import Digicam
+from missions.camera_items import CameraZoom, Digicam
 from missions.checks import CODES, Limits, check
 from missions.items import (
     ChangeSpeed,
@@ -21,6 +21,7 @@ from missions.items import (
     LoiterUnlimited,
     ReturnHome,
     SetHome,
+    SetServo,
     Takeoff,
     Waypoint,
 )
@@ -93,6 +94,8 @@ CASES: list[tuple[str, Plan, Limits, int | None]] = [
     ("landing_missing", a_plan(TAKEOFF, to(50)), needs(3), None),
     ("takeoff_landing_mismatch", a_plan(TAKEOFF, to(50)), needs(4), None),
     ("command_refused", a_plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), Limits(), 1),
+    ("command_refused", a_plan(TAKEOFF, SetServo(servo=1.0, pulse_us=1500.0)), Limits(), 1),
+    ("command_refused", a_plan(TAKEOFF, CameraZoom(zoom_type=2.0, value=50.0)), Limits(), 1),
     ("place_missing", a_plan(CommandItem(command=22, frame=3, params=NOWHERE)), Limits(), 0),
     ("vtol_item", a_plan(CommandItem(command=84, frame=3, params=(0,) * 7)), Limits(), 0),
     ("value_not_sendable", a_plan(TAKEOFF, Digicam(shoot=0.5)), Limits(), 1),
