@@ -8,6 +8,10 @@ from typing import Any
 
 import pytest
 
+from gcs_server.client import SyncGcs
+from tests.e2e.fast_station import FAST
+from tests.station import free_port, server, vehicle
+
 pytestmark = pytest.mark.realtime
 
 
@@ -32,3 +36,27 @@ def test_example_flies_and_ends_disarmed_on_the_ground(station: Any, example: st
     history = station.drone.request("GET", "/history?topics=local_position&since_unix_s=0")
     heights = [-sample["value"]["position_ned_m"][2] for sample in history["samples"]]
     assert max(heights) == pytest.approx(height_m, abs=0.8)
+
+
+def test_the_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, more=[*FAST, "--world", "obstacle-box"]),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        command = [
+            sys.executable,
+            "-m",
+            "missions.examples.obstacle_flight",
+            "--server",
+            url,
+            "--vehicle",
+            "101",
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+        assert done.returncode == 0, done.stderr
+        assert "climbing over" in done.stdout
+        assert "Landed behind the box and disarmed." in done.stdout
+        assert drone.position_ned_m()[0] > 8.0
