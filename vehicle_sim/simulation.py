@@ -17,13 +17,15 @@ from vehicle_sim.control.allocation import mixer_of
 from vehicle_sim.control.cascade import Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
+from vehicle_sim.estimator.fusion import Fusion
 from vehicle_sim.estimator.vision import VisionSample
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.physics.battery import Batteries
 from vehicle_sim.physics.rigid_body import RigidBodies
 from vehicle_sim.physics.wind import Wind
+from vehicle_sim.sensors.faults import Driver, SensorFaults
 from vehicle_sim.sensors.range_finder import RangeFinder
-from vehicle_sim.sensors.suite import Driver, SensorSuite
+from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.state import (
     BatteryState,
     EstimateRows,
@@ -150,9 +152,19 @@ class Simulation:
         return self._sensors.state
 
     @property
+    def sensor_faults(self) -> SensorFaults:
+        """Which sensors are stuck or wrong."""
+        return self._sensors.faults
+
+    @property
     def estimate(self) -> EstimateState:
         """What the autopilots believe."""
         return self._estimator.state
+
+    @property
+    def fusion(self) -> Fusion:
+        """What the estimators fuse and refuse."""
+        return self._estimator.fusion
 
     @property
     def estimate_rows(self) -> EstimateRows:
@@ -186,7 +198,7 @@ class Simulation:
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
         if self._steps % RANGE_EVERY_STEPS == 0:
-            self._estimator.take_ranges(self._distances_down_m(), self.setpoints.in_air)
+            self._estimator.take_ranges(self._distances_down_m(), self.setpoints.in_air, self.setpoints.armed)
         self._cascade.update(self.setpoints, self._estimator.state)
         if self._steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()

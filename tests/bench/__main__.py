@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 from . import (
     consumers,
+    faults,
     flight_spread,
     latency,
     page,
@@ -29,6 +30,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "simulator": ("Simulated PX4", simulator.table),
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
     "ros2": ("Flights from ROS 2 messages, simulated PX4 / real PX4", ros2_flights.table),
+    "faults": ("Faults, simulated PX4 / real PX4", faults.table),
     "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),

@@ -10,10 +10,13 @@ from vehicle_sim.autopilot.geofence import Breach
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.offboard import Offboard
+from vehicle_sim.autopilot.sensor_watch import SensorWatch
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 QUIET_AFTER_BOOT_S = 1.0
+POSITION_BACK_S = 1.0
+"""A position that was lost must be valid for so long before modes may use it again."""
 COMPANION_SILENT_S = 3.0
 """Heartbeats of an onboard computer count as there for so long; COM_OBC_LOSS_T runs from then."""
 REPORT_EVERY_S = 2.05
@@ -43,6 +46,9 @@ class Checks:
         """Whether a log is being written; the logger says so. True also where none was asked for."""
         self.fence: frozenset[Breach] = frozenset()
         self.monitors = monitors
+        self._sensors = SensorWatch(view, announcer)
+        self._had_position = False
+        self._position_good_at_s = -math.inf
         self._gcs_was_lost = False
         self._sticks_lost_at_s: float | None = None
         self.manual_control_at_s = -math.inf
@@ -63,8 +69,8 @@ class Checks:
             mode=mode,
             armed=armed,
             valid_attitude=estimate.valid_attitude,
-            valid_local_position=estimate.valid_position and estimate.valid_velocity,
-            valid_global_position=estimate.valid_position and self._home.valid,
+            valid_local_position=self.position_good and estimate.valid_velocity,
+            valid_global_position=self.position_good and self._home.valid,
             has_mission=self.has_mission,
             offboard_signal=self._offboard.signal(),
             manual_control=self.manual_control(),
@@ -87,7 +93,25 @@ class Checks:
             distance_sensors_required=view.choice("SYS_HAS_NUM_DIST"),
             optical_flow_required=view.choice("SYS_HAS_NUM_OF") > 0,
             logging=self.logging,
+            baro_silent=self._sensors.silent("baro"),
+            mag_silent=self._sensors.silent("mag"),
+            gnss_used=bool(view.simulation.fusion.gnss_pos[view.row]),
+            gps_problem="" if armed else self._sensors.gps_problem(),
         )
+
+    @property
+    def position_good(self) -> bool:
+        """Whether the estimate holds a position; one that comes back counts after POSITION_BACK_S."""
+        return self._view.estimate.valid_position and self._view.time_s >= self._position_good_at_s
+
+    def watch_sensors(self) -> None:
+        """Note when a position was lost, and say which sensors are silent or used no more."""
+        view = self._view
+        if view.estimate.valid_position:
+            self._had_position = True
+        elif self._had_position:
+            self._position_good_at_s = view.time_s + POSITION_BACK_S
+        self._sensors.update()
 
     def manual_control(self) -> bool:
         """Whether sticks were heard lately."""
@@ -103,6 +127,7 @@ class Checks:
 
     def watch_links(self) -> None:
         """Say when sticks or the ground station are lost, and when they are back."""
+        self.watch_sensors()
         self._watch_sticks()
         self._watch_companion()
         lost = self.gcs_lost()

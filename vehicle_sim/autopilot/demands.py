@@ -117,6 +117,14 @@ def _limits(c: Conditions) -> list[Demand]:
     return found
 
 
+def ground_demands(c: Conditions) -> list[Demand]:
+    """What is done about an armed vehicle that has not flown."""
+    found = battery_demands(c)
+    if c.position_lost:
+        found.append(Demand("mode", _mode_fallback(c), takeover=Takeover.ALWAYS))
+    return found
+
+
 def battery_demands(c: Conditions) -> list[Demand]:
     """COM_LOW_BAT_ACT: 0 warn, 2 land, 3 return when critical and land in an emergency."""
     warning, action = c.battery_warning, c.low_battery_action
@@ -145,8 +153,10 @@ def _failures(c: Conditions) -> list[Demand]:
 
 
 def _mode_fallback(c: Conditions) -> Action:
-    if c.mode is NavState.OFFBOARD and c.offboard_lost:
-        return _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
+    if c.mode is NavState.OFFBOARD and (c.offboard_lost or c.position_lost):
+        # Set points that need a position count as lost with it, and so does the mode to fall back to.
+        action = _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
+        return Action.FALLBACK_ALTITUDE if action is Action.FALLBACK_POSITION and c.position_lost else action
     if not c.position_lost:
         return Action.NONE
     by_hand = c.mode in (NavState.POSITION, NavState.POSITION_SLOW)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.checks import Checks
-from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, battery_demands, demands
+from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, demands, ground_demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Demand, Failsafe
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
@@ -54,13 +54,13 @@ class FailsafeWatch:
 
         Args:
             acts: the vehicle flies (or has flown), so that something may be done about it; about the
-                battery PX4 does it on the ground as well.
+                battery and a lost position PX4 does it on the ground as well.
         """
         self._had_sticks = self._had_sticks or self._checks.manual_control()
         conditions = self._conditions(intended, armed_for_s)
         if conditions != self._conditions_before:
             self._conditions_before, self._demands = conditions, demands(conditions)
-        wanted = self._demands if acts else battery_demands(conditions)
+        wanted = self._demands if acts else ground_demands(conditions)
         before = self.decision
         self.decision = self._machine.update(
             self._view.time_s,
@@ -75,7 +75,7 @@ class FailsafeWatch:
 
     def _can_run(self, intended: NavState, mode: NavState) -> bool:
         needs = MODES[mode]
-        return self._view.estimate.valid_position or not needs.needs_position
+        return self._checks.position_good or not needs.needs_position
 
     def _conditions(self, mode: NavState, armed_for_s: float) -> Conditions:
         view, checks, monitors = self._view, self._checks, self._monitors
@@ -85,7 +85,7 @@ class FailsafeWatch:
             mode=mode,
             offboard_lost=not self._offboard.signal(),
             offboard_loss_action=view.choice("COM_OBL_RC_ACT"),
-            position_lost=self._needs_position(mode) and not view.estimate.valid_position,
+            position_lost=self._needs_position(mode) and not checks.position_good,
             sticks=sticks,
             position_loss_lands=view.choice("COM_POSCTL_NAVL") == 1,
             manual_lost=self._had_sticks and not sticks and view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED,
@@ -139,7 +139,7 @@ class FailsafeWatch:
             )
             return
         name = "commander_failsafe_enter_generic"
-        if now.action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED):
+        if now.action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED, Action.DESCEND):
             name = "commander_failsafe_enter_autopilot_disengaged"
         announcer.both(2, "Failsafe activated", name, "IB", custom, now.action)
 

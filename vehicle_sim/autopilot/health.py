@@ -22,6 +22,8 @@ COMPONENT_BATTERY = 11
 COMPONENT_REMOTE_LINK = 12
 COMPONENT_MOTORS = 8
 COMPONENT_LOCAL_POSITION = 17
+COMPONENT_ABSOLUTE_PRESSURE = 1
+COMPONENT_GPS = 3
 COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
 COMPONENT_PARACHUTE = 26
@@ -31,8 +33,13 @@ COMPONENT_GYRO = 29
 COMPONENT_OPEN_DRONE_ID = 30
 WARNING = 4
 """Log level: below it are errors, above it notes that count as neither."""
+GPS_PROBLEMS = {
+    "fix": ("check_estimator_gps_fix_too_low", "Preflight: GPS fix too low"),
+    "satellites": ("check_estimator_gps_num_sats_too_low", "Preflight: not enough GPS Satellites"),
+}
 HEALTH_EVENTS = frozenset(
     {
+        "check_baro_no_data",
         "check_distance_sensor_missing",
         "check_failure_detector_motor",
         "check_optical_sensor_missing",
@@ -46,7 +53,9 @@ COMPASSES = 1
 PRESENT = 0x38021C0A
 """Health components present on a real simulated vehicle, as its health summary says."""
 GPS_PRESENT = 0x08
-"""Of these, the one that goes with the local position."""
+"""Of these, the one that goes with the fusion of GNSS,"""
+MAG_PRESENT = 1 << COMPONENT_MAGNETOMETER
+"""the one that goes with a magnetometer that is heard."""
 LOGGING_PRESENT = 0x400
 """Of these, the one that is there while a log is written."""
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
@@ -98,6 +107,12 @@ class Facts(NamedTuple):
     """SYS_HAS_NUM_DIST."""
     optical_flow_required: bool = False
     """SYS_HAS_NUM_OF; none is ever there."""
+    baro_silent: bool = False
+    mag_silent: bool = False
+    gnss_used: bool = True
+    """The estimator fuses it."""
+    gps_problem: str = ""
+    """Why the GPS is no use yet, before take-off: a key of GPS_PROBLEMS."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +191,15 @@ def examine(facts: Facts) -> Report:
     if facts.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
             text="Preflight Fail: optical flow sensor missing")  # fmt: skip
+    if facts.baro_silent:
+        text = "Preflight Fail: No valid data from Baro 0"
+        checks.append(
+            Check("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
+                  counts=(0,))
+        )  # fmt: skip
+    if facts.gps_problem:
+        event, text = GPS_PROBLEMS[facts.gps_problem]
+        checks.append(Check(event, LOCAL_POSITION_MASK, COMPONENT_GPS, 0, 0, text, WARNING, warns=True))
     checks += _detected_failures(facts)
     if facts.mode in CANNOT_TAKE_OFF and not facts.armed and not facts.terminated:
         add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
@@ -222,8 +246,10 @@ def examine(facts: Facts) -> Report:
     if not facts.valid_attitude:
         can_arm = 0
     present = PRESENT | (REMOTE_PRESENT if facts.manual_control else 0)
-    if not facts.valid_local_position:
+    if not facts.gnss_used:
         present &= ~GPS_PRESENT
+    if facts.mag_silent:
+        present &= ~MAG_PRESENT
     if not facts.logging:
         present &= ~LOGGING_PRESENT
     return Report(tuple(checks), can_arm, can_run, present)

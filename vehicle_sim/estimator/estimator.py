@@ -1,9 +1,10 @@
-"""What the autopilots believe: attitude, velocity and position from the sensors alone.
+"""What the autopilots believe: attitude, velocity and position from the sensors alone, as PX4's EKF2.
 
-A strapdown prediction at half the IMU rate (PX4's filter also takes two samples at a time), corrected by GPS
-at its rate, by the barometer in height and by the magnetometer in heading. Corrections reach the
-outputs smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). Without GPS the velocity is held near what a vehicle that goes
-nowhere would show, which keeps the attitude level, and the position stops being valid after EKF2_NOAID_TOUT.
+A strapdown prediction at half the IMU rate (PX4's filter also takes two samples at a time) and a Kalman
+filter (`kalman.py`) corrected by each sensor's own file: `gnss.py`, `barometer.py`, `magnetometer.py`,
+`vision.py`, and `standing.py` where nothing aids. Corrections reach the outputs smoothly (EKF2_TAU_POS,
+EKF2_TAU_VEL), resets at once. Without aiding the estimate drifts as the IMU's errors make it; it stops being
+valid after EKF2_NOAID_TOUT.
 """
 
 from __future__ import annotations
@@ -13,22 +14,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.estimator.channels import ERROR, POSITION, VELOCITY, Channels
+from vehicle_sim.estimator.barometer import Barometer
+from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion, forget
+from vehicle_sim.estimator.gnss import Gnss
 from vehicle_sim.estimator.gyro_filter import GyroFilter
-from vehicle_sim.estimator.heading import Heading
+from vehicle_sim.estimator.kalman import POSITION, VELOCITY, YAW, Kalman
+from vehicle_sim.estimator.magnetometer import ABOVE_ANOMALIES_M, Magnetometer
 from vehicle_sim.estimator.outputs import blank_estimate, blank_row
+from vehicle_sim.estimator.standing import EVERY_S as STANDING_EVERY_S
+from vehicle_sim.estimator.standing import Standing
 from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
-from vehicle_sim.frames import (
-    GRAVITY_M_S2,
-    quaternion_from_euler,
-    quaternion_product,
-    quaternion_rate,
-    rotate,
-    rotation_matrix,
-    row_norm,
-    yaw_of,
-)
+from vehicle_sim.frames import quaternion_from_euler, rotate, rotation_matrix, yaw_of
 from vehicle_sim.geodesy import to_global, to_local
 from vehicle_sim.masks import all_of
 from vehicle_sim.parameters import Parameters
@@ -39,21 +36,17 @@ BoolArray = NDArray[np.bool_]
 
 RANGE_EVERY_STEPS = 10
 """A range every so many IMU samples, 25 Hz."""
+DEAD_RECKONING_AFTER_S = 1.0
 _SAMPLES_A_PREDICTION = 2
-_GLOBAL_EVERY_PREDICTIONS = 5
-_STANDING_VARIANCE = 0.25
-"""(m²) of the assumption that a vehicle without an origin has not moved."""
-_GPS_POSITION_OR_SPEED = 0b101
-"""Bits of EKF2_GPS_CTRL: horizontal position, velocity."""
-_GRAVITY_FUSION = 4
-"""Bit of EKF2_IMU_CTRL."""
-_GRAVITY_GATE = 0.25
-"""A sample that leans more than this part of EKF2_GRAV_NOISE is not gravity alone."""
-REJECTED_LIMIT_S = 7.0
-"""After so long outside its gate GPS is believed and the estimate reset to it (PX4's reset timeout)."""
-_BARO_BIAS_GAIN = 0.005
-_VERTICAL_SPEED_FACTOR = 1.5
-"""GPS velocity is taken to be this much worse vertically."""
+_ALIGN_SAMPLES = 25
+_BARO_EVERY = 2
+"""Of the barometer's samples so many make one that is fused; accuracies come out as recorded."""
+_PUBLISH_EVERY_PREDICTIONS = 5
+_WATCH_EVERY_PREDICTIONS = 10
+_MAG_SAMPLES = 4
+"""So many are averaged into one (SENS_MAG_RATE)."""
+_RESIDUALS = ((0, slice(0, 2)), (0, slice(2, 3)), (1, slice(0, 2)), (1, slice(2, 3)))
+"""Where the smoothing of horizontal and vertical velocity and position is kept."""
 
 
 class Estimator:
@@ -70,82 +63,73 @@ class Estimator:
         # Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
         self._sample_step, self._predict_step = np.array(dt_s), np.array(self._predict_s)
         self.state = blank_estimate(count)
-        self.channels = Channels(count)
-        self._gyro = GyroFilter(count, dt_s)
-        self._samples = 0
-        self._predictions = 0
-        self._started = np.zeros(count, dtype=np.bool_)
-        self._delta_angle = np.zeros((count, 3))
-        self._delta_velocity = np.zeros((count, 3))
-        self._residual = np.zeros((count, 3, 2))
-        self._decay = np.ones((count, 3, 2))
-        self._matrix = rotation_matrix(self.state.q_ned_frd)
-        self._heading = Heading(count, self._predict_s)
-        self._gps_good_s = np.zeros(count)
-        self._gps_fused = np.ones(count, dtype=bool)
-        self._gps_wait_s = np.zeros(count)
-        self._no_aid_s = np.full(count, math.inf)
-        self._no_aid_limit_s = np.zeros(count)
-        self._rejected_s = np.zeros((count, 3))
-        self._gps_noise = np.zeros((count, 2))
-        self._gates = np.ones((count, 2))
-        self._fake_variance = np.zeros(count)
-        self._baro_variance = np.ones((count, 1))
-        self._baro_bias_m = np.zeros(count)
-        self._counts = [0, 0, 0]
-        self._gps_sample = -1
-        self._leaning = np.zeros((count, 2))
-        self._leaning_count = np.zeros((count, 1))
-        self._gravity_gate_m_s2 = np.zeros((count, 1))
-        self._gravity_variance = np.full((count, 1), np.inf)
+        self.fusion = blank_fusion(count)
+        self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
+        self._gnss = Gnss(count, self.kalman, self.fusion)
+        self._barometer = Barometer(count, self.kalman, self.fusion)
+        self._magnetometer = Magnetometer(count, self.kalman, self.fusion)
+        self._standing = Standing(count, self.kalman, self.fusion)
         self._vision = Vision(count)
         self._terrain = Terrain(count, dt_s * RANGE_EVERY_STEPS)
-        self._gps_aided = np.zeros(count, dtype=np.bool_)
-        self._gravity_step = np.tile([0.0, 0.0, GRAVITY_M_S2 * self._predict_s], (count, 1))
-        # Views of arrays that are only ever written in place: to make them anew costs as much as a product.
-        motion = self.channels.state
-        self._motion, self._accel_bias = motion[:, :, :2], motion[:, 2, ERROR]
-        self._position, self._velocity = motion[:, :, POSITION], motion[:, :, VELOCITY]
-        self._level_acceleration = self.state.acceleration_ned_m_s2[:, :2]
+        self._gyro = GyroFilter(count, dt_s)
+        self._samples = self._predictions = 0
+        self._standing_every = round(STANDING_EVERY_S / self._predict_s)
+        self._started = np.zeros(count, dtype=np.bool_)
+        self._first_force, self._first_field = np.zeros((count, 3)), np.zeros((count, 3))
+        self._first_samples = np.zeros(count, dtype=np.int64)
+        self._delta_angle = np.zeros((count, 3))
+        self._delta_velocity = np.zeros((count, 3))
+        self._residual = np.zeros((count, 2, 3))
+        self._decay = np.ones((count, 2, 1))
+        self._aided_at_s = np.full(count, -math.inf)
+        self._no_aid_limit_s = np.zeros(count)
+        self._vision_height_at_s = np.full(count, -math.inf)
+        self._armed = np.zeros(count, dtype=np.bool_)
+        self._counts = [0, 0, 0]
+        self._baro_at_s = 0.0
+        self._mag_sum = np.zeros((count, 3))
+        self._mag_samples = 0
+        self._mag_fresh = np.zeros(count, dtype=np.bool_)
+        self._mag_at_s = 0.0
+
+    @property
+    def _now_s(self) -> float:
+        return self._samples * self._dt_s
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Read IMU_* and EKF2_* of vehicle `i`."""
-
-        def value(name: str) -> float:
-            return parameters.usable(name)
-
-        self.channels.configure(i, parameters)
-        self._vision.configure(i, parameters)
-        self._terrain.configure(i, parameters)
+        value = parameters.usable
+        for part in (
+            self.kalman,
+            self._gnss,
+            self._barometer,
+            self._magnetometer,
+            self._standing,
+            self._vision,
+            self._terrain,
+        ):
+            part.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
-        for k, name in enumerate(("EKF2_TAU_POS", "EKF2_TAU_VEL")):
-            self._decay[i, :, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
-        self._heading.configure(i, parameters)
-        self._gps_wait_s[i] = value("EKF2_REQ_GPS_H")
-        self._gps_fused[i] = bool(int(parameters.get("EKF2_GPS_CTRL")) & _GPS_POSITION_OR_SPEED)
-        self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT")
-        self._gps_noise[i] = value("EKF2_GPS_P_NOISE"), value("EKF2_GPS_V_NOISE")
-        self._gates[i] = max(value("EKF2_GPS_P_GATE"), 1.0), max(value("EKF2_GPS_V_GATE"), 1.0)
-        self._fake_variance[i] = value("EKF2_NOAID_NOISE") ** 2
-        fuses_gravity = int(parameters.get("EKF2_IMU_CTRL")) & _GRAVITY_FUSION
-        self._gravity_variance[i] = value("EKF2_GRAV_NOISE") ** 2 if fuses_gravity else np.inf
-        self._gravity_gate_m_s2[i] = _GRAVITY_GATE * value("EKF2_GRAV_NOISE")
-        self._baro_variance[i] = max(value("EKF2_BARO_NOISE"), 0.01) ** 2
+        for k, name in enumerate(("EKF2_TAU_VEL", "EKF2_TAU_POS")):
+            self._decay[i, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
+        self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT") + HORIZON_S
 
     def reset(self, i: int) -> None:
         """Vehicle `i` starts anew, as after a reboot."""
         blank_row(self.state, i)
-        self.channels.reset(i)
+        forget(self.fusion, i, self._now_s)
+        self.kalman.reset(i)
+        self._gnss.reset(i, self._now_s)
+        self._standing.reset(i)
         self._vision.reset(i)
         self._terrain.reset(i)
         self._gyro.reset(i)
         self._started[i] = False
-        sums = (self._delta_angle, self._delta_velocity, self._residual)
-        for rows in (*sums, self._gps_good_s, self._rejected_s, self._baro_bias_m):
-            rows[i] = 0.0
-        self._heading.reset(i)
-        self._no_aid_s[i] = math.inf
-        self._matrix = rotation_matrix(self.state.q_ned_frd)
+        sums = self._first_force, self._first_field, self._first_samples
+        for rows in (*sums, self._delta_angle, self._delta_velocity, self._residual):
+            rows[i] = 0
+        self._aided_at_s[i] = self._vision_height_at_s[i] = -math.inf
+        self.kalman.matrix = rotation_matrix(self.state.q_ned_frd)
 
     def update(self, sensors: SensorState) -> None:
         """Take this step's samples."""
@@ -158,25 +142,25 @@ class Estimator:
         self._delta_angle += sensors.gyro_frd_rad_s
         self._delta_velocity += sensors.accel_frd_m_s2
         self._samples += 1
-        if self._samples % _SAMPLES_A_PREDICTION == 0:
-            self._predict()
-            counts = [sensors.gps_count, sensors.baro_count, sensors.mag_count]
-            if counts != self._counts:
-                if counts[0] != self._counts[0]:
-                    self._fuse_gps(sensors)
-                if counts[1] != self._counts[1]:
-                    self._fuse_baro(sensors)
-                if counts[2] != self._counts[2]:
-                    self._fuse_mag(sensors)
-                self._counts = counts
-            if self._vision.waits:
-                self._fuse_vision()
+        if self._samples % _SAMPLES_A_PREDICTION:
+            return
+        self._predict()
+        counts = [sensors.gps_count, sensors.baro_count, sensors.mag_count]
+        stands = self._predictions % self._standing_every == 0
+        if counts != self._counts or stands or self._vision.waits:
+            self._fuse(sensors, counts, stands)
 
-    def take_ranges(self, range_m: FloatArray, in_air: BoolArray) -> None:
-        """Ranges (N,) [m] every RANGE_EVERY_STEPS samples (NaN: none), and who is in the air (N,)."""
-        state = self.state
-        height = self._terrain.update(range_m, self._matrix[:, 2, 2], in_air, state.position_ned_m[:, 2])
+    def take_ranges(self, range_m: FloatArray, in_air: BoolArray, armed: BoolArray) -> None:
+        """Ranges (N,) [m] every RANGE_EVERY_STEPS samples (NaN: none), who is in the air and armed (N,)."""
+        state, fusion = self.state, self.fusion
+        height = self._terrain.update(
+            range_m, self.kalman.matrix[:, 2, 2], in_air, state.position_ned_m[:, 2]
+        )
         np.copyto(state.height_above_ground_m, np.where(state.valid_altitude, height, np.nan))
+        fusion.mag_aligned_in_flight &= fusion.in_air | ~in_air
+        np.copyto(fusion.in_air, in_air)
+        fusion.in_air_once |= in_air
+        np.copyto(self._armed, armed)
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
         """A position, velocity or heading of vehicle `i` measured from outside (EKF2_EV_CTRL)."""
@@ -189,220 +173,158 @@ class Estimator:
         if np.isfinite(old[0]):
             north_m, east_m = to_local(old[0], old[1], np.asarray(lat_deg), np.asarray(lon_deg))
             shift = np.array([north_m, east_m, alt_amsl_m - old[2]])
-            self._position[i] += shift
+            self.kalman.position[i] += shift
             state.position_ned_m[i] += shift
-            self._baro_bias_m[i] += shift[2]
+            self._barometer.bias_m[i] += shift[2]
         state.origin_lat_deg[i], state.origin_lon_deg[i] = lat_deg, lon_deg
         state.origin_alt_amsl_m[i] = alt_amsl_m
 
-    def _fuse_vision(self) -> None:
-        state, channels = self.state, self.channels
-        before = channels.state[:, :, :2].copy()
-        for aid in self._vision.fuse(channels, self._gps_aided, self._samples * self._dt_s):
-            i = aid.row
-            if aid.horizontal:
-                self._no_aid_s[i] = 0.0
-                state.valid_position[i] = state.valid_velocity[i] = True
-            gain = self._vision.heading_gain(i, float(self._heading.variance[i]))
-            if gain > 0.0 and math.isfinite(aid.heading_rad):
-                turn = np.zeros((state.heading_rad.shape[0], 3))
-                turn[i, 2] = gain * math.remainder(aid.heading_rad - float(state.heading_rad[i]), math.tau)
-                self._turn(turn)
-                self._heading.variance[i] *= 1.0 - gain
-        self._residual -= channels.state[:, :, :2] - before
-
     def _align(self, sensors: SensorState) -> None:
         """Level by the accelerometer and turn by the magnetometer where an estimator has just started."""
-        for i in map(int, np.flatnonzero(~self._started)):
-            ax, ay, az = sensors.accel_frd_m_s2[i]
+        new = ~self._started
+        self._first_force[new] += sensors.accel_frd_m_s2[new]
+        self._first_field[new] += sensors.mag_frd_gauss[new]
+        self._first_samples[new] += 1
+        for i in map(int, np.flatnonzero(new & (self._first_samples >= _ALIGN_SAMPLES))):
+            ax, ay, az = self._first_force[i]
             roll, pitch = math.atan2(-ay, -az), math.atan2(ax, math.hypot(ay, az))
             level = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0)[None, :])
-            yaw = self._heading.first_rad(i, rotate(level, sensors.mag_frd_gauss[i : i + 1])[0])
+            field = rotate(level, self._first_field[i : i + 1])[0]
+            yaw = self._magnetometer.align(i, self._now_s, field)
             self.state.q_ned_frd[i] = quaternion_from_euler(roll, pitch, yaw)
             self.state.valid_attitude[i] = True
             self.state.valid_altitude[i] = True
-            self._baro_bias_m[i] = sensors.baro_alt_amsl_m[i]
+            self._barometer.align(i, self._now_s, float(sensors.baro_alt_amsl_m[i]))
+            self.kalman.motion[i] = 0.0
             self._started[i] = True
-        self._matrix = rotation_matrix(self.state.q_ned_frd)
+        self.kalman.matrix = rotation_matrix(self.state.q_ned_frd)
 
     def _predict(self) -> None:
-        state, dt_s = self.state, self._predict_step
-        q = state.q_ned_frd
-        turn = self._delta_angle * self._sample_step
-        q += quaternion_rate(q, turn)
-        q /= row_norm(q)
-        self._matrix = rotation_matrix(q)
-        gained = rotate(self._matrix, self._delta_velocity * self._sample_step)
-        gained += self._gravity_step
-        gained[:, 2] -= self._accel_bias * dt_s
+        state, kalman = self.state, self.kalman
+        self._delta_angle *= self._sample_step
+        self._delta_velocity *= self._sample_step
+        kalman.predict(self._delta_angle, self._delta_velocity)
+        if self._standing.wanted:
+            self._standing.add(self._delta_angle, self._delta_velocity)
         self._delta_angle.fill(0.0)
         self._delta_velocity.fill(0.0)
-        position, velocity = self._position, self._velocity
-        position += dt_s * velocity
-        velocity += gained
         self._residual *= self._decay
-        smooth = self._motion + self._residual
-        state.position_ned_m[:] = smooth[:, :, POSITION]
-        state.velocity_ned_m_s[:] = smooth[:, :, VELOCITY]
-        np.divide(gained, dt_s, out=state.acceleration_ned_m_s2)
-        level = self._level_acceleration
-        calm = np.maximum.reduce(np.abs(level), axis=1, keepdims=True) < self._gravity_gate_m_s2
-        self._leaning += calm * level
-        self._leaning_count += calm
-        state.heading_rad[:] = yaw_of(q)
+        smooth = kalman.motion + self._residual
+        state.velocity_ned_m_s[:] = smooth[:, 0]
+        state.position_ned_m[:] = smooth[:, 1]
+        np.divide(kalman.gained, self._predict_step, out=state.acceleration_ned_m_s2)
+        state.heading_rad[:] = yaw_of(state.q_ned_frd)
         self._predictions += 1
-        if self._predictions % _GLOBAL_EVERY_PREDICTIONS == 0:
-            self._publish_global()
+        if self._predictions % _PUBLISH_EVERY_PREDICTIONS == 0:
+            self._publish()
 
-    def _publish_global(self) -> None:
-        state = self.state
+    def _publish(self) -> None:
+        """Place on the globe, accuracy and validity, 25 times a second."""
+        state, fusion, now_s = self.state, self.fusion, self._now_s
         state.lat_deg[:], state.lon_deg[:] = to_global(
             state.position_ned_m[:, 0], state.position_ned_m[:, 1], state.origin_lat_deg, state.origin_lon_deg
         )
         np.subtract(state.origin_alt_amsl_m, state.position_ned_m[:, 2], out=state.alt_amsl_m)
-        self._no_aid_s += _GLOBAL_EVERY_PREDICTIONS * self._predict_s
-        aided = self._no_aid_s < self._no_aid_limit_s
+        variance = np.einsum("nii->ni", self.kalman.covariance)[:, VELOCITY : POSITION + 3]
+        state.horizontal_accuracy_m[:] = np.sqrt(variance[:, 3] + variance[:, 4])
+        state.vertical_accuracy_m[:] = np.sqrt(variance[:, 5])
+        state.speed_accuracy_m_s[:] = np.sqrt(variance[:, 0] + variance[:, 1])
+        if self._predictions % _WATCH_EVERY_PREDICTIONS == 0:
+            self._watch(now_s)
+        silent_s = now_s - self._aided_at_s
+        np.copyto(fusion.dead_reckoning, silent_s > DEAD_RECKONING_AFTER_S + HORIZON_S)
+        aided = silent_s < self._no_aid_limit_s
         state.valid_position[:] = aided
         state.valid_velocity[:] = aided
+        state.valid_altitude[:] = self._started & ~fusion.fake_hgt
 
-    def _fuse_gps(self, sensors: SensorState) -> None:
-        state, channels = self.state, self.channels
-        interval_s = (
-            max(self._samples - self._gps_sample, 1) * self._dt_s if self._gps_sample >= 0 else self._dt_s
+    def _watch(self, now_s: float) -> None:
+        """Stop what is silent, a dozen times a second."""
+        self._gnss.watch(now_s)
+        self._barometer.watch(now_s)
+        self._magnetometer.watch(now_s, self.state.acceleration_ned_m_s2)
+        np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
+
+    def _fuse(self, sensors: SensorState, counts: list[int], stands: bool) -> None:
+        """Take what is new; outputs follow smoothly, except where a reset was made."""
+        kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
+        before = kalman.motion.copy()
+        resets = fusion.resets.tobytes()
+        kalman.catch_up()
+        old, self._counts = self._counts, counts
+        if counts[0] != old[0]:
+            aided = self._gnss.fuse(now_s, sensors, state, self._started)
+            self._aided_at_s[aided] = now_s
+            state.gps_rejected[:] = self._gnss.rejected
+            state.valid_position |= aided
+            state.valid_velocity |= aided
+        pressed = counts[1] != old[1] and counts[1] % _BARO_EVERY == 0
+        if pressed:
+            self._barometer.fuse(now_s, now_s - self._baro_at_s, sensors, self._started)
+            self._baro_at_s = now_s
+        if pressed or counts[0] != old[0]:
+            self._show_ratios(now_s)
+        if counts[2] != old[2]:
+            self._take_mag(sensors)
+        if self._vision.waits:
+            self._fuse_vision()
+        if stands:
+            aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.fresh(now_s)
+            moving = self._armed | fusion.in_air
+            self._standing.update(self._standing_every, aided, moving, self._started)
+        self._residual -= kalman.motion - before
+        if fusion.resets.tobytes() != resets:
+            changed = np.frombuffer(resets, dtype=np.int64).reshape(fusion.resets.shape) != fusion.resets
+            for k, (row, axes) in enumerate(_RESIDUALS):
+                self._residual[changed[k], row, axes] = 0.0
+
+    def _show_ratios(self, now_s: float) -> None:
+        """Test ratios as ESTIMATOR_STATUS reports them, and what they say of the accelerometer."""
+        state, fusion = self.state, self.fusion
+        state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.ratio[:, 0], 0.0)
+        state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.ratio[:, 1], 0.0)
+        by_gps = np.where(fusion.gps_hgt, self._gnss.ratio[:, 2], 0.0)
+        by_baro = np.where(fusion.baro_hgt, self._barometer.ratio, 0.0)
+        sources = np.maximum(fusion.gps_hgt * 1 + fusion.baro_hgt * 1, 1)
+        state.innovation_ratio_height[:] = (by_gps + by_baro) / sources
+        pressure = np.where(fusion.baro_hgt, self._barometer.falling, 0.0)
+        fusion.judge_accelerometer(now_s, pressure, np.where(fusion.gps_hgt, self._gnss.falling, 0.0))
+        np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
+
+    def _take_mag(self, sensors: SensorState) -> None:
+        """Samples are averaged, as PX4's sensor hub does, before one is fused."""
+        fresh = self._mag_fresh & sensors.mag_fresh if self._mag_samples else sensors.mag_fresh.copy()
+        self._mag_fresh = fresh
+        self._mag_sum += sensors.mag_frd_gauss
+        self._mag_samples += 1
+        if self._mag_samples < _MAG_SAMPLES:
+            return
+        state, now_s = self.state, self._now_s
+        height = np.where(
+            np.isnan(state.height_above_ground_m), -self.kalman.position[:, 2], state.height_above_ground_m
         )
-        self._gps_sample = self._samples
-        fixed = (sensors.gps_fix_type >= 3) & self._gps_fused
-        self._gps_good_s[:] = np.where(fixed, self._gps_good_s + interval_s, 0.0)
-        self._set_origins(sensors, fixed)
-        aided = fixed & np.isfinite(state.origin_lat_deg)
-        position = self._measured_position(sensors, aided)
-        position_variance = np.empty_like(position)
-        horizontal = np.maximum(sensors.gps_horizontal_accuracy_m, self._gps_noise[:, 0]) ** 2
-        standing = np.where(np.isfinite(state.origin_lat_deg), self._fake_variance, _STANDING_VARIANCE)
-        # Who is seen from outside need not be taken to stand.
-        standing = np.where(self._vision.fresh(self._samples * self._dt_s), np.inf, standing)
-        position_variance[:, :2] = np.where(aided, horizontal, standing)[:, None]
-        vertical = np.maximum(sensors.gps_vertical_accuracy_m, self._gps_noise[:, 0]) ** 2
-        position_variance[:, 2] = np.where(aided, vertical, np.inf)
-        speed = np.maximum(sensors.gps_speed_accuracy_m_s, self._gps_noise[:, 1])
-        velocity_variance = np.where(aided, speed**2, np.inf)[:, None] * np.array(
-            [1.0, 1.0, _VERTICAL_SPEED_FACTOR**2]
-        )
-        velocity = np.where(aided[:, None], sensors.gps_velocity_ned_m_s, channels.state[:, :, VELOCITY])
-        returned = aided & (
-            ~(self._no_aid_s < self._no_aid_limit_s) | (self._rejected_s > REJECTED_LIMIT_S).any(axis=1)
-        )
-        if returned.any():
-            self._rejected_s[returned] = 0.0
-            channels.reset_motion(returned, position, velocity, position_variance, velocity_variance)
-            self._residual[returned] = 0.0
-            self._baro_bias_m[returned] = (sensors.baro_alt_amsl_m + position[:, 2])[returned]
-        channels.predict_covariance(interval_s)
-        before = channels.state[:, :, :2].copy()
-        ratio = self._fuse_gated(POSITION, position, position_variance, self._gates[:, :1])
-        state.innovation_ratio_position[:] = ratio[:, :2].max(axis=1)
-        state.innovation_ratio_height[:] = ratio[:, 2]
-        taken = state.innovation_ratio_position <= 1.0
-        ratio = self._fuse_gated(VELOCITY, velocity, velocity_variance, self._gates[:, 1:])
-        state.innovation_ratio_velocity[:] = ratio.max(axis=1)
-        taken_speed = state.innovation_ratio_velocity <= 1.0
-        for k, good in enumerate((taken, taken_speed, state.innovation_ratio_height <= 1.0)):
-            self._rejected_s[:, k] = np.where(good, 0.0, self._rejected_s[:, k] + interval_s)
-        np.copyto(state.gps_rejected, aided & ~(taken & taken_speed))
-        aided &= taken | taken_speed
-        self._gps_aided[:] = aided
-        self._fuse_gravity()
-        self._residual -= channels.state[:, :, :2] - before
-        self._no_aid_s[aided] = 0.0
-        state.valid_position[aided] = True
-        state.valid_velocity[aided] = True
-        self._take_tilt_errors()
-        variance = np.einsum("naii->nai", channels.covariance)
-        state.horizontal_accuracy_m[:] = np.sqrt(variance[:, :2, POSITION].sum(axis=1))
-        state.vertical_accuracy_m[:] = np.sqrt(variance[:, 2, POSITION])
-        state.speed_accuracy_m_s[:] = np.sqrt(variance[:, :2, VELOCITY].sum(axis=1))
+        self._magnetometer.fuse(
+            now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, fresh & self._started,
+            height > ABOVE_ANOMALIES_M,
+        )  # fmt: skip
+        state.innovation_ratio_mag[:] = self._magnetometer.ratio
+        self._mag_at_s, self._mag_samples = now_s, 0
+        self._mag_sum.fill(0.0)
 
-    def _fuse_gated(
-        self, row: int, measured: FloatArray, variance: FloatArray, gate: FloatArray
-    ) -> FloatArray:
-        """Fuse GPS unless its innovation lies outside the gate; a bad horizontal axis spoils the other.
-
-        Returns:
-            Innovation over gate (N, 3); above 1 it was rejected.
-        """
-        channels = self.channels
-        innovation = measured - channels.state[:, :, row]
-        total = channels.covariance[:, :, row, row] + variance
-        ratio = np.abs(innovation) / (gate * np.sqrt(total))
-        good = ratio <= 1.0
-        if not good.all():
-            good[:, :2] = good[:, :2].all(axis=1, keepdims=True)
-            variance = np.where(good, variance, np.inf)
-            innovation = np.where(good, innovation, 0.0)
-        channels.fuse(row, innovation, variance)
-        return ratio
-
-    def _set_origins(self, sensors: SensorState, fixed: BoolArray) -> None:
-        """After EKF2_REQ_GPS_H of good GPS the local origin is where GPS says we are."""
-        state = self.state
-        missing = fixed & np.isnan(state.origin_lat_deg) & (self._gps_good_s >= self._gps_wait_s)
-        if missing.any():
-            state.origin_lat_deg[missing] = sensors.gps_lat_deg[missing]
-            state.origin_lon_deg[missing] = sensors.gps_lon_deg[missing]
-            state.origin_alt_amsl_m[missing] = sensors.gps_alt_amsl_m[missing]
-
-    def _measured_position(self, sensors: SensorState, aided: BoolArray) -> FloatArray:
-        """Local position by GPS; where there is none, the position last believed."""
-        state = self.state
-        position = self.state.position_ned_m.copy()
-        position[np.isnan(state.origin_lat_deg)] = 0.0
-        if aided.any():
-            north, east = to_local(
-                sensors.gps_lat_deg, sensors.gps_lon_deg, state.origin_lat_deg, state.origin_lon_deg
-            )
-            np.copyto(position[:, 0], north, where=aided)
-            np.copyto(position[:, 1], east, where=aided)
-            np.copyto(position[:, 2], state.origin_alt_amsl_m - sensors.gps_alt_amsl_m, where=aided)
-        return position
-
-    def _fuse_gravity(self) -> None:
-        """A vehicle that does not accelerate feels gravity straight from below: any lean is tilt error."""
-        count = np.maximum(self._leaning_count, 1.0)
-        variance = np.where(self._leaning_count > 0.0, self._gravity_variance / count, np.inf)
-        innovation = self._leaning / count - self.channels.state[:, :2, ERROR]
-        self.channels.fuse(ERROR, innovation, variance, slice(0, 2))
-        self._leaning[:] = 0.0
-        self._leaning_count[:] = 0.0
-
-    def _take_tilt_errors(self) -> None:
-        """Turn the attitude so that the horizontal acceleration errors found vanish."""
-        errors = self.channels.state[:, :2, ERROR]
-        turn = np.zeros((errors.shape[0], 3))
-        turn[:, 0] = -errors[:, 1] / GRAVITY_M_S2
-        turn[:, 1] = errors[:, 0] / GRAVITY_M_S2
-        errors[:] = 0.0
-        self._turn(turn)
-
-    def _turn(self, turn_ned_rad: FloatArray) -> None:
-        delta = np.concatenate([np.ones((turn_ned_rad.shape[0], 1)), 0.5 * turn_ned_rad], axis=1)
-        q = quaternion_product(delta, self.state.q_ned_frd)
-        self.state.q_ned_frd[:] = q / row_norm(q)
-
-    def _fuse_baro(self, sensors: SensorState) -> None:
-        height = -self.channels.state[:, 2, POSITION]
-        measured = sensors.baro_alt_amsl_m - self._baro_bias_m
-        innovation = measured - height
-        aided = self._no_aid_s < self._no_aid_limit_s
-        self._baro_bias_m += np.where(aided, _BARO_BIAS_GAIN, 0.0) * innovation
-        before = self.channels.state[:, 2, :2].copy()
-        total = self.channels.fuse(POSITION, -innovation[:, None], self._baro_variance, slice(2, 3))
-        self._residual[:, 2] -= self.channels.state[:, 2, :2] - before
-        ratio = np.abs(innovation) / (5.0 * np.sqrt(total[:, 0]))
-        np.copyto(self.state.innovation_ratio_height, ratio, where=~aided)
-
-    def _fuse_mag(self, sensors: SensorState) -> None:
-        turn = np.zeros((len(self._started), 3))
-        turn[:, 2], self.state.innovation_ratio_mag[:] = self._heading.fuse(
-            self._matrix, sensors.mag_frd_gauss
-        )
-        self._turn(turn)
+    def _fuse_vision(self) -> None:
+        state, kalman, now_s = self.state, self.kalman, self._now_s
+        gnss = self.fusion.gnss_pos | self.fusion.gnss_vel
+        for aid in self._vision.fuse(kalman, gnss & ~self.fusion.dead_reckoning, now_s):
+            i = aid.row
+            if aid.horizontal:
+                self._aided_at_s[i] = now_s
+                state.valid_position[i] = state.valid_velocity[i] = True
+            if aid.vertical:
+                self._vision_height_at_s[i] = now_s
+            noise = self._vision.heading_variance(i)
+            if math.isfinite(noise) and math.isfinite(aid.heading_rad):
+                count = len(state.heading_rad)
+                off, variance = np.zeros(count), np.full(count, np.inf)
+                off[i] = math.remainder(aid.heading_rad - float(state.heading_rad[i]), math.tau)
+                variance[i] = noise
+                kalman.fuse(YAW, off, variance)

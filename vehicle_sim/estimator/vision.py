@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.estimator.channels import POSITION, VELOCITY, Channels
+from vehicle_sim.estimator.kalman import POSITION, VELOCITY, Kalman
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +43,8 @@ class Aid:
     row: int
     horizontal: bool
     """Position or velocity is known by it."""
+    vertical: bool
+    """And the height."""
     heading_rad: float
     """NaN: none was given."""
 
@@ -94,68 +96,65 @@ class Vision:
         """(N,) who has been aided within the last second."""
         return now_s - self._taken_at_s <= LOST_S
 
-    def fuse(self, channels: Channels, gps_aided: NDArray[np.bool_], now_s: float) -> list[Aid]:
+    def fuse(self, kalman: Kalman, gps_aided: NDArray[np.bool_], now_s: float) -> list[Aid]:
         """Correct the filters of those whom GPS does not aid, and say whose they were."""
         waiting, self._waiting = self._waiting, {}
-        return [
-            self._fuse_one(i, sample, channels, now_s) for i, sample in waiting.items() if not gps_aided[i]
-        ]
+        return [self._fuse_one(i, sample, kalman, now_s) for i, sample in waiting.items() if not gps_aided[i]]
 
     def reset(self, i: int) -> None:
         """Vehicle `i` starts anew."""
         self._waiting.pop(i, None)
         self._taken_at_s[i] = -math.inf
 
-    def heading_gain(self, i: int, yaw_variance: float) -> float:
-        """Share of a heading's innovation that is believed; 0 where EKF2_EV_CTRL takes no heading."""
+    def heading_variance(self, i: int) -> float:
+        """Of a heading of vehicle `i` [rad²]; infinite where EKF2_EV_CTRL takes none."""
         limits = self._limits[i]
         if limits is None or not limits.control & HEADING:
-            return 0.0
-        return yaw_variance / (yaw_variance + limits.heading_noise_rad**2)
+            return math.inf
+        return limits.heading_noise_rad**2
 
-    def _fuse_one(self, i: int, sample: VisionSample, channels: Channels, now_s: float) -> Aid:
+    def _fuse_one(self, i: int, sample: VisionSample, kalman: Kalman, now_s: float) -> Aid:
         limits = self._limits[i]
         if limits is None:
-            return Aid(i, False, math.nan)
+            return Aid(i, False, False, math.nan)
         new = now_s - self._taken_at_s[i] > LOST_S
         level, upright = bool(limits.control & HORIZONTAL), bool(limits.control & VERTICAL)
-        placed = self._take(
-            i, channels, POSITION, sample.position_ned_m, (level, level, upright), limits.position_gate,
+        placed, raised = self._take(
+            i, kalman, POSITION, sample.position_ned_m, (level, level, upright), limits.position_gate,
             max(limits.position_noise_m**2, _finite(sample.position_variance_m2)), new,
         )  # fmt: skip
-        moved = self._take(
-            i, channels, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & SPEED),) * 3,
+        moved, _ = self._take(
+            i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & SPEED),) * 3,
             limits.velocity_gate, max(limits.velocity_noise_m_s**2, _finite(sample.velocity_variance_m2_s2)),
             new,
         )  # fmt: skip
         if placed or moved:
             self._taken_at_s[i] = now_s
-        return Aid(i, placed or moved, sample.heading_rad)
+        return Aid(i, placed or moved, raised, sample.heading_rad)
 
     def _take(
-        self, i: int, channels: Channels, row: int, measured: Vector, wanted: tuple[bool, ...], gate: float,
+        self, i: int, kalman: Kalman, first: int, measured: Vector, wanted: tuple[bool, ...], gate: float,
         variance: float, new: bool,
-    ) -> bool:  # fmt: skip
-        """Fuse the wanted axes; whether both horizontal ones were believed."""
-        count = channels.state.shape[0]
+    ) -> tuple[bool, bool]:  # fmt: skip
+        """Fuse the wanted axes; whether both horizontal ones were believed, and the vertical one."""
+        count = len(kalman.vector)
         believed = [False, False, False]
+        one = np.zeros(count, dtype=np.bool_)
+        one[i] = True
         for axis in range(3):
             if not wanted[axis] or not math.isfinite(measured[axis]):
                 continue
-            innovation, all_variances = np.zeros((count, 1)), np.full((count, 1), np.inf)
-            innovation[i] = measured[axis] - channels.state[i, axis, row]
-            total = channels.covariance[i, axis, row, row] + variance
+            index = first + axis
+            off = measured[axis] - float(kalman.vector[i, index - VELOCITY])
+            sigma = math.sqrt(float(kalman.variance(index)[i]) + variance)
             if new:
-                channels.state[i, axis, row] = measured[axis]
-                channels.covariance[i, axis, row, :] = channels.covariance[i, axis, :, row] = 0.0
-                channels.covariance[i, axis, row, row] = variance
-            elif abs(float(innovation[i, 0])) <= gate * math.sqrt(total):
-                all_variances[i] = variance
-                channels.fuse(row, innovation, all_variances, slice(axis, axis + 1))
+                kalman.reset_one(one, index, measured[axis], np.full(count, variance))
+            elif abs(off) <= gate * sigma:
+                kalman.fuse(index, np.where(one, off, 0.0), np.where(one, variance, np.inf))
             else:
                 continue
             believed[axis] = True
-        return believed[0] and believed[1]
+        return believed[0] and believed[1], believed[2]
 
 
 def _finite(value: float) -> float:

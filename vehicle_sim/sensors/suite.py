@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.frames import GRAVITY_M_S2, rotate_back
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.magnetic_field import field_ned_gauss
 from vehicle_sim.noise import NoiseOf, WhiteNoise
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.sensors.faults import Driver, SensorFaults
 from vehicle_sim.state import Home, SensorState, TruthState
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +52,6 @@ _SEA_LEVEL_K = 288.15
 _LAPSE_K_M = 0.0065
 _PRESSURE_EXPONENT = 5.2558797
 
-_FIELD_GAUSS = 0.4826
-_FIELD_INCLINATION_RAD = math.radians(63.15)
-MAG_DECLINATION_RAD = math.radians(2.96)
-"""Where the simulated field points; the recordings' mean at rest with the nose to north."""
-
 
 def pressure_hpa(alt_amsl_m: FloatArray) -> FloatArray:
     """Static pressure of the standard atmosphere."""
@@ -64,14 +60,6 @@ def pressure_hpa(alt_amsl_m: FloatArray) -> FloatArray:
         * _SEA_LEVEL_PA
         * (1.0 - _LAPSE_K_M * np.asarray(alt_amsl_m) / _SEA_LEVEL_K) ** _PRESSURE_EXPONENT
     )
-
-
-class Driver(Enum):
-    """Simulated sensor drivers that can be stopped, by the names of PX4's modules."""
-
-    GPS = "sensor_gps_sim"
-    BARO = "sensor_baro_sim"
-    MAG = "sensor_mag_sim"
 
 
 class SensorSuite:
@@ -100,8 +88,7 @@ class SensorSuite:
         self._gps_sigma = np.zeros((count, 6))
         self._steps = 0
         self._gps_enabled = np.ones(count, dtype=np.bool_)
-        self._gps_stuck = np.zeros(count, dtype=np.bool_)
-        self._gps_offset_ned_m = np.zeros((count, 3))
+        self.faults = SensorFaults(count)
         self._satellites = np.full(count, 10, dtype=np.int64)
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
@@ -121,14 +108,7 @@ class SensorSuite:
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_strength(1.0 if noise else 0.0)
         self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
-        level = _FIELD_GAUSS * math.cos(_FIELD_INCLINATION_RAD)
-        self._field_ned = np.array(
-            [
-                level * math.cos(MAG_DECLINATION_RAD),
-                level * math.sin(MAG_DECLINATION_RAD),
-                _FIELD_GAUSS * math.sin(_FIELD_INCLINATION_RAD),
-            ]
-        )
+        self._field_ned = np.array(field_ned_gauss())
         self.state = SensorState(
             gyro_frd_rad_s=np.zeros((count, 3)),
             accel_frd_m_s2=np.zeros((count, 3)),
@@ -192,11 +172,11 @@ class SensorSuite:
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
         """Let the receiver of vehicle `i` repeat its last fix for ever, or measure again."""
-        self._gps_stuck[i] = stuck
+        self.faults.stuck[Driver.GPS][i] = stuck
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
         """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
-        self._gps_offset_ned_m[i] = offset_ned_m
+        self.faults.gps_offset_ned_m[i] = offset_ned_m
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
         """Stop or start a driver of vehicle `i`: without it the sensor is silent."""
@@ -228,13 +208,17 @@ class SensorSuite:
             state.gyro_frd_rad_s -= self._gyro_offset
             state.accel_frd_m_s2 -= self._accel_offset
             state.accel_frd_m_s2 *= self._accel_scale
+        if self.faults.imu_wrong:
+            state.gyro_frd_rad_s += self.faults.imu_offset[:, :3]
+            state.accel_frd_m_s2 += self.faults.imu_offset[:, 3:]
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
             state.mag_fresh[:] = self._speaks[Driver.MAG]
             field = rotate_back(matrix, np.broadcast_to(self._field_ned, (self._count, 3)))
             field += self._mag_offset
             field += self._mag_white.sample() * self._mag_sigma
-            np.copyto(state.mag_frd_gauss, field, where=state.mag_fresh[:, None])
+            measured = state.mag_fresh & ~self.faults.stuck[Driver.MAG]
+            np.copyto(state.mag_frd_gauss, field, where=measured[:, None])
             state.mag_count += 1
         if steps % BARO_EVERY_STEPS == 0:
             self._sample_baro(truth)
@@ -244,21 +228,21 @@ class SensorSuite:
 
     def _sample_baro(self, truth: TruthState) -> None:
         state = self.state
-        fresh = state.baro_fresh
-        fresh[:] = self._speaks[Driver.BARO]
+        state.baro_fresh[:] = self._speaks[Driver.BARO]
+        measured = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
         noise_m = (self._baro_white.sample() * self._baro_sigma_m)[:, 0]
         alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
-        np.copyto(state.baro_pressure_hpa, pressure_hpa(alt) + self._baro_offset_hpa, where=fresh)
+        np.copyto(state.baro_pressure_hpa, pressure_hpa(alt) + self._baro_offset_hpa, where=measured)
         ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
         state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
         temperature = 15.0 - _LAPSE_K_M * alt + self._baro_offset_deg_c
-        np.copyto(state.baro_temperature_deg_c, temperature, where=fresh)
+        np.copyto(state.baro_temperature_deg_c, temperature, where=measured)
         state.baro_count += 1
 
     def _sample_gps(self, truth: TruthState) -> None:
         state = self.state
         noise = self._gps_white.sample() * self._gps_sigma
-        position = truth.position_ned_m + noise[:, :3] + self._gps_offset_ned_m
+        position = truth.position_ned_m + noise[:, :3] + self.faults.gps_offset_ned_m
         lat, lon = to_global(
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )
@@ -266,11 +250,11 @@ class SensorSuite:
         fresh[:] = self._speaks[Driver.GPS]
         fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
         # With too few satellites PX4's simulated receiver goes on telling where it is, as no fix.
-        measured = fresh & self._gps_enabled & ~self._gps_stuck
+        measured = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
         np.copyto(state.gps_lat_deg, lat, where=measured)
         np.copyto(state.gps_lon_deg, lon, where=measured)
         np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=measured)
-        velocity = truth.velocity_ned_m_s + noise[:, 3:]
+        velocity = truth.velocity_ned_m_s + noise[:, 3:] + self.faults.gps_offset_ned_m_s
         velocity = np.where(self._gps_enabled[:, None], velocity, 0.0)
         told = measured | (fresh & ~self._gps_enabled)
         np.copyto(state.gps_velocity_ned_m_s, velocity, where=told[:, None])

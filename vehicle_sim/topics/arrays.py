@@ -84,10 +84,11 @@ def _density(s: Simulation) -> NDArray[Any]:
 
 def _solution(s: Simulation) -> NDArray[Any]:
     """Bits of ESTIMATOR_STATUS_FLAGS: attitude, velocities, heights, positions, predictions."""
-    e = s.estimate
+    e, predicted = s.estimate, s.fusion.gnss_pos | s.fusion.gnss_vel | s.estimate.valid_position
     return (
-        e.valid_attitude * 1 + e.valid_velocity * 0x102 + e.valid_altitude * 0x24 + e.valid_position * 0x218
-    )
+        e.valid_attitude * 1 + e.valid_velocity * 0x02 + e.valid_altitude * 0x24 + e.valid_position * 0x18
+        + predicted * 0x300 + s.fusion.bad_acc_vertical * 0x800
+    )  # fmt: skip
 
 
 def _columns(names: str, source: Source) -> dict[str, Source]:
@@ -185,7 +186,14 @@ def _topics() -> list[ArrayTopic]:
         xy_valid=lambda s: s.estimate.valid_position, z_valid=lambda s: s.estimate.valid_altitude,
         v_xy_valid=lambda s: s.estimate.valid_velocity, v_z_valid=lambda s: s.estimate.valid_altitude,
         xy_global=lambda s: np.isfinite(s.estimate.origin_lat_deg),
-        z_global=lambda s: np.isfinite(s.estimate.origin_alt_amsl_m))  # fmt: skip
+        z_global=lambda s: np.isfinite(s.estimate.origin_alt_amsl_m),
+        xy_reset_counter=lambda s: s.fusion.xy_reset_counter & 0xFF,
+        z_reset_counter=lambda s: s.fusion.z_reset_counter & 0xFF,
+        vxy_reset_counter=lambda s: s.fusion.vxy_reset_counter & 0xFF,
+        vz_reset_counter=lambda s: s.fusion.vz_reset_counter & 0xFF,
+        heading_reset_counter=lambda s: s.fusion.heading_reset_counter & 0xFF,
+        heading_good_for_control=lambda s: s.fusion.heading_good_for_control,
+        dead_reckoning=lambda s: s.fusion.dead_reckoning)  # fmt: skip
     add("vehicle_global_position", _GLOBAL, {DEFAULT: 200, REPLAY: 8},
         lat=lambda s: s.estimate.lat_deg, lon=lambda s: s.estimate.lon_deg,
         alt=lambda s: s.estimate.alt_amsl_m, alt_ellipsoid=lambda s: s.estimate.alt_amsl_m,

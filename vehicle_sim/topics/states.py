@@ -58,6 +58,14 @@ class StateTopic:
         return self.layout.pack(flat)
 
 
+FUSION_FLAGS = (
+    "dead_reckoning", "bad_acc_vertical", "gnss_pos", "gnss_vel", "gps_hgt", "baro_hgt", "baro_fault",
+    "fake_hgt", "valid_fake_pos", "gravity_vector", "mag", "mag_3d", "mag_hdg", "mag_dec",
+    "mag_aligned_in_flight", "mag_heading_consistent", "mag_field_disturbed", "vehicle_at_rest", "in_air",
+)  # fmt: skip
+"""Flags of `Fusion`; all but the first two are logged under their own names."""
+
+
 class States:
     """State topics of one vehicle, and the times only their history knows."""
 
@@ -199,9 +207,9 @@ class States:
             "float yaw;uint32_t update_count;bool valid_alt;bool valid_hpos;bool valid_lpos;"
             "bool manual_home", lambda: home.set_at_us)  # fmt: skip
         add("estimator_status_flags", 1000, self._estimator,
-            "uint64_t timestamp_sample;bool cs_tilt_align;bool cs_yaw_align;bool cs_gnss_pos;"
-            "bool cs_gnss_vel;bool cs_gps_hgt;bool cs_baro_hgt;bool cs_mag_hdg;bool cs_mag;bool cs_in_air;"
-            "bool cs_vehicle_at_rest;bool cs_inertial_dead_reckoning", self._estimator_key)  # fmt: skip
+            "uint64_t timestamp_sample;bool cs_tilt_align;bool cs_yaw_align;"
+            + "".join(f"bool cs_{name};" for name in FUSION_FLAGS[2:])
+            + "bool cs_inertial_dead_reckoning;bool fs_bad_acc_vertical", self._estimator_key)  # fmt: skip
         mission = self._autopilot.navigator.mission
         add("mission_result", 1000, self._mission, "uint32_t mission_id;uint32_t geofence_id;"
             "uint32_t home_position_counter;int32_t seq_reached;uint16_t seq_current;uint16_t seq_total;"
@@ -304,20 +312,16 @@ class States:
         }  # fmt: skip
 
     def _estimator_key(self) -> object:
-        b = self._view.estimate
-        return b.valid_attitude, b.valid_position, b.valid_altitude, self._autopilot.land_detector.landed
+        fusion, i = self._view.simulation.fusion, self._view.row
+        return self._view.estimate.valid_attitude, *(getattr(fusion, name)[i] for name in FUSION_FLAGS)
 
     def _estimator(self) -> Values:
-        b, landed = self._view.estimate, self._autopilot.land_detector.landed
-        fix = int(self._view.simulation.sensors.gps_fix_type[self._view.row]) >= 3
-        aided = b.valid_position and fix
+        fusion, i, aligned = self._view.simulation.fusion, self._view.row, self._view.estimate.valid_attitude
         return {
-            "timestamp_sample": self._view.time_boot_us(), "cs_tilt_align": b.valid_attitude,
-            "cs_yaw_align": b.valid_attitude, "cs_gnss_pos": aided, "cs_gnss_vel": aided, "cs_gps_hgt": aided,
-            "cs_baro_hgt": b.valid_altitude, "cs_mag_hdg": b.valid_attitude, "cs_mag": b.valid_attitude,
-            "cs_in_air": not landed, "cs_vehicle_at_rest": landed and not self._commander.armed,
-            "cs_inertial_dead_reckoning": b.valid_position and not fix,
-        }  # fmt: skip
+            "timestamp_sample": self._view.time_boot_us(), "cs_tilt_align": aligned, "cs_yaw_align": aligned,
+            "cs_inertial_dead_reckoning": bool(fusion.dead_reckoning[i]),
+            "fs_bad_acc_vertical": bool(fusion.bad_acc_vertical[i]),
+        } | {f"cs_{name}": bool(getattr(fusion, name)[i]) for name in FUSION_FLAGS[2:]}  # fmt: skip
 
     def _mission(self) -> Values:
         mission = self._autopilot.navigator.mission

@@ -198,10 +198,13 @@ def test_without_position_the_vehicle_sinks_where_it_is() -> None:
     s = flying(sensor_noise=True)
     assert sensors(s) == (0x300402F, 0x301402F, 0x1320C83F), "as recorded"
     s.sim.simulation.set_gps_enabled(0, False)
-    s.run_until(lambda: "commander_failsafe_enter_generic" in s.events(), 12)
+    s.run_until(lambda: "commander_failsafe_enter_autopilot_disengaged" in s.events(), 12)
     assert s.sim.autopilots[0].commander.active is NavState.DESCEND
     s.run(1.0)
-    assert sensors(s) == (0x300400F, 0x301400F, 0x320883F), "as recorded before GPS was used"
+    assert sensors(s) == (0x300402F, 0x301402F, 0x1320883F), "as recorded"
+    s.run_until(lambda: "check_estimator_gnss_fusion_stopped" in s.events(), 3)
+    s.run(1.0)
+    assert sensors(s) == (0x300400F, 0x301400F, 0x1320883F), "as recorded"
     s.run_until(lambda: not s.armed, 20)
 
 

@@ -243,7 +243,9 @@ def test_without_a_position_nothing_that_needs_one_arms() -> None:
     s.command(400, 1, 21196)
     s.run(0.2)
     assert s.acks(400) == [1]
-    assert s.texts() == ["Arming denied: Resolve system health failures first\t"]
+    assert s.texts() == [
+        "Preflight: GPS fix too low", "Arming denied: Resolve system health failures first\t",
+    ]  # fmt: skip
     assert {"check_modes_local_pos", "check_modes_global_pos"} <= set(s.events())
 
 

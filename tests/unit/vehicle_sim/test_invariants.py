@@ -128,7 +128,7 @@ def test_a_gps_glitch_is_rejected_and_believed_in_the_end():
     assert sim.estimate.innovation_ratio_position[0] > 1.0
     assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
     assert sim.estimate.valid_position[0], "its speed is still believed"
-    run(sim, 5.0)
+    run(sim, 12.0)
     error = sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]
     assert error == pytest.approx(60.0, abs=4.0), "reset to what GPS insists on"
     assert not sim.estimate.gps_rejected[0]

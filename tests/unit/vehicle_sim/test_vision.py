@@ -67,16 +67,18 @@ def test_vision_gives_a_position_and_its_end_takes_it_away():
     assert not estimate(station).valid_position[0]
 
 
-@pytest.mark.parametrize(("frame", "turned"), [(1, 0.0), (20, 1.2)])
-def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned):
+@pytest.mark.parametrize(("frame", "turned", "error_m"), [(1, 0.0, 0.5), (20, 1.2, 2.5)])
+def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned, error_m):
+    """A frame of its own is turned by the estimated heading, which the compass leaves some degrees off."""
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7})
     station.run(4, lambda: odometry(station, frame, turned))
     truth(station).position_ned_m[0, 2] = -200.0
     truth(station).velocity_ned_m_s[0] = (6.0, 2.0, 0.0)
     station.run(3, lambda: odometry(station, frame, turned))
     error = estimate(station).position_ned_m[0] - truth(station).position_ned_m[0]
-    assert np.abs(error[:2]).max() < 0.5
-    assert np.abs(estimate(station).velocity_ned_m_s[0] - truth(station).velocity_ned_m_s[0])[:2].max() < 0.6
+    assert np.abs(error[:2]).max() < error_m
+    error = estimate(station).velocity_ned_m_s[0] - truth(station).velocity_ned_m_s[0]
+    assert np.abs(error[:2]).max() < 0.4 + 0.3 * error_m
 
 
 def test_an_outlier_is_not_believed():

@@ -13,8 +13,8 @@ from vehicle_sim.world.lidar import SECTOR_DEG
 STANDARD_TEMPERATURE_DEG_C = 15.0
 """HIGHRES_IMU carries the air temperature PX4 assumes, not the barometer's own."""
 
-GPS_GLITCH = 1024
-"""Bit of ESTIMATOR_STATUS_FLAGS."""
+GPS_GLITCH, ACCEL_ERROR = 1024, 2048
+"""Bits of ESTIMATOR_STATUS_FLAGS."""
 DOWN, FORWARD = 25, 0
 """MAV_SENSOR_ORIENTATION."""
 BODY_FRD = 12
@@ -133,9 +133,12 @@ class SensorMessages(Family):
     def estimator_status(self) -> bytes:
         e, i, b = self._view.simulation.estimate, self._view.row, self._view.estimate
         armed = self._autopilot.commander.armed and not self._autopilot.commander.landed
-        flags = 1 | (0b100100 if b.valid_altitude else 0) | (0b11010 if b.valid_position else 0)
-        flags |= 0b1100000 | (768 if b.valid_position else 0) | (0 if armed else 128)
+        fusion = self._view.simulation.fusion
+        predicted = b.valid_position or fusion.gnss_pos[i] or fusion.gnss_vel[i]
+        flags = 0b1000001 | (0b100100 if b.valid_altitude else 0) | (0b11010 if b.valid_position else 0)
+        flags |= (768 if predicted else 0) | (0 if armed else 128)
         flags |= GPS_GLITCH if e.gps_rejected[i] else 0
+        flags |= ACCEL_ERROR if fusion.bad_acc_vertical[i] else 0
         return pack(
             "ESTIMATOR_STATUS",
             time_usec=self._view.time_boot_us(),

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.health import (
+    COMPONENT_ABSOLUTE_PRESSURE,
     COMPONENT_BATTERY,
+    COMPONENT_GPS,
     COMPONENT_LOCAL_POSITION,
     COMPONENT_REMOTE,
     GPS_PRESENT,
     LOGGING_PRESENT,
+    MAG_PRESENT,
     REMOTE_PRESENT,
     Report,
 )
@@ -17,17 +20,20 @@ from vehicle_sim.autopilot.modes import MODES
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import Family
 
-ALWAYS_PRESENT = 0x200400F
+ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
 GPS_BIT, POSITION_BIT, REMOTE_BIT, BATTERY_BIT, LOGGING_BIT = 0x20, 0x4000, 0x10000, 0x2000000, 0x1000000
 ALL_HEALTHY = 0x321C83F
 """What says nothing of itself is healthy, also where it is not present."""
+MAG_BIT, BARO_BIT, PREARM_BIT = 0x04, 0x08, 0x10000000
+"""MAV_SYS_STATUS: magnetometer, barometer, pre-arm checks."""
 BIT_OF_COMPONENT = {
     COMPONENT_REMOTE: REMOTE_BIT, COMPONENT_BATTERY: BATTERY_BIT, COMPONENT_LOCAL_POSITION: POSITION_BIT,
+    COMPONENT_GPS: GPS_BIT, COMPONENT_ABSOLUTE_PRESSURE: BARO_BIT,
 }  # fmt: skip
-PREARM_BIT = 0x10000000
-"""MAV_SYS_STATUS_PREARM_CHECK."""
-BIT_IF_PRESENT = {GPS_PRESENT: GPS_BIT, LOGGING_PRESENT: LOGGING_BIT, REMOTE_PRESENT: REMOTE_BIT}
+BIT_IF_PRESENT = {
+    GPS_PRESENT: GPS_BIT, MAG_PRESENT: MAG_BIT, LOGGING_PRESENT: LOGGING_BIT, REMOTE_PRESENT: REMOTE_BIT,
+}  # fmt: skip
 
 
 class StateMessages(Family):
@@ -47,7 +53,7 @@ class StateMessages(Family):
 
     def sys_status(self) -> bytes:
         commander, battery, i = self._autopilot.commander, self._view.simulation.battery, self._view.row
-        ready = commander.report.armable(commander.intended)
+        ready = commander.report.armable(commander.active if commander.armed else commander.intended)
         present, enabled, healthy = self._sensors(commander.report)
         return pack(
             "SYS_STATUS",

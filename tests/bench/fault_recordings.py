@@ -1,0 +1,113 @@
+"""Faults that a real PX4 was recorded under, twice each: stimulus, what it reported, and the truth."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+FAULTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "faults"
+
+TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
+"""Where errors are compared, seconds after the fault."""
+FLAGS = {
+    "estimator_status_flags": (
+        "cs_gnss_pos", "cs_gnss_vel", "cs_gps_hgt", "cs_baro_hgt", "cs_baro_fault", "cs_fake_hgt",
+        "cs_valid_fake_pos", "cs_mag", "cs_mag_3d", "cs_mag_aligned_in_flight", "cs_mag_heading_consistent",
+        "cs_mag_field_disturbed", "cs_inertial_dead_reckoning", "cs_vehicle_at_rest", "cs_in_air",
+        "fs_bad_acc_vertical",
+    ),
+    "vehicle_local_position_flags": ("xy_valid", "z_valid", "heading_reset_counter", "xy_reset_counter",
+                                     "z_reset_counter"),
+    "vehicle_status": ("nav_state", "arming_state", "failsafe"),
+    "vehicle_land_detected": ("landed", "ground_contact"),
+    "failsafe_flags": ("battery_warning",),
+}  # fmt: skip
+"""What is compared of the flags that the recordings hold as changes."""
+EVENTS = (
+    "check_estimator_gnss_fusion_stopped", "check_estimator_gnss_fusion_started",
+    "commander_landing_detected", "commander_disarmed_by", "commander_armed_by",
+    "commander_arm_denied_resolve_failures", "commander_failsafe_enter_autopilot_disengaged",
+    "commander_failsafe_enter", "commander_failsafe_enter_hold", "commander_failsafe_enter_low_bat",
+    "commander_failsafe_enter_crit_bat_warn", "commander_failsafe_enter_crit_low_bat_warn",
+    "commander_failsafe_enter_generic_warn", "commander_low_bat_shutdown_failed",
+    "sensor_failover_baro", "sensor_failover_mag", "check_baro_no_data",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What happened in one flight after a fault, in the words of the recordings."""
+
+    first_s: dict[str, float]
+    """When a flag took a value ("xy_valid=0"), an event or a text came for the first time."""
+    at: dict[float, dict[str, float]]
+    """By time [s]: errors, accuracies, tilt and speed; keys as in the recordings' summary."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A fault and PX4's two runs."""
+
+    name: str
+    description: str
+    parameters: dict[str, Any]
+    stimulus: list[dict[str, Any]]
+    flies: bool
+    custom_mode: int
+    """At the moment of the fault."""
+    ends_s: float
+    runs: tuple[Course, ...]
+
+
+def load(name: str, folder: Path = FAULTS) -> Scenario:
+    """Read the recordings of a fault."""
+    runs = [_read(path) for path in sorted((folder / "data").glob(f"{name}.run*.json.gz"))]
+    first = runs[0]
+    columns = first["columns"]
+    now = next(row for row in first["rows"] if row[0] >= 0.0)
+    return Scenario(
+        name,
+        first["header"]["description"],
+        first["header"]["boot_parameters"],
+        first["stimulus"],
+        bool(now[columns.index("armed")]),
+        int(now[columns.index("custom_mode")]),
+        min(float(run["rows"][-1][0]) for run in runs),
+        tuple(map(_course, runs)),
+    )
+
+
+def names(folder: Path = FAULTS) -> list[str]:
+    """All faults recorded."""
+    return sorted({path.name.split(".")[0] for path in (folder / "data").glob("*.json.gz")})
+
+
+def tells(text: str) -> bool:
+    """Whether a text is compared: the recordings' ground station had pauses of its own."""
+    return not any(word in text.lower() for word in ("ground", "gcs"))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(gzip.decompress(path.read_bytes()))
+
+
+def _course(run: dict[str, Any]) -> Course:
+    first: dict[str, float] = {}
+    for table, fields in FLAGS.items():
+        for t_s, field, value in run["onboard"].get(table, {"changes": []})["changes"]:
+            if field in fields and t_s is not None and t_s >= 0.0:
+                key = f"{field}+" if field.endswith("_counter") else f"{field}={value:g}"
+                first.setdefault(key, t_s)
+    for message in run["messages"]:
+        if message["t_s"] < 0.0:
+            continue
+        if message["message"] == "EVENT" and message["name"] in EVENTS:
+            first.setdefault("event:" + message["name"], message["t_s"])
+        elif message["message"] == "STATUSTEXT" and not message["chunk"] and tells(message["text"]):
+            first.setdefault("text:" + message["text"].strip(), message["t_s"])
+    keys = run["summary"]["columns"]
+    at = {float(row[0]): dict(zip(keys[1:], row[1:], strict=True)) for row in run["summary"]["rows"]}
+    return Course(first, {t_s: values for t_s, values in at.items() if t_s in TIMES_S})

@@ -1,0 +1,247 @@
+"""Flies recorded faults on the simulated PX4, on no clock, side by side, and notes what the recordings note.
+
+Each vehicle takes off to 10 m and holds, or stays on the ground, as the real ones did; 40.5 s after boot
+comes the fault, by the same parameters, commands and drivers, or by what the recordings' changed world did.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.autopilot.announcer import Event, StatusText
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.frames import euler_of, rotation_matrix, wrap_pi
+from vehicle_sim.geodesy import to_local
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import frame_v2
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.sensors.faults import Driver
+
+from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, tells
+
+FloatArray = NDArray[np.float64]
+
+FAULT_AT_S = 40.5
+ARM_AT_S = 6.0
+HEIGHT_M = 10.0
+RECORD_EVERY_STEPS = 5
+OFFBOARD, POSITION = 6, 3
+MODE_AFTER_S = 1.0
+"""So long after its stream began a vehicle was switched to the mode that follows it."""
+MODE_OF = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
+TEXT_CHARS = 50
+"""Of a STATUSTEXT's first part."""
+NAN = math.nan
+
+
+class _Pilot:
+    """The ground station of one vehicle, and the hand that breaks its world."""
+
+    def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
+        self.sim, self.row, self.scenario = sim, row, scenario
+        self._sequence = 0
+        self._due: list[tuple[float, Callable[[], None]]] = []
+        if scenario.flies:
+            self._at(ARM_AT_S, self._command, 400, 1)
+            altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
+            self._at(ARM_AT_S + 0.5, self._command, 22, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
+        for entry in scenario.stimulus:
+            self._plan(entry)
+        for second in range(int(FAULT_AT_S + scenario.ends_s) + 1):
+            heartbeat = {"type": 6, "autopilot": 8, "mavlink_version": 3}
+            self._at(float(second), self._send, "HEARTBEAT", heartbeat)
+        self._due.sort(key=lambda each: each[0], reverse=True)
+
+    def _at(self, time_s: float, call: Callable[..., None], *arguments: Any) -> None:
+        self._due.append((time_s, lambda: call(*arguments)))
+
+    def _plan(self, entry: dict[str, Any]) -> None:
+        name, at_s, fields = entry["message"], FAULT_AT_S + entry["t_s"], entry["fields"]
+        if "streamed_hz" in entry:
+            every_s = 1.0 / entry["streamed_hz"]
+            for k in range(int((FAULT_AT_S + self.scenario.ends_s - at_s) / every_s)):
+                self._at(at_s + k * every_s, self._send, name, {"coordinate_frame": 1} | fields)
+            self._at(at_s + MODE_AFTER_S, self._command, 176, 1, MODE_OF[name])
+        elif name == "PARAM_SET":
+            self._at(at_s, self.sim.set_parameter, self.row, fields["param_id"], fields["value"])
+        elif name == "driver":
+            self._at(at_s, self._drive, fields["command"])
+        elif name == "model fault":
+            self._at(at_s, self._break, fields)
+        else:
+            self._at(at_s, self._send, name, fields)
+
+    def tick(self) -> None:
+        """Do what is due."""
+        while self._due and self._due[-1][0] <= self.sim.time_s + 1e-9:
+            self._due.pop()[1]()
+
+    def _command(self, number: int, *parameters: float) -> None:
+        named = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+        self._send("COMMAND_LONG", {"command": number} | named)
+
+    def _send(self, name: str, fields: dict[str, Any]) -> None:
+        values = {key: NAN if value is None else value for key, value in fields.items()}
+        if name == "SET_POSITION_TARGET_LOCAL_NED":
+            values["coordinate_frame"] = 1
+        elif name == "MANUAL_CONTROL":
+            values.pop("coordinate_frame", None)
+        if name == "MANUAL_CONTROL":
+            values["target"] = self.row + 1
+        elif name != "HEARTBEAT":
+            values |= {"target_system": self.row + 1, "target_component": 1}
+        layout, payload = pack(name, **values)
+        self._sequence = (self._sequence + 1) & 0xFF
+        self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
+
+    def _drive(self, command: str) -> None:
+        """A simulated sensor's driver stops or starts, as from the vehicle's own console."""
+        driver, what = command.split()
+        self.sim.simulation.set_driver(self.row, Driver(driver), what != "stop")
+
+    def _break(self, fields: dict[str, float]) -> None:
+        """The world of the recordings' model variant; what is not named is whole."""
+        simulation, i = self.sim.simulation, self.row
+        faults = simulation.sensor_faults
+        faults.clear(i)
+        given = fields.get
+        faults.gps_offset_ned_m[i] = given("gps_n", 0.0), given("gps_e", 0.0), 0.0
+        faults.gps_offset_ned_m_s[i] = given("gps_vn", 0.0), given("gps_ve", 0.0), 0.0
+        for driver in Driver:
+            faults.stuck[driver][i] = bool(given(f"{driver.name.lower()}_stuck", 0))
+        gyro, accel = (np.array([given(f"{kind}_{axis}", 0.0) for axis in "xyz"]) for kind in ("gyr", "acc"))
+        faults.set_imu_offset(i, gyro, accel)
+        simulation.set_wind(np.array([given("wind_n", 0.0), given("wind_e", 0.0), 0.0]), i)
+        if "mot_off" in fields:
+            simulation.motor_health[i, int(fields["mot_off"]) - 1] = 0.0
+
+
+class _Notes:
+    """What one vehicle's flight comes to, in the recordings' words."""
+
+    def __init__(self, sim: VehicleSim, row: int, ends_s: float) -> None:
+        self._sim, self._row, self._ends_s = sim, row, ends_s
+        self._now: dict[str, int] = {}
+        self.first_s: dict[str, float] = {}
+        self.at: dict[float, dict[str, float]] = {}
+        self._origin_m = np.zeros(3)
+        self._left_at = np.zeros(3)
+        sim.autopilots[row].announcer.add_listener(self._hear)
+
+    def _hear(self, item: StatusText | Event) -> None:
+        t_s = self._sim.time_s - FAULT_AT_S
+        if not 0.0 <= t_s <= self._ends_s:
+            return
+        if isinstance(item, Event):
+            if item.name in EVENTS:
+                self.first_s.setdefault("event:" + item.name, t_s)
+        elif tells(item.text):
+            self.first_s.setdefault("text:" + item.text[:TEXT_CHARS].strip(), t_s)
+
+    def look(self) -> None:
+        """Note flags that changed, and the errors where they are compared."""
+        t_s = self._sim.time_s - FAULT_AT_S
+        flags = self._flags()
+        if t_s >= 0.0:
+            for name, value in flags.items():
+                if value != self._now.get(name, value):
+                    key = f"{name}+" if name.endswith("_counter") else f"{name}={value}"
+                    self.first_s.setdefault(key, t_s)
+        else:
+            self._set_out()
+        self._now = flags
+        for time_s in TIMES_S:
+            if time_s not in self.at and t_s >= time_s:
+                self.at[time_s] = self._errors()
+
+    def _flags(self) -> dict[str, int]:
+        simulation, i = self._sim.simulation, self._row
+        fusion, estimate, autopilot = simulation.fusion, simulation.estimate, self._sim.autopilots[i]
+        commander, detector = autopilot.commander, autopilot.land_detector
+        named = {
+            "cs_inertial_dead_reckoning": fusion.dead_reckoning,
+            "fs_bad_acc_vertical": fusion.bad_acc_vertical,
+            "xy_valid": estimate.valid_position, "z_valid": estimate.valid_altitude,
+        }  # fmt: skip
+        for name in (
+            "gnss_pos", "gnss_vel", "gps_hgt", "baro_hgt", "baro_fault", "fake_hgt", "valid_fake_pos", "mag",
+            "mag_3d", "mag_aligned_in_flight", "mag_heading_consistent", "mag_field_disturbed",
+            "vehicle_at_rest", "in_air",
+        ):  # fmt: skip
+            named["cs_" + name] = getattr(fusion, name)
+        for name in ("heading_reset_counter", "xy_reset_counter", "z_reset_counter"):
+            named[name] = getattr(fusion, name)
+        return {name: int(values[i]) for name, values in named.items()} | {
+            "nav_state": int(commander.active), "arming_state": 2 if commander.armed else 1,
+            "failsafe": int(commander.in_failsafe), "landed": int(detector.landed),
+            "ground_contact": int(detector.ground_contact),
+            "battery_warning": commander.checks.battery_warning,
+        }  # fmt: skip
+
+    def _set_out(self) -> None:
+        """Where the estimator's local frame lies in the world, and the vehicle in it."""
+        simulation, i = self._sim.simulation, self._row
+        estimate, home = simulation.estimate, simulation.home
+        north, east = to_local(
+            np.asarray(home.lat_deg), np.asarray(home.lon_deg),
+            estimate.origin_lat_deg[i], estimate.origin_lon_deg[i],
+        )  # fmt: skip
+        down = float(estimate.origin_alt_amsl_m[i]) - home.alt_amsl_m
+        self._origin_m = np.array([float(north), float(east), down])
+        self._left_at = simulation.truth.position_ned_m[i].copy()
+
+    def _errors(self) -> dict[str, float]:
+        simulation, i = self._sim.simulation, self._row
+        truth, estimate = simulation.truth, simulation.estimate
+        error = estimate.position_ned_m[i] - truth.position_ned_m[i] - self._origin_m
+        moved = truth.position_ned_m[i] - self._left_at
+        yaw = euler_of(estimate.q_ned_frd[i : i + 1])[0, 2] - euler_of(truth.q_ned_frd[i : i + 1])[0, 2]
+        tilt = math.acos(max(-1.0, min(1.0, float(rotation_matrix(truth.q_ned_frd[i : i + 1])[0, 2, 2]))))
+        return {
+            "horizontal_error": math.hypot(error[0], error[1]),
+            "height_error_down": float(error[2]),
+            "true_displacement": math.hypot(moved[0], moved[1]),
+            "true_height_above_ground": -float(truth.position_ned_m[i, 2]),
+            "true_speed": float(np.linalg.norm(truth.velocity_ned_m_s[i])),
+            "yaw_error_deg": math.degrees(float(wrap_pi(np.array(yaw)))),
+            "tilt_deg": math.degrees(tilt),
+            "eph": float(estimate.horizontal_accuracy_m[i]),
+            "epv": float(estimate.vertical_accuracy_m[i]),
+        }
+
+
+def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> dict[str, Course]:
+    """Fly all faults side by side and return what came of each.
+
+    Args:
+        scenarios: what to fly.
+        seed: of the sensors' noise.
+    """
+    count = len(scenarios)
+    stores = [Parameters(scenario.parameters) for scenario in scenarios]
+    sim = VehicleSim(
+        count, stores=stores, links=(("gcs", "gcs"),), seed=seed, start_ned_m=np.zeros((count, 3))
+    )
+    for node in sim.nodes:
+        for link in node.context.links:
+            for msg_id in link.streamed():
+                link.set_interval(msg_id, 0, 0)
+    pilots = [_Pilot(sim, row, scenario) for row, scenario in enumerate(scenarios)]
+    notes = [_Notes(sim, row, scenario.ends_s) for row, scenario in enumerate(scenarios)]
+    end_s = FAULT_AT_S + max(scenario.ends_s for scenario in scenarios)
+    while sim.time_s < end_s:
+        for pilot in pilots:
+            pilot.tick()
+        sim.step(sim.simulation.dt_s)
+        if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
+            for note, scenario in zip(notes, scenarios, strict=True):
+                if sim.time_s < FAULT_AT_S + scenario.ends_s:
+                    note.look()
+    return {
+        scenario.name: Course(note.first_s, note.at) for scenario, note in zip(scenarios, notes, strict=True)
+    }

@@ -1,0 +1,174 @@
+"""The estimator under faults: drifts by its own IMU and says so, refuses by its gates, resets as PX4."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.bench import fault_recordings, faults
+from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.simulation import Simulation
+
+HOVER_M = 10.0
+SETTLED_S = 8.0
+
+
+def hovering(count=1, seed=1):
+    sim = Simulation(count, seed=seed, start_ned_m=np.zeros((count, 3)))
+    sim.setpoints.armed[:] = True
+    sim.setpoints.level[:] = ControlLevel.TRAJECTORY
+    sim.setpoints.position_ned_m[:] = (0.0, 0.0, -HOVER_M)
+    sim.setpoints.yaw_ned_rad[:] = 0.0
+    run(sim, 1.0)
+    sim.setpoints.in_air[:] = True
+    run(sim, SETTLED_S)
+    return sim
+
+
+def run(sim, seconds):
+    for _ in range(round(seconds / sim.dt_s)):
+        sim.step()
+
+
+def set_parameter(sim, row, name, value):
+    sim.parameters[row].set(name, value)
+    sim.reload_parameters(row)
+
+
+LOST, FEW, SILENT, FINE = range(4)
+
+
+def test_without_gps_an_estimate_drifts_says_so_and_ends_after_five_seconds():
+    sim = hovering(4)
+    set_parameter(sim, LOST, "SIM_GPS_USED", 3)
+    set_parameter(sim, FEW, "SIM_GPS_USED", 4)
+    sim.set_driver(SILENT, Driver.GPS, False)
+    run(sim, 1.4)
+    assert sim.fusion.dead_reckoning.tolist() == [True, True, True, False]
+    assert sim.sensors.gps_fix_type.tolist()[:2] == [0, 3], "four satellites give a fix that is refused"
+    run(sim, 3.4)
+    assert sim.estimate.valid_position.all(), "4.8 s"
+    assert sim.fusion.gps_hgt.tolist() == [True, True, False, True]
+    run(sim, 0.5)
+    assert sim.estimate.valid_position.tolist() == [False, False, False, True]
+    assert ((sim.estimate.horizontal_accuracy_m > 1.2) == (True, True, True, False)).all()
+    assert sim.fusion.gnss_pos.all(), "the fusion goes on for two seconds more"
+    run(sim, 2.1)
+    assert sim.fusion.gnss_pos.tolist() == [False, False, False, True]
+    assert sim.estimate.valid_altitude.all(), "the barometer holds the height"
+    resets = sim.fusion.xy_reset_counter.copy()
+    set_parameter(sim, LOST, "SIM_GPS_USED", 10)
+    run(sim, 0.9)
+    assert not sim.estimate.valid_position[LOST]
+    run(sim, 0.5)
+    assert sim.estimate.valid_position[LOST]
+    assert (sim.fusion.xy_reset_counter - resets).tolist() == [1, 0, 0, 0]
+    assert np.abs(sim.estimate.position_ned_m[LOST] - sim.truth.position_ned_m[LOST])[:2].max() < 1.5
+
+
+BELIEVED, REFUSED, COMPASS, STRONG = range(4)
+
+
+def test_gates_take_small_steps_and_refuse_great_ones():
+    sim = hovering(4)
+    set_parameter(sim, BELIEVED, "SIM_BARO_OFF_P", 120.0)
+    set_parameter(sim, REFUSED, "SIM_BARO_OFF_P", 1200.0)
+    set_parameter(sim, COMPASS, "SIM_MAG_OFFSET_Y", 0.4)
+    set_parameter(sim, STRONG, "SIM_MAG_OFFSET_X", 0.4)
+    heading = sim.estimate.heading_rad.copy()
+    run(sim, 0.5)
+    assert sim.fusion.mag_heading_consistent.tolist() == [True, True, False, True]
+    assert sim.fusion.mag_field_disturbed.tolist() == [False, False, False, True]
+    assert sim.fusion.mag_3d.tolist() == [True, True, False, False]
+    run(sim, 4.0)
+    low_m = sim.estimate.position_ned_m[:, 2] - sim.truth.position_ned_m[:, 2]
+    assert 1.0 < low_m[BELIEVED] < 4.0
+    assert abs(low_m[REFUSED]) < 1.5
+    assert not sim.fusion.baro_fault.any()
+    run(sim, 1.0)
+    assert sim.fusion.baro_fault.tolist() == [False, True, False, False]
+    run(sim, 2.0)
+    assert sim.fusion.mag.tolist() == [True, True, False, False]
+    turned = np.abs(sim.estimate.heading_rad - heading)
+    assert turned.max() < math.radians(15.0), "a compass that is dropped does not turn the vehicle"
+
+
+def test_a_displaced_gps_is_refused_for_fourteen_seconds_a_shifted_accelerometer_resets_the_height():
+    sim = hovering(2)
+    sim.set_gps_offset(0, np.array([30.0, 0.0, 0.0]))
+    sim.sensor_faults.set_imu_offset(1, np.zeros(3), np.array([0.0, 0.0, 4.0]))
+    before = sim.fusion.resets.copy()
+    run(sim, 6.0)
+    assert sim.fusion.z_reset_counter[1] > before[3, 1]
+    run(sim, 7.0)
+    assert sim.fusion.xy_reset_counter[0] == before[2, 0]
+    assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
+    assert sim.estimate.horizontal_accuracy_m[0] > 0.5
+    run(sim, 2.0)
+    assert sim.fusion.xy_reset_counter[0] == before[2, 0] + 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_random_fault_each_leaves_every_estimate_a_number_and_honest(seed):
+    """Errors stay within what the recordings have over their accuracy; validity ends with the aiding."""
+    random = np.random.default_rng(seed)
+    count = 8
+    sim = hovering(count, seed=seed)
+    kinds = random.integers(0, 7, count)
+    for row, kind in enumerate(kinds):
+        break_one(sim, row, int(kind), random)
+    lost = np.isin(kinds, (0, 1))
+    for second in range(1, 9):
+        run(sim, 1.0)
+        estimate = sim.estimate
+        assert np.isfinite(estimate.position_ned_m).all()
+        assert np.isfinite(estimate.q_ned_frd).all()
+        assert np.isfinite(sim.fusion.accel_bad_at_s).all()
+        assert (estimate.valid_position[lost] == (second < 5.2)).all()
+        error = np.hypot(*(estimate.position_ned_m - sim.truth.position_ned_m)[lost, :2].T)
+        assert (error <= 6.0 * estimate.horizontal_accuracy_m[lost] + 1.0).all()
+
+
+def break_one(sim, row, kind, random):
+    size = float(random.uniform(0.2, 1.0))
+    if kind == 0:
+        set_parameter(sim, row, "SIM_GPS_USED", 3)
+    elif kind == 1:
+        sim.set_driver(row, Driver.GPS, False)
+    elif kind == 2:
+        sim.set_driver(row, Driver.BARO, False)
+    elif kind == 3:
+        set_parameter(sim, row, "SIM_BARO_OFF_P", 1500.0 * size)
+    elif kind == 4:
+        set_parameter(sim, row, "SIM_MAG_OFFSET_Y", 0.5 * size)
+    elif kind == 5:
+        sim.sensor_faults.stuck[Driver.GPS][row] = True
+    else:
+        sim.set_gps_offset(row, np.array([60.0 * size, 0.0, 0.0]))
+
+
+def test_the_same_seed_gives_the_same_estimate_under_a_fault():
+    flown = []
+    for count in (1, 3):
+        sim = Simulation(count, seed=5)
+        set_parameter(sim, 0, "SIM_GPS_USED", 3)
+        run(sim, 1.0)
+        flown.append(sim.estimate.q_ned_frd[0].tobytes() + sim.estimate.position_ned_m[0].tobytes())
+    assert flown[0] == flown[1]
+
+
+@pytest.mark.flight
+def test_a_lost_gps_is_flown_as_recorded(shared):
+    compared = faults.measure(["gps_lost_offboard_vel"])[0]
+    assert not compared.late, compared.late
+    assert len(compared.off) <= 2, compared.off
+
+
+def test_every_recorded_fault_can_be_read(shared):
+    scenarios = [fault_recordings.load(name) for name in fault_recordings.names()]
+    assert all(len(scenario.runs) == 2 for scenario in scenarios)
+    known = Parameters()
+    fields = [entry["fields"] for scenario in scenarios for entry in scenario.stimulus]
+    assert all(each["param_id"] in known for each in fields if "param_id" in each)

@@ -1,0 +1,20 @@
+"""The earth's magnetic field where PX4's simulation stands, as PX4's world magnetic model has it."""
+
+from __future__ import annotations
+
+import math
+
+STRENGTH_GAUSS = 0.4826
+INCLINATION_RAD = math.radians(63.15)
+DECLINATION_RAD = math.radians(2.96)
+"""Where the simulated field points; the recordings' mean at rest with the nose to north."""
+
+
+def field_ned_gauss(declination_rad: float = DECLINATION_RAD) -> tuple[float, float, float]:
+    """The field in NED, with this declination."""
+    level = STRENGTH_GAUSS * math.cos(INCLINATION_RAD)
+    return (
+        level * math.cos(declination_rad),
+        level * math.sin(declination_rad),
+        STRENGTH_GAUSS * math.sin(INCLINATION_RAD),
+    )
