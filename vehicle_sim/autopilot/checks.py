@@ -186,17 +186,19 @@ class Checks:
             self.announce()
 
     def announce_changes(self) -> None:
-        """Send the report now if it holds something new: before a failsafe is told."""
+        """Send the report now if it holds something new: before a failsafe is told, and without texts."""
         if self._changed:
-            self.announce()
+            self.announce(texts=False)
 
-    def announce(self) -> None:
-        """Send the report, once the boot is over."""
+    def announce(self, *, texts: bool = True) -> None:
+        """Send the report, once the boot is over; `texts` says what is new in words as well."""
         before = self._announced
         if self._view.time_s <= QUIET_AFTER_BOOT_S:
             return
         self._announced, self._announced_at_s, self._changed = self.report, self._view.time_s, False
         health.announce(self.report, self._announcer)
+        if not texts:
+            return
         new = {check.event for check in self.report.checks}
         old = {check.event for check in before.checks} if before else set[str]()
         for event, text in BATTERY_TEXTS.items():
