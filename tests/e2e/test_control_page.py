@@ -52,7 +52,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
 
             # asked by keyboard, with a reason; nobody is forced who is there
             bob.keyboard.press("c")
-            expect(bob.get_by_text("Ask first: Anna is there.")).to_be_visible()
+            expect(bob.get_by_text("Request control first: Anna is connected.")).to_be_visible()
             expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
             assert in_both_themes(bob) == []
             bob.get_by_label("Why (shown to Anna)").fill("I see it better")
