@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 from . import (
     consumers,
+    dry_run,
     faults,
     flight_spread,
     latency,
@@ -32,6 +33,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "ros2": ("Flights from ROS 2 messages, simulated PX4 / real PX4", ros2_flights.table),
     "faults": ("Faults, simulated PX4 / real PX4", faults.table),
     "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
+    "dry_run": ("Dry runs", dry_run.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),
     "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),

@@ -1,0 +1,179 @@
+"""Dry runs: how fast one and a hundred are flown, and what they predict beside what is flown afterwards."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gcs_server.client import Gcs
+from missions.dry_run.corridor import deviation
+from missions.dry_run.track import Track
+from missions.geodesy import LocalOrigin
+from tests.station import FIRST_TEST_INSTANCE, free_port, server, vehicle
+
+from .simulator import flying_share
+
+HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
+WIND_NED_M_S, GUSTS_M_S = (0.0, 4.0, 0.0), 0.5
+VEHICLE = str(FIRST_TEST_INSTANCE + 1)
+CORNERS_NE_M = ((60.0, 0.0), (60.0, 60.0), (0.0, 60.0), (0.0, 20.0))
+HEIGHT_M = 15.0
+FLIGHTS = 100
+
+_FLY = """
+import json, sys, time
+from missions import plan as plan_document
+from missions.dry_run.monte_carlo import monte_carlo
+from missions.dry_run.plans import FlyablePlan
+from missions.dry_run.result import dry_run
+from missions.dry_run.setup import Aircraft, Conditions
+from missions.values import HomePosition
+plan, home = plan_document.read(sys.argv[1]), HomePosition(**json.loads(sys.argv[2]))
+flights = int(sys.argv[3])
+aircraft = Aircraft(home, endurance_s=900.0)
+flyable = FlyablePlan.of(plan, aircraft)
+began = time.process_time()
+if flights:
+    run = monte_carlo(flyable, aircraft, Conditions((0.0, 4.0, 0.0), 0.5), flights=flights).nominal
+else:
+    run = dry_run(flyable, aircraft, Conditions((0.0, 4.0, 0.0), 0.5))
+spent = time.process_time() - began
+assert run.finished, run.findings
+print(json.dumps([run.duration_s, spent]))
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A flight beside its dry run."""
+
+    predicted_s: float
+    flown_s: float
+    predicted_m: float
+    flown_m: float
+    beside_mean_m: float
+    beside_greatest_m: float
+
+
+def plan_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) -> dict[str, Any]:
+    """A round of these corners that lands where it began."""
+    origin = LocalOrigin(**HOME)
+
+    def at(kind: str, north_m: float, east_m: float, height_m: float) -> dict[str, Any]:
+        lat_deg, lon_deg, _ = origin.to_geodetic((north_m, east_m, 0.0))
+        altitude = {"value_m": height_m, "reference": "home"}
+        return {"kind": kind, "lat_deg": lat_deg, "lon_deg": lon_deg, "altitude": altitude}
+
+    items = [at("takeoff", 0.0, 0.0, HEIGHT_M)]
+    items += [at("waypoint", north_m, east_m, HEIGHT_M) for north_m, east_m in corners_ne_m]
+    items.append(at("land", 0.0, 0.0, 0.0))
+    return {"planned_home": HOME, "items": items}
+
+
+def speed(flights: int, plan: dict[str, Any]) -> tuple[float, float]:
+    """How long the flight takes, and the CPU seconds that its dry run takes.
+
+    Args:
+        flights: of a Monte Carlo run; 0: once.
+        plan: what is flown.
+    """
+    arguments = [json.dumps(plan), json.dumps(HOME), str(flights)]
+    command = [sys.executable, "-c", _FLY, *arguments]
+    flown_s, spent_s = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return flown_s, spent_s
+
+
+def compare() -> Comparison:
+    """Predicts a flight through the server, then flies it in real time with that vehicle in that wind."""
+    udp = free_port()
+    weather = f"{WIND_NED_M_S[0]},{WIND_NED_M_S[1]},{GUSTS_M_S}"
+    home = ",".join(str(value) for value in HOME.values())
+    with (
+        server([f"udpin://127.0.0.1:{udp}"]) as (url, _),
+        vehicle(udp, more=["--wind", weather, "--home", home, "--no-log"]),
+    ):
+        return asyncio.run(_compare(url))
+
+
+async def _compare(url: str) -> Comparison:
+    async with Gcs(url, client="bench") as gcs:
+        flies = await gcs.wait_for_vehicle(VEHICLE, ready=True)
+        await flies.request("POST", "/params/refresh", {"wait": True})
+        plan = plan_document()
+        conditions = {"wind_ned_m_s": list(WIND_NED_M_S), "gusts_m_s": GUSTS_M_S}
+        run = await gcs.dry_runs().run(plan, vehicle_id=VEHICLE, settings={"conditions": conditions})
+        await flies.mission.upload(plan)
+        watching = asyncio.ensure_future(_watch(gcs))
+        await flies.mission.start()
+        await flies.until_disarmed(timeout_s=600.0)
+        watching.cancel()
+        t_s, places = await watching
+    return _compared(run["nominal"], np.array(t_s), np.array(places))
+
+
+async def _watch(gcs: Gcs) -> tuple[list[float], list[list[float]]]:
+    """The vehicle's own clock and places, until cancelled."""
+    t_s: list[float] = []
+    places: list[list[float]] = []
+    try:
+        async for sample in gcs.telemetry(vehicles=[VEHICLE], topics=["local_position"], rate_hz=10.0):
+            if sample["type"] == "sample":
+                t_s.append(sample["vehicle_time_boot_s"])
+                places.append(sample["value"]["position_ned_m"])
+    except asyncio.CancelledError:
+        pass
+    return t_s, places
+
+
+def _compared(nominal: dict[str, Any], t_s: np.ndarray, places: np.ndarray) -> Comparison:
+    """From lift-off to touch-down on both sides: 0.5 m above the ground."""
+    path = nominal["path"]
+    ours = _in_air(np.array(path["t_s"]), np.array(path["position_ned_m"]))
+    theirs = _in_air(t_s, places - places[0])
+    across, above = deviation(ours, theirs, ours.t_s, ours.position_ned_m)
+    off_m = np.hypot(across, above)
+    return Comparison(
+        float(ours.t_s[-1]), float(theirs.t_s[-1]), ours.length_m, theirs.length_m,
+        float(np.nanmean(off_m)), float(np.nanmax(off_m)),
+    )  # fmt: skip
+
+
+def _in_air(t_s: np.ndarray, places: np.ndarray) -> Track:
+    high = np.flatnonzero(places[:, 2] < -0.5)
+    part = slice(int(high[0]), int(high[-1]) + 1)
+    count = part.stop - part.start
+    return Track(t_s[part] - t_s[part.start], places[part], np.ones(count), np.full(count, -1), ())
+
+
+def table() -> Iterator[str]:
+    """Rows of Markdown."""
+    load = f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+    yield f"| dry runs ({load}) | measured | goal |"
+    yield "|---|---|---|"
+    stack = 1.0 / flying_share(1, "", 20.0)
+    yield f"| the simulator alone, one vehicle in flight without links | {stack:.1f} x real time | 20 |"
+    flown_s, spent_s = speed(0, plan_document())
+    yield f"| dry run of one vehicle, flight of {flown_s:.0f} s | {flown_s / spent_s:.1f} x real time | 20 |"
+    flown_s, spent_s = speed(FLIGHTS, plan_document(((30.0, 0.0),)))
+    rate = flown_s / spent_s
+    each = f"{rate * (FLIGHTS + 1):.0f} s of flight a second"
+    what = f"Monte Carlo of {FLIGHTS} flights of {flown_s:.0f} s on one core"
+    yield f"| {what} | {rate:.2f} x real time, {each} | 5 |"
+    found = compare()
+    late = found.flown_s / found.predicted_s - 1.0
+    longer = found.flown_m / found.predicted_m - 1.0
+    times = f"predicted {found.predicted_s:.1f} s, flown {found.flown_s:.1f} s"
+    yield f"| time in the air, {times} | {late:+.1%} | 3 % |"
+    lengths = f"predicted {found.predicted_m:.0f} m, flown {found.flown_m:.0f} m"
+    yield f"| length, {lengths} | {longer:+.1%} | 3 % |"
+    share = found.beside_greatest_m / found.predicted_m
+    off = f"mean {found.beside_mean_m:.2f} m, greatest {found.beside_greatest_m:.2f} m"
+    yield f"| flown path beside the predicted one | {off} ({share:.1%} of the length) | 3 % |"
