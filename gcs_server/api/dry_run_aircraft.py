@@ -16,6 +16,8 @@ from missions.values import HomePosition
 ANYWHERE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 """PX4's own simulated home: for a mission whose places are all relative to its start."""
 
+NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not simulated."
+
 
 def aircraft_of(
     vehicle: Vehicle | None, document: Document
@@ -26,10 +28,10 @@ def aircraft_of(
         InvalidRequest: nobody says where the flight begins.
     """
     planned = document.home if isinstance(document, OffboardMission) else document.planned_home
+    assumed = [NO_AVOIDANCE] if isinstance(document, OffboardMission) and document.avoidance else []
     if vehicle is None:
-        found = _start(planned, document)
-        return {"home": found}, None, ["No vehicle is named: PX4's defaults were taken, and a full battery."]
-    assumed: list[str] = []
+        assumed.append("No vehicle is named: PX4's defaults were taken, and a full battery.")
+        return {"home": _start(planned, document)}, None, assumed
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
     }

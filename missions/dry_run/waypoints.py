@@ -120,7 +120,7 @@ class WaypointPilot:
     def _watch(self, now_s: float, t_s: float) -> None:
         commander = self._vehicle.autopilot.commander
         mission = self._vehicle.autopilot.navigator.mission
-        if not self._failsafe.acted and commander.active is NavState.MISSION:
+        if not self._failsafe.acted and commander.active in (NavState.MISSION, NavState.RTL):
             self.step = self._upload.steps[mission.current]
         finding = self._failsafe.look(self.step, t_s)
         if finding is not None:

@@ -88,9 +88,10 @@ def test_a_kept_plan_and_an_offboard_mission_are_flown(client):
     kept = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
     view = client.get(f"dry_runs/{flown(client, {'plan_id': kept['id']})['result']['dry_run']}").json()
     assert (view["plan_id"], view["version"], view["name"]) == (kept["id"], 1, "Tower")
-    operation = flown(client, {"plan": MISSION})
+    operation = flown(client, {"plan": {**MISSION, "avoidance": True}})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     assert view["kind"] == "offboard_mission"
+    assert "obstacle avoidance is not simulated" in view["assumed"][0]
 
 
 @pytest.mark.parametrize(
