@@ -57,7 +57,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
             assert in_both_themes(bob) == []
             bob.get_by_label("Why (shown to Anna)").fill("I see it better")
             bob.get_by_role("button", name="Request control").click()
-            prompt = anna.get_by_role("region", name="Control is asked for")
+            prompt = anna.get_by_role("region", name="Control requested")
             expect(prompt).to_contain_text("Bob requests control")
             expect(prompt).to_contain_text("I see it better")
             anna.keyboard.press("Escape")
