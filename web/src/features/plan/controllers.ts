@@ -4,6 +4,7 @@ import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
 import type { Home } from './document';
 import { PlanApi } from './api';
+import { DryRun } from './dry-run.svelte';
 import { PlanEditor } from './editor.svelte';
 import { VehicleMission } from './mission.svelte';
 import { Plans } from './plans.svelte';
@@ -16,6 +17,7 @@ export const plans = new Plans(
 );
 
 export const mission = new VehicleMission(page.api);
+export const dryRun = new DryRun(page.api);
 
 /** Of the selected vehicle, where it is known and no recording. */
 export function vehicleHome(): Home | null {
