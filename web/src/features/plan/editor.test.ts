@@ -209,7 +209,10 @@ describe('plans on the server', () => {
     const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
     const plans = new Plans(api, editor, memory());
     await plans.ask(null);
-    expect(plans.isChecked).toBe(true);
+    expect([plans.isChecked, plans.check?.findings]).toEqual([true, []]);
+    editor.begin(HOME);
+    expect([plans.isChecked, plans.check]).toEqual([false, null]);
+    editor.undo();
     editor.press(at(40));
     expect(plans.isChecked).toBe(false);
     await plans.ask(null);

@@ -46,7 +46,7 @@ export class Plans {
   list = $state.raw<readonly PlanVersion[] | null>(null);
   notice = $state.raw<Notice | null>(null);
   busy = $state(false);
-  check = $state.raw<Check | null>(null);
+  private answer = $state.raw<Check | null>(null);
   /** What `check` was made of. */
   private checked = $state.raw<Document | null>(null);
   private checkedFor = $state.raw(-1);
@@ -69,6 +69,8 @@ export class Plans {
     if (this.current === null) return false;
     return this.current.plan === plan && this.current.name === name;
   });
+  /** What the server said of this document, as it is now or before its last changes. */
+  readonly check: Check | null = $derived.by(() => (this.checkedFor === this.editor.draft.document ? this.answer : null));
   readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document);
 
   begin(home: Home | null): void {
@@ -184,13 +186,13 @@ export class Plans {
     this.checking = false;
     this.checked = plan;
     this.checkedFor = number;
-    this.check = answer.ok ? answer.value : null;
+    this.answer = answer.ok ? answer.value : null;
     this.checkProblem = answer.ok ? null : sentence('Not checked.', answer.problem);
   }
 
   /** Where the mission lies and how it is flown, for the map; the path of another document is not shown. */
   compile(vehicleHome: Home | null): void {
-    const flight = this.checkedFor === this.editor.draft.document ? (this.check?.flight ?? null) : null;
+    const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
     this.editor.frame = frameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);
   }

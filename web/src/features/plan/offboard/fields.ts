@@ -138,10 +138,26 @@ const heading: Spec = (step, context) => {
   return rows;
 };
 
+/** Left out, it is as the mission says. */
+const avoidance: Spec = (step) => [
+  {
+    name: 'avoidance',
+    label: 'Avoid obstacles',
+    of: 'choice',
+    value: step['avoidance'] == null ? '' : step['avoidance'] === true ? 'on' : 'off',
+    options: [
+      { value: '', text: 'as the mission' },
+      { value: 'on', text: 'on' },
+      { value: 'off', text: 'off' },
+    ],
+    set: (old, next) => ({ ...old, avoidance: next === '' ? null : next === 'on' }),
+  },
+];
 const PATH: readonly Spec[] = [
   number('speed_m_s', 'Speed at most', SPEED),
   heading,
   number('photo_every_m', 'Photo every', { ...METRES, placeholder: 'none' }),
+  avoidance,
 ];
 const ROUND: readonly Spec[] = [
   place('center', 'Centre'),
@@ -340,6 +356,7 @@ export function missionFields(mission: Mission): Field<Mission>[] {
         const { set: _, ...row } = choiceField(actions, name, label, ACTIONS);
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
+    { name: 'avoidance', label: 'Avoid obstacles', of: 'switch', value: mission.avoidance, set: (old, next) => ({ ...old, avoidance: next === true }) },
     within('Speed at most', 'speed_m_s', 100),
     within('Acceleration at most', 'acceleration_m_s2', 50),
     within('Tilt at most', 'tilt_rad', 85),

@@ -167,6 +167,7 @@ export function freshMission(home: Home | null): Mission {
     description: '',
     home,
     limits: {} as Mission['limits'],
+    avoidance: false,
     actions: { failure: 'hold', low_battery: 'return', link_loss: 'hold' } as Mission['actions'],
     fence: [],
     steps: [freshStep('take_off'), freshStep('land')],
