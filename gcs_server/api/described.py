@@ -81,7 +81,8 @@ def describe_documents(described: dict[str, Any]) -> None:
     """The fields of plans: the words under them, else their name, frame and unit."""
     schemas = described["components"]["schemas"]
     for kind in _below(Model):
-        fields = schemas.get(kind.__name__, {}).get("properties", {})
+        apart = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # where two have one name
+        fields = (schemas.get(kind.__name__) or schemas.get(apart) or {}).get("properties", {})
         docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
         for name, field in fields.items():
             if not {"description", "const", "$ref"} & set(field):

@@ -25,7 +25,7 @@ from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.samples import TOPICS, BatteryReading, OutputGroup, Sample
+from gcs_server.vehicle.samples import TOPICS, BatteryReading, DistanceSensor, OutputGroup, Sample
 from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
@@ -41,6 +41,7 @@ class _Out(BaseModel):
 _SEVERAL: dict[str, dict[str, Any]] = {
     "battery": {"batteries": tuple[model_of(BatteryReading), ...]},
     "motors": {"groups": tuple[model_of(OutputGroup), ...]},
+    "distance_sensors": {"sensors": tuple[model_of(DistanceSensor), ...]},
 }
 TOPIC_MODELS = {name: model_of(kind, **_SEVERAL.get(name, {})) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)

@@ -3248,23 +3248,44 @@ export interface components {
          * @description One sensor's DISTANCE_SENSOR.
          */
         DistanceSensor: {
-            /** Sensor Id */
+            /**
+             * Sensor Id
+             * @description Sensor id.
+             */
             sensor_id: number;
-            /** Direction Frd */
+            /**
+             * Direction Frd
+             * @description Unit vector from the body.
+             */
             direction_frd: [
                 number,
                 number,
                 number
             ];
-            /** Distance M */
+            /**
+             * Distance M
+             * @description More than `range_max_m`: nothing within it; None: the sensor says that it does not know.
+             */
             distance_m: number | null;
-            /** Range Min M */
+            /**
+             * Range Min M
+             * @description Range min [m].
+             */
             range_min_m: number;
-            /** Range Max M */
+            /**
+             * Range Max M
+             * @description Range max [m].
+             */
             range_max_m: number;
-            /** Width Rad */
+            /**
+             * Width Rad
+             * @description Its horizontal field of view; None where it does not tell.
+             */
             width_rad: number | null;
-            /** Behind S */
+            /**
+             * Behind S
+             * @description How much older its measurement is than the newest of the vehicle's sensors.
+             */
             behind_s: number;
         };
         /**
@@ -12560,22 +12581,33 @@ export interface components {
         missions__items__Land: {
             /**
              * Autocontinue
+             * @description Go on to the next item when this one is done.
              * @default true
              */
             autocontinue: boolean;
             /**
              * Spare Params
+             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
              * @default []
              */
             spare_params: [
                 number,
                 number | null
             ][];
-            /** Original */
+            /**
+             * Original
+             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             */
             original?: string | null;
-            /** Lat Deg */
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
             lat_deg: number;
-            /** Lon Deg */
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
             /**
@@ -12585,15 +12617,20 @@ export interface components {
             kind: "land";
             /**
              * Abort Altitude M
+             * @description Abort altitude [m].
              * @default 0
              */
             abort_altitude_m: number | null;
             /**
              * Precision
+             * @description Precision.
              * @default 0
              */
             precision: number | null;
-            /** Yaw Ned Deg */
+            /**
+             * Yaw Ned Deg
+             * @description Yaw ned (north, east, down of the local origin) [deg].
+             */
             yaw_ned_deg?: number | null;
         };
         /**
@@ -12601,7 +12638,10 @@ export interface components {
          * @description How the gimbal points from here on, while other steps are flown.
          */
         missions__offboard__steps__Gimbal: {
-            /** Name */
+            /**
+             * Name
+             * @description For people.
+             */
             name?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -12610,32 +12650,39 @@ export interface components {
             step: "gimbal";
             /**
              * Track
+             * @description Track.
              * @enum {string}
              */
             track: "fixed" | "look_at" | "along_path" | "sweep" | "release";
             /**
              * Pitch Rad
+             * @description Up is positive; of fixed, along_path and the middle of a sweep.
              * @default 0
              */
             pitch_rad: number;
             /**
              * Yaw Rad
+             * @description From the vehicle's nose; of fixed and the middle of a sweep.
              * @default 0
              */
             yaw_rad: number;
+            /** @description Of look_at. */
             place?: components["schemas"]["Place"] | null;
             /**
              * Sweep Pitch Rad
+             * @description To both sides of the middle.
              * @default 0
              */
             sweep_pitch_rad: number;
             /**
              * Sweep Yaw Rad
+             * @description Sweep yaw [rad].
              * @default 0
              */
             sweep_yaw_rad: number;
             /**
              * Period S
+             * @description Period [s].
              * @default 10
              */
             period_s: number;
@@ -12645,7 +12692,10 @@ export interface components {
          * @description Land here and disarm.
          */
         missions__offboard__steps__Land: {
-            /** Name */
+            /**
+             * Name
+             * @description For people.
+             */
             name?: string | null;
             /**
              * @description discriminator enum property added by openapi-typescript
@@ -12654,6 +12704,7 @@ export interface components {
             step: "land";
             /**
              * Timeout S
+             * @description Timeout [s].
              * @default 300
              */
             timeout_s: number;
