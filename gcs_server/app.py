@@ -46,6 +46,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
 from gcs_server.streamer.groups.status import GroupStatus
+from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.stream_process import StreamProcess
@@ -97,7 +98,10 @@ class Server:
             Records(folder.limits), lambda kept: LimitsRequest.model_validate(kept).to_limits()
         )
         self.streamer = Streamer(clock, streams, limits)
+        missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
         self.fleet.on_vehicle_added(self.streamer.attach)
+        self.fleet.on_vehicle_added(missions.attach)
+        self.fleet.on_vehicle_removed(missions.detach)
         self.fleet.on_vehicle_removed(self.streamer.detach)
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
@@ -120,6 +124,7 @@ class Server:
             authority=Authority(clock, self.fleet, journal, self.supervisor, terms),
             replays=replays,
             streamer=self.streamer,
+            missions=missions,
             operations=Operations(clock, self.supervisor, self._operation_told),
             plans=plans,
             plan_work=PlanWork(),
@@ -158,6 +163,7 @@ class Server:
                 text = f"{shown}: {error.message}" + (f" {error.remedy}" if error.remedy else "")
                 self._link_errors.append(Notice("link", text, link=shown))
         self.streamer.start(self.supervisor)
+        self.station.missions.start()
         self.station.authority.start()
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)

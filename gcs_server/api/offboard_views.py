@@ -61,7 +61,7 @@ StreamHealthModel = model_of(status.StreamHealth, echo=model_of(status.Echo) | N
 AvoidanceModel = model_of(status.AvoidanceView, "ObstacleAvoidance")
 OffboardModel = model_of(
     status.OffboardStatus,
-    ordered_type=SetpointType | None,
+    ordered_type=SetpointType | Literal["mission"] | None,
     setpoint=StreamedSetpoint | None,
     on_expiry=HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry | None,
     limits_origin=LimitsOriginModel,

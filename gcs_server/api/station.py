@@ -22,6 +22,7 @@ from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.streamer.groups.groups import Groups
+from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.telemetry.hub import Hub
@@ -41,6 +42,7 @@ class Station:
     authority: Authority
     replays: Replays
     streamer: Streamer
+    missions: OffboardMissions
     operations: Operations
     plans: PlanStore
     plan_work: PlanWork

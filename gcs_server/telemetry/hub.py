@@ -45,7 +45,12 @@ ERRORS_KEPT = 10
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
-PERIODS_S = {"offboard": OFFBOARD_PERIOD_S, "identity": IDENTITY_PERIOD_S, "control": CONTROL_PERIOD_S}
+PERIODS_S = {
+    "offboard": OFFBOARD_PERIOD_S,
+    "offboard_mission": OFFBOARD_PERIOD_S,
+    "identity": IDENTITY_PERIOD_S,
+    "control": CONTROL_PERIOD_S,
+}
 """Topics of the server's own: how often each is looked at. It is a new sample only where it has changed."""
 ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S) | {"readiness"}
 CLOSE_TOO_SLOW = 1013
@@ -130,6 +135,8 @@ class Encoded:
             return vehicle.identity
         if topic == "control":
             return None if vehicle.identity.replayed or not vehicle.control else vehicle.control.status()
+        if topic == "offboard_mission":
+            return None if vehicle.offboard_mission is None else vehicle.offboard_mission.status()
         return None if vehicle.offboard is None else vehicle.offboard.status()
 
 

@@ -29,12 +29,25 @@ class AttachedStream(Protocol):
         ...
 
 
+class AttachedMission(Protocol):
+    """A vehicle's `offboard_mission`."""
+
+    def status(self) -> object | None:
+        """Now; None before its first mission."""
+        ...
+
+
 class HolderStatus(Protocol):
     """Who may command a vehicle."""
 
     @property
     def holder(self) -> str | None:
         """None: nobody has control."""
+        ...
+
+    @property
+    def holder_key(self) -> str | None:
+        """Tells clients of one name apart."""
         ...
 
 

@@ -16,7 +16,7 @@ from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.attached import AttachedControl, AttachedStream
+from gcs_server.vehicle.attached import AttachedControl, AttachedMission, AttachedStream
 from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.identity import Identity, Version, with_version
@@ -25,6 +25,7 @@ from gcs_server.vehicle.narrator import Narrator
 from gcs_server.vehicle.outsiders import Outsiders
 from gcs_server.vehicle.reducers import REDUCERS, Facts
 from gcs_server.vehicle.samples import Sample, Status
+from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbal import GimbalService
@@ -70,6 +71,8 @@ class Vehicle:
         self.events = EventFeed(vehicle_id)
         self.offboard: AttachedStream | None = None
         """Its setpoint stream, set by `Streamer.attach`; None before."""
+        self.offboard_mission: AttachedMission | None = None
+        """The mission that the server flies with it, set by `OffboardMissions`; None before."""
         self.control: AttachedControl | None = None
         """Who may command it, set by `Authority`; None before."""
         self._identity = identity
@@ -94,6 +97,7 @@ class Vehicle:
         """Messages that do more than become the newest of their kind."""
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
+        self.camera = CameraService(self)
         self.mission = MissionService(self)
         self.ftp = FtpService(self)
         self.metadata = MetadataService(self, self.ftp)

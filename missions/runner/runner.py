@@ -338,13 +338,13 @@ class Runner:
         """The vehicle is heard again; True: nothing else is to be done at this look.
 
         PX4 flies take-off and landing by itself. A stream has ended with the link, and PX4 or the stream has
-        put the vehicle into a mode: only from Hold, which that stream asked for, does the mission go on.
+        put the vehicle into a mode: only from a Hold of nobody else's does the mission go on.
         """
         if not part.in_offboard or reading.stream == "flying":
             return False
         action = self.flight.actions.link_loss
         ours = reading.mode == "offboard" or (
-            reading.mode == "hold" and reading.mode_source in (None, "command", "vehicle")
+            reading.mode == "hold" and reading.mode_source not in ("pilot", "failsafe", "station")
         )
         if not ours or reading.on_ground:
             self._taken_over(reading)

@@ -21,6 +21,7 @@ class SimulatedWorld(OffboardWorld):
         parameters: of all of them, as if set before boot.
         seed: of noise and gusts.
         sim: vehicles that fly already, with a link "gcs"; the other arguments but `count` are theirs then.
+        camera: whether each carries one.
     """
 
     def __init__(
@@ -30,9 +31,11 @@ class SimulatedWorld(OffboardWorld):
         *,
         seed: int = 3,
         sim: VehicleSim | None = None,
+        camera: bool = False,
     ) -> None:
         super().__init__()
-        self.sim = sim or VehicleSim(count, links=(("gcs", "gcs"),), parameters=parameters, seed=seed)
+        links = (("gcs", "gcs"),)
+        self.sim = sim or VehicleSim(count, links=links, parameters=parameters, seed=seed, camera=camera)
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feeder(row)) for row in range(count)]
         for link in self._links:
             self.router.add(link)

@@ -8,6 +8,8 @@ from dataclasses import replace
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import ned_from_heading
+from missions.runner.player import Player
+from missions.runner.script import Script
 from missions.setpoints import (
     Attitude,
     DirectSetpoint,
@@ -40,14 +42,22 @@ class ResolvedSetpoint:
     """
 
     def __init__(
-        self, setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+        self,
+        setpoint: Setpoint | Script,
+        now_s: float,
+        snapshot: Snapshot,
+        yaw_kept_rad: float | None,
     ) -> None:
         self._yaw_kept_rad = yaw_kept_rad
         self._began_s = now_s
         self._curve: PathCurve | None = None
         self._follow: Follow | None = None
+        self.player: Player | None = None
+        """Of an offboard mission."""
         self._fixed: DirectSetpoint | None = None
-        if isinstance(setpoint, Path):
+        if isinstance(setpoint, Script):
+            self.player = Player(setpoint, now_s)
+        elif isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, yaw_kept_rad)
         elif isinstance(setpoint, Follow):
             self._follow = setpoint
@@ -67,6 +77,8 @@ class ResolvedSetpoint:
     def begin_anew(self, now_s: float) -> None:
         """The flight begins now: a path has waited at its first point so far."""
         self._began_s = now_s
+        if self.player is not None:
+            self.player.begin_anew(now_s)
 
     def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> DirectSetpoint | None:
         """What to send; None where the vehicle that is followed is not heard.
@@ -76,6 +88,9 @@ class ResolvedSetpoint:
             snapshot: the vehicle, newest.
             waiting: Offboard has not been confirmed yet; paths wait at their begin.
         """
+        if self.player is not None:
+            here, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
+            return self.player.at(now_s, here, velocity, waiting=waiting)
         if self._curve is not None:
             return self._curve.at(0.0 if waiting else now_s - self._began_s)
         if self._follow is not None:
@@ -91,7 +106,7 @@ class ResolvedSetpoint:
         return None
 
 
-def keeps_heading(setpoint: Setpoint) -> bool:
+def keeps_heading(setpoint: Setpoint | Script) -> bool:
     """Whether it names neither yaw nor yaw rate."""
     if isinstance(setpoint, PositionBody):
         return setpoint.yaw_offset_rad is None
@@ -99,7 +114,7 @@ def keeps_heading(setpoint: Setpoint) -> bool:
         return setpoint.points[0].yaw_ned_rad is None
     if isinstance(setpoint, Follow):
         return setpoint.yaw == "keep"
-    if isinstance(setpoint, Attitude | Rates) or not hasattr(setpoint, "yaw_ned_rad"):
+    if isinstance(setpoint, Script | Attitude | Rates) or not hasattr(setpoint, "yaw_ned_rad"):
         return False
     return setpoint.yaw_ned_rad is None and setpoint.yaw_rate_ned_rad_s is None  # type: ignore[union-attr]
 

@@ -12,6 +12,7 @@ from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.plan import LONGEST_PLAN_S, Conflict, Planned, first_conflict, too_near_now
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.order import OnExpiry, Order
+from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
 SOONEST_S, LATEST_S = 3.0, 300.0
@@ -172,7 +173,7 @@ class GroupChecks:
         planned: list[Planned] = []
         for vehicle_id, member in members.items():
             order, elapsed_s = orders.get(vehicle_id), 0.0
-            setpoint = None if order is None else order.setpoint
+            setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
             snapshot = member.snapshot(order)
             here, origin = snapshot.position_at(now_s), snapshot.bounds.origin
             if here is None or origin is None:
@@ -188,8 +189,8 @@ class GroupChecks:
                 state = self._streams.state(vehicle_id)
                 order, elapsed_s = state.order, state.age_s or 0.0
                 if order is not None and state.phase == "streaming":
-                    step = isinstance(order.setpoint, PositionBody)  # was worked out when it was taken
-                    setpoint = state.sent if step else order.setpoint
+                    ordered = order.setpoint  # an offset was worked out when it was taken
+                    setpoint = state.sent if isinstance(ordered, PositionBody | Script) else ordered
             expires_s = lasts_s if lasts_s is not None or order is None else order.lasts_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 from gcs_server.clock import Clock
@@ -18,12 +18,14 @@ from gcs_server.streamer.offboard.status import FailsafeView, Limits, OffboardSt
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.validation.availability import Availability, Available
 from gcs_server.streamer.validation.axes import problem_of
-from gcs_server.streamer.validation.targets import check_target
+from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.offboard.segments import Segment
+from missions.runner.script import Script
 from missions.setpoints import DirectSetpoint, Follow
 
 PRE_STREAM_S = 1.2
@@ -176,6 +178,11 @@ class OffboardControl:
             raise Refused(
                 MESSAGE_OF_NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
+            )
+        if state.order is not None and state.order.owner == "mission" != order.owner:
+            raise Refused(
+                f"Vehicle {self.vehicle.id} flies the mission {state.order.client!r}.",
+                remedy="Pause or abort the mission first (offboard_mission/pause, /abort), or command Hold.",
             )
         if state.order is not None and state.order.owner == "group" != order.owner:
             raise Refused(
@@ -351,6 +358,10 @@ class OffboardControl:
     def check(self, order: Order) -> None:
         """Raises Refused where the order cannot be flown now, InvalidRequest where it never can."""
         setpoint = order.setpoint
+        if isinstance(setpoint, Script):
+            self._availability.require_estimates(setpoint.type, setpoint.needs)
+            self.check_segments([s for s in (setpoint.approach, *setpoint.segments) if s is not None])
+            return
         problem = problem_of(setpoint)
         if problem is not None:
             raise InvalidRequest("setpoint", problem)
@@ -363,6 +374,11 @@ class OffboardControl:
             self.snapshot(order),
             limited_place=self.operator.limits.bounds_a_place,
         )
+
+    def check_segments(self, segments: Sequence[Segment]) -> None:
+        """Raises Refused where these of a mission leave the limits of place."""
+        limited = self.operator.limits.bounds_a_place
+        check_segments(segments, self.snapshot(), limited_place=limited)
 
     def _check_leader(self, follow: Follow) -> None:
         if follow.vehicle == self.vehicle.id:

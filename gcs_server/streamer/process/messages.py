@@ -20,6 +20,7 @@ from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.events import StreamEvent
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from missions.runner.script import Steering
 
 log = logging.getLogger(__name__)
 
@@ -154,6 +155,17 @@ class CancelStart(Post):
 
     def apply(self, worker: WorkerSide) -> None:
         worker.scheduler.cancel_start(self.vehicle_id, self.snapshot, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class Steer(Post):
+    """See `Streams.steer`."""
+
+    vehicle_id: str
+    steering: Steering
+
+    def apply(self, worker: WorkerSide) -> None:
+        worker.scheduler.steer(self.vehicle_id, self.steering)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from missions.runner.script import Steering
 
 STARTS_WITHIN_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
@@ -187,6 +188,10 @@ class StreamProcess(Streams):
 
     async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
         return vehicle_id in self._begun and await self._ask(to.Change(vehicle_id, order, snapshot))
+
+    def steer(self, vehicle_id: str, steering: Steering) -> None:
+        if vehicle_id in self._begun:
+            self._post(to.Steer(vehicle_id, steering))
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         if vehicle_id in self._begun:

@@ -14,6 +14,7 @@ from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import fresh, looks_out
+from missions.runner.script import Played, Script, Steering
 from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
 
 TOLD_EVERY_S = 10.0
@@ -52,7 +53,7 @@ class SetpointPipeline:
         self._brake_sees = self._braked = False
         self._avoidance.forget()
 
-    def take(self, now_s: float, setpoint: Setpoint, snapshot: Snapshot) -> None:
+    def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
         """From now on this one."""
         keeps = keeps_heading(setpoint)
         before = getattr(self.sent, "yaw_ned_rad", None) if keeps and self._yaw_kept else None
@@ -69,6 +70,20 @@ class SetpointPipeline:
         """The flight begins now: a path has waited so far."""
         if self._resolved is not None:
             self._resolved.begin_anew(now_s)
+
+    def steer(self, steering: Steering) -> bool:
+        """Steers the mission that is flown; False: none is."""
+        player = None if self._resolved is None else self._resolved.player
+        if player is None:
+            return False
+        player.steer(steering)
+        return True
+
+    @property
+    def played(self) -> Played | None:
+        """How far the mission is flown; None where none is."""
+        player = None if self._resolved is None else self._resolved.player
+        return None if player is None else player.played
 
     def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
         """Follows no order any more.

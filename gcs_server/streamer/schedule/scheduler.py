@@ -19,6 +19,7 @@ from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.values.events import WARNING, StreamEvent
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from missions.runner.script import Steering
 
 log = logging.getLogger(__name__)
 
@@ -125,6 +126,7 @@ class StreamScheduler:
             stream.number,
             cadence.steady_s if core.streaming else 0.0,
             core.avoiding if core.streaming else None,
+            core.played,
         )
 
     def phases(self) -> dict[str, tuple[str, int]]:
@@ -184,6 +186,9 @@ class StreamScheduler:
         stream = self._streams[vehicle_id]
         stream.snapshot = snapshot.plausible()
         return stream.core.change(self._clock.monotonic_s(), order, stream.snapshot)
+
+    def steer(self, vehicle_id: str, steering: Steering) -> None:
+        self._streams[vehicle_id].core.steer(self._clock.monotonic_s(), steering)
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         stream = self._streams[vehicle_id]

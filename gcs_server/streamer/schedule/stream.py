@@ -26,6 +26,7 @@ from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
 from gcs_server.streamer.values.snapshot import LONGEST_EXTRAPOLATION_S, Snapshot
 from missions.frames import Vector3
+from missions.runner.script import Played, Script, Steering
 from missions.setpoints import DirectSetpoint
 
 MODE_REQUEST_PERIOD_S = 1.0
@@ -100,6 +101,13 @@ class VehicleStream:
         if self.phase != "starting":
             self._enter("streaming", now_s, order.lasts_s)
         return True
+
+    def steer(self, now_s: float, steering: Steering) -> None:
+        """The mission that is flown is looked after: it is steered, and counts from now."""
+        if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
+            self._since_s = now_s
+            if self.phase == "streaming" and self.order is not None:
+                self._phase_until_s = now_s + self.order.lasts_s
 
     def prolong(self, until_s: float) -> None:
         """The order counts until then, as those of a group that expire together."""
@@ -203,6 +211,11 @@ class VehicleStream:
     def avoiding(self) -> Avoiding | None:
         """What obstacle avoidance does now; None: it is off."""
         return self._pipeline.avoiding
+
+    @property
+    def played(self) -> Played | None:
+        """How far the mission is flown; None where none is."""
+        return self._pipeline.played if self.streaming else None
 
     @property
     def streaming(self) -> bool:
@@ -318,6 +331,8 @@ class VehicleStream:
     def _expired(self, now_s: float, snapshot: Snapshot) -> None:
         assert self.order is not None
         why = f"The setpoint of {self.order.client or 'a client'} expired after {self.order.lasts_s:g} s"
+        if isinstance(self.order.setpoint, Script):
+            why = f"Nothing looked after the mission for {self.order.lasts_s:g} s"
         self._fall_back(now_s, snapshot, "expired", why)
 
     def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:

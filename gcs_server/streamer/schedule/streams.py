@@ -12,6 +12,7 @@ from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.events import StreamEvent
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from missions.runner.script import Played, Steering
 from missions.setpoints import DirectSetpoint
 
 
@@ -38,6 +39,8 @@ class StreamState:
     """For how long setpoints have gone out without a pause."""
     avoiding: Avoiding | None = None
     """What obstacle avoidance does now; None: it is off."""
+    played: Played | None = None
+    """How far an offboard mission is flown; None where none is."""
 
 
 class Streams(Protocol):
@@ -115,6 +118,10 @@ class Streams(Protocol):
         Raises:
             ValueError: the order cannot be flown; what was flown is flown on.
         """
+        ...
+
+    def steer(self, vehicle_id: str, steering: Steering) -> None:
+        """Steers the offboard mission that is flown, and renews it."""
         ...
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:

@@ -35,6 +35,7 @@ from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
+from missions.runner.script import Script
 from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
 
 LOOK_PERIOD_S = 0.05
@@ -242,7 +243,7 @@ class GroupGuard:
                 continue
             common = common or origin
             order = seen[vehicle].order
-            setpoint = None if order is None else order.setpoint
+            setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
             one = moving(snapshot, now_s, origin.to_frame_of(common, place), setpoint)
             self._trends[vehicle].add(snapshot.heard_s, one.velocity_ned_m_s)
             if not is_steered(setpoint):

@@ -82,11 +82,18 @@ class Availability:
     def of(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
         """For one type, or one setpoint's needs."""
         needs = KINDS[setpoint_type].needs if needs is None else needs
-        why_not = carried(setpoint_type, self._protocol())
-        if why_not is None:
-            missing = next((need for need in needs if not self._has[need]()), None)
-            why_not = None if missing is None else _MISSING[missing].format(type=setpoint_type)
+        why_not = carried(setpoint_type, self._protocol()) or self._missing(setpoint_type, needs)
         return Available(why_not is None, why_not, needs)
+
+    def require_estimates(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> None:
+        """Raises Refused where the vehicle lacks one of these."""
+        why_not = self._missing(setpoint_type, needs)
+        if why_not is not None:
+            raise Refused(why_not, remedy=WAIT)
+
+    def _missing(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> str | None:
+        missing = next((need for need in needs if not self._has[need]()), None)
+        return None if missing is None else _MISSING[missing].format(type=setpoint_type)
 
     def all(self) -> dict[str, Available]:
         """For every type."""

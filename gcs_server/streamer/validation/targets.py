@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import Vector3
+from missions.offboard.segments import CurveSegment, Segment, TableSegment, WaitSegment
 from missions.setpoints import (
     DirectSetpoint,
     Follow,
@@ -30,7 +32,49 @@ PATH_LOOK_S = 0.2
 """A path is looked through at this spacing."""
 FASTER_THAN = 1.05
 """A curve may swing a little above the limit between its points."""
+KEPT = "Wait for GPS and the estimator, or remove the limits of altitude, distance and fence."
 LOCAL = "Coordinates are metres north, east, down of the vehicle's local origin."
+
+
+def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, limited_place: bool) -> None:
+    """Whether a mission, or a stretch of it, stays inside the limits of place.
+
+    Args:
+        segments: in the local frame.
+        snapshot: the vehicle, with its bounds.
+        limited_place: the operator has set limits of place.
+
+    Raises:
+        Refused: the path leaves the limits, or it cannot be told.
+    """
+    bounds = snapshot.bounds
+    if limited_place and bounds.unknown is not None:
+        raise Refused(f"The operator's limits cannot be kept: {bounds.unknown}.", remedy=KEPT)
+    region = bounds.region
+    for segment in segments:
+        places = _places(segment)
+        if isinstance(segment, WaitSegment) and segment.kind == "land":
+            places = places[:0]  # down to the ground, wherever that is
+        outside = region.are_outside(places[:, :2]) | (places[:, 2] < region.down_min_m)
+        outside |= places[:, 2] > region.down_max_m
+        for index in np.flatnonzero(outside)[:1]:
+            north, east, down = places[index].tolist()
+            breach = _breach((north, east, down), bounds) or "the limits"
+            raise Refused(
+                f"The mission leaves {breach} at {segment.place} ({segment.title}).",
+                remedy="Change that step, or the limit.",
+            )
+
+
+def _places(segment: Segment) -> NDArray[np.float64]:
+    """Where a segment leads, (N, 3) [m]."""
+    if isinstance(segment, CurveSegment | TableSegment):
+        duration_s = segment.duration_s
+        times_s = np.minimum(np.arange(math.ceil(duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, duration_s)
+        if isinstance(segment, CurveSegment):
+            return segment.curve.many(times_s).position_ned_m
+        return segment.path.many(times_s)[0]
+    return np.array([segment.end_ned_m])
 
 
 def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limited_place: bool) -> None:
@@ -50,7 +94,7 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limite
         why = bounds.unknown or "the vehicle has no valid position estimate"
         raise Refused(
             f"The operator's limits cannot be kept: {why}.",
-            remedy="Wait for GPS and the estimator, or remove the limits of altitude, distance and fence.",
+            remedy=KEPT,
         )
     if here is None:
         return

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from missions.runner.script import Script
 from missions.setpoints import Path, Setpoint
 
-StreamOwner = Literal["operator", "group"]
-"""Who sends a stream's setpoints: a client for this vehicle alone, or the group that it flies in."""
+StreamOwner = Literal["operator", "group", "mission"]
+"""Who sends a stream's setpoints: a client for this vehicle alone, the group that it flies in, or its
+offboard mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,8 @@ class OnExpiry:
 class Order:
     """A setpoint as it was asked for."""
 
-    setpoint: Setpoint
+    setpoint: Setpoint | Script
+    """What is flown; a script is an offboard mission's."""
     valid_for_s: float = 1.0
     on_expiry: OnExpiry = OnExpiry()
     client: str = ""

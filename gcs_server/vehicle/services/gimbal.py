@@ -103,6 +103,27 @@ class GimbalService:
         self.roi = None
         return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock) if wait else None
 
+    def point(self, pitch_rad: float, yaw_ned_rad: float) -> None:
+        """Points the camera without waiting for anything, for a track that is sent many times a second.
+
+        It goes by GIMBAL_MANAGER_SET_ATTITUDE, which nothing acknowledges and which is ignored without
+        control; the pitch is kept within the gimbal's range.
+        """
+        vehicle = self._vehicle
+        sample = vehicle.topic("gimbal")
+        gimbal = sample.value if sample is not None else None
+        if isinstance(gimbal, Gimbal):
+            low_rad, high_rad = gimbal.pitch_min_rad, gimbal.pitch_max_rad
+            if low_rad is not None and high_rad is not None:
+                pitch_rad = min(max(pitch_rad, low_rad), high_rad)
+        identity, q = vehicle.identity, q_from_euler(0.0, pitch_rad, yaw_ned_rad)
+        vehicle.send(
+            d.MAVLink_gimbal_manager_set_attitude_message(
+                identity.system_id, identity.component_id, YAW_LOCK, 0, list(q), NAN, NAN, NAN
+            )
+        )
+        self.roi = None
+
     async def _pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
         flags = YAW_LOCK if yaw_lock else 0
         await self._acknowledged(

@@ -1,0 +1,1 @@
+"""Offboard missions: the runner of `missions/runner` on the server's vehicles and setpoint streams."""

@@ -1,0 +1,284 @@
+"""One offboard mission on one vehicle: looks at the vehicle for the runner, carries out what it asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, Refused
+from gcs_server.streamer.missions.readings import reading_of
+from gcs_server.streamer.missions.status import MissionName, OffboardMissionStatus
+from gcs_server.streamer.offboard.control import OffboardControl
+from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.vehicle.samples import GlobalPosition
+from missions.offboard.timeline import Timeline
+from missions.runner.reading import Reading
+from missions.runner.requests import (
+    Photo,
+    Play,
+    PointGimbal,
+    ReleaseGimbal,
+    Request,
+    SetMode,
+    Steer,
+    StopStream,
+    TakeOff,
+    Tell,
+)
+from missions.runner.runner import CannotDo, Runner
+from missions.trajectory.limits import MotionLimits
+
+RENEWED_WITHIN_S = 3.0
+"""A mission that nothing has looked after for so long holds its place, then PX4's Hold."""
+HOLD_FOR_S = 5.0
+RATE_HZ = 50.0
+MOST_PICTURES_WAITING = 5
+WARNING, NOTICE = 4, 5
+
+
+class Task(Protocol):
+    """What can be cancelled."""
+
+    def cancel(self) -> object:
+        """Ends it."""
+        ...
+
+    def done(self) -> bool:
+        """Whether it has ended."""
+        ...
+
+
+Spawn = Callable[[str, Coroutine[Any, Any, None]], Task]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What is flown, and for whom."""
+
+    mission: MissionName
+    timeline: Timeline
+    motion: MotionLimits
+    client: str
+    low_battery_share: float
+
+
+class MissionFlight:
+    """From its start to its end.
+
+    Args:
+        clock: the server's.
+        control: the vehicle's setpoint stream.
+        streams: what sends.
+        spawn: runs what takes time.
+        start: what is flown.
+    """
+
+    def __init__(
+        self, clock: Clock, control: OffboardControl, streams: Streams, spawn: Spawn, start: Start
+    ) -> None:
+        self._clock = clock
+        self._control, self._vehicle, self._streams = control, control.vehicle, streams
+        self._spawn = spawn
+        self._start = start
+        self._began_unix_s = clock.unix_s()
+        self._runner = Runner(start.timeline, start.mission.name, start.motion, start.low_battery_share)
+        self._task: Task | None = None
+        """The command that is being carried out: a newer one ends it."""
+        self._pictures = 0
+        self._gimbal_asked = False
+        self._gimbal_ours = False
+
+    # --- what people ask for ----------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Raises Refused where it cannot."""
+        reading = self.reading()
+        if reading.estimates is None:
+            raise Refused(
+                f"Vehicle {self._vehicle.id} sends no attitude just now.",
+                remedy="Check its link, then try again.",
+            )
+        self._do(_asked(self._runner.start, self._now_s, reading))
+
+    def pause(self, by: str) -> None:
+        """Raises Refused where it cannot."""
+        self._do(_asked(self._runner.pause, self._now_s, self.reading(), by))
+
+    def resume(self, by: str) -> None:
+        """Raises Refused where it cannot."""
+        self._do(_asked(self._runner.resume, self._now_s, self.reading(), by))
+
+    def skip(self, by: str) -> None:
+        """Raises Refused where it cannot."""
+        self._do(_asked(self._runner.skip, self._now_s, self.reading(), by))
+
+    def go_on(self, by: str) -> None:
+        """Raises Refused where nobody is asked."""
+        self._do(_asked(self._runner.go_on, by))
+
+    def abort(self, by: str, then: str) -> None:
+        """Raises Refused where it is over."""
+        self._do(_asked(self._runner.abort, self.reading(), by, then))
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """About ten times a second."""
+        if not self._runner.over:
+            self._do(self._runner.tick(self._now_s, self.reading()))
+
+    @property
+    def over(self) -> bool:
+        """Whether it is done, aborted or stopped."""
+        return self._runner.over
+
+    def reading(self) -> Reading:
+        """The vehicle now."""
+        return reading_of(self._control, self._streams.state(self._vehicle.id))
+
+    def status(self) -> OffboardMissionStatus:
+        """How it stands."""
+        found = self._runner.status(self.reading())
+        mission, failsafe = self._start.mission, self._control.failsafe()
+        return OffboardMissionStatus(
+            state=found.state,  # type: ignore[arg-type]
+            name=mission.name,
+            plan_id=mission.plan_id,
+            version=mission.version,
+            client=self._start.client,
+            started_unix_s=self._began_unix_s,
+            place=found.place,
+            title=found.title,
+            duration_s=round(self._start.timeline.duration_s, 1),
+            remaining_s=None if found.remaining_s is None else round(found.remaining_s, 1),
+            deviation_m=None if found.deviation_m is None else round(found.deviation_m, 2),
+            question=found.question,
+            reason=found.reason,
+            if_stream_stops=None if failsafe is None else failsafe.words,
+        )
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock.monotonic_s()
+
+    @property
+    def _by(self) -> str:
+        return f"The mission {self._start.mission.name!r}"
+
+    def _do(self, requests: list[Request]) -> None:
+        for request in requests:
+            match request:
+                case Tell():
+                    self._tell(request)
+                case Steer():
+                    self._streams.steer(self._vehicle.id, request.steering)
+                case StopStream():
+                    self._stop_stream()
+                case TakeOff() | Play() | SetMode():
+                    self._command(request)
+                case Photo():
+                    self._take_picture(request)
+                case PointGimbal():
+                    self._point(request)
+                case ReleaseGimbal():
+                    self._gimbal_asked = self._gimbal_ours = False
+                    self._spawn(
+                        "mission gimbal", self._quietly(request, self._vehicle.gimbal.release_control)
+                    )
+
+    def _tell(self, request: Tell) -> None:
+        data = {"source": "offboard_mission", "code": request.code, "mission": self._start.mission.name}
+        text = f"Mission {self._start.mission.name!r}: {request.text}"
+        kind, severity = ("warning", WARNING) if request.warning else ("command", NOTICE)
+        self._vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
+
+    def _stop_stream(self) -> None:
+        """Somebody else has the vehicle: what is being asked of it is asked no longer."""
+        if self._task is not None:
+            self._task.cancel()
+        state = self._streams.state(self._vehicle.id)
+        if state.order is not None and state.order.owner == "mission" and state.phase == "streaming":
+            self._streams.end(self._vehicle.id, "mission", f"{self._by} was interrupted.", state.number)
+
+    def _command(self, request: TakeOff | Play | SetMode) -> None:
+        if self._task is not None:
+            self._task.cancel()
+        self._task = self._spawn("mission command", self._quietly(request, lambda: self._carry_out(request)))
+
+    async def _quietly(self, request: Request, work: Callable[[], Coroutine[Any, Any, object]]) -> None:
+        """What fails is the runner's to judge."""
+        try:
+            await work()
+        except GcsError as error:
+            self._do(self._runner.failed(request, self.reading(), str(error)))
+
+    async def _carry_out(self, request: TakeOff | Play | SetMode) -> None:
+        command = self._vehicle.command
+        if isinstance(request, TakeOff):
+            await command.takeoff(self._above_home_m() + request.height_m, by=self._by)
+        elif isinstance(request, Play):
+            await self._play(request)
+        elif request.mode == "hold":
+            if self._streams.state(self._vehicle.id).phase != "idle":
+                await self._control.stop()
+            if self._vehicle.status.mode != "hold":
+                await command.hold(by=self._by)
+        else:
+            await (command.land if request.mode == "land" else command.rtl)(by=self._by)
+
+    async def _play(self, request: Play) -> None:
+        on_expiry = OnExpiry("hold", HOLD_FOR_S)
+        name = self._start.mission.name
+        order = Order(request.script, RENEWED_WITHIN_S, on_expiry, name, owner="mission")
+        state = self._streams.state(self._vehicle.id)
+        if state.order is not None and state.order.owner == "mission" and state.phase == "streaming":
+            await self._control.setpoint(order)
+        else:
+            await self._control.start(order, RATE_HZ)
+
+    def _above_home_m(self) -> float:
+        sample = self._vehicle.topic("global_position")
+        if sample is None or not isinstance(sample.value, GlobalPosition):
+            raise Refused(
+                f"Vehicle {self._vehicle.id} does not know its height above home.",
+                remedy="Wait for GPS and the estimator, then resume the mission.",
+            )
+        return sample.value.alt_home_m
+
+    def _take_picture(self, request: Photo) -> None:
+        if self._pictures >= MOST_PICTURES_WAITING:
+            self._do(self._runner.failed(request, self.reading(), "the camera is too slow"))
+            return
+        self._pictures += 1
+
+        async def take() -> None:
+            try:
+                await self._vehicle.camera.take_picture()
+            finally:
+                self._pictures -= 1
+
+        self._spawn("mission picture", self._quietly(request, take))
+
+    def _point(self, request: PointGimbal) -> None:
+        if self._gimbal_ours:
+            self._vehicle.gimbal.point(request.pitch_rad, request.yaw_ned_rad)
+        elif not self._gimbal_asked:
+            self._gimbal_asked = True
+
+            async def take() -> None:
+                await self._vehicle.gimbal.take_control()
+                self._gimbal_ours = True
+
+            self._spawn("mission gimbal", self._quietly(request, take))
+
+
+def _asked(what: Callable[..., list[Request]], *arguments: object) -> list[Request]:
+    try:
+        return what(*arguments)
+    except CannotDo as error:
+        raise Refused(f"The mission cannot do that: {error}.", remedy=error.remedy) from error

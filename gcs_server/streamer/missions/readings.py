@@ -1,0 +1,60 @@
+"""What the mission runner is told of a vehicle, from the vehicle's newest samples and its stream."""
+
+from __future__ import annotations
+
+from gcs_server.streamer.offboard.control import OffboardControl
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.vehicle.samples import Battery, Gps
+from missions.runner.reading import Reading, StreamPhase
+from missions.setpoints import Estimate
+
+PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
+
+
+def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
+    """Those that are valid and fresh."""
+    found: dict[Estimate, bool] = {
+        "position": estimates.has_position(),
+        "velocity": estimates.has_velocity(),
+        "heading": estimates.has_heading(),
+        "global_position": estimates.origin() is not None,
+        "home": estimates.home() is not None,
+    }
+    return frozenset(name for name, valid in found.items() if valid)
+
+
+def reading_of(control: OffboardControl, state: StreamState) -> Reading:
+    """One moment of a vehicle.
+
+    Args:
+        control: of the vehicle.
+        state: of its stream; one that is not the mission's counts as none.
+    """
+    vehicle = control.vehicle
+    estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause
+    local, attitude = estimates.local(), estimates.attitude()
+    ours = state.order is not None and state.order.owner == "mission"
+    holder = None if vehicle.control is None else vehicle.control.status()
+    battery, gps = vehicle.topic("battery"), vehicle.topic("gps")
+    percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
+    return Reading(
+        mode=status.mode,
+        mode_source=None if cause is None else cause.source,
+        mode_text=None if cause is None else cause.text[:1].upper() + cause.text[1:],
+        armed=status.armed,
+        landed=status.landed_state,
+        position_ned_m=None if local is None else local.position_ned_m,
+        velocity_ned_m_s=None if local is None else local.velocity_ned_m_s,
+        yaw_ned_rad=None if attitude is None else attitude.yaw_ned_rad,
+        estimates=None if attitude is None else estimates_of(estimates),  # silence is not a lost estimate
+        link_heard=not status.link_lost and bool(vehicle.endpoints),
+        holder=None if holder is None else holder.holder_key,
+        holder_name=None if holder is None else holder.holder,
+        battery_share=None if percent is None else percent / 100.0,
+        satellites=gps.value.satellites if gps and isinstance(gps.value, Gps) else None,
+        horizontal_error_m=estimates.accuracy_m(),
+        stream=PHASES.get(state.phase, "ending") if ours else "idle",
+        stream_text=None if state.last_end is None else state.last_end.text,
+        played=state.played if ours else None,
+    )

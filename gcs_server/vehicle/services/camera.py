@@ -1,0 +1,62 @@
+"""Pictures by the vehicle's camera (MAVLink camera protocol version 2)."""
+
+from __future__ import annotations
+
+import asyncio
+
+from gcs_server.errors import NoReply, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.mailbox import Reply
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import RESULT_WORDS, Request
+
+ATTEMPTS = 3
+ANSWER_S = 0.7
+
+
+class CameraService:
+    """Takes pictures; one after the other."""
+
+    def __init__(self, vehicle: VehiclePort) -> None:
+        self._vehicle = vehicle
+        self._sequence = 0
+
+    async def take_picture(self) -> None:
+        """One picture; returns once the camera has acknowledged it.
+
+        The request carries a number, so that a camera does not take the same picture twice.
+
+        Raises:
+            Rejected: the camera refuses.
+            NoReply: no camera answers.
+        """
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        self._sequence += 1
+        request = Request(d.MAV_CMD_IMAGE_START_CAPTURE, (0.0, 0.0, 1.0, float(self._sequence), 0, 0, 0))
+        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_COMMAND_ACK, matches=self._answers) as waiter:
+            for attempt in range(ATTEMPTS):
+                vehicle.send(
+                    request.message(vehicle.identity.system_id, d.MAV_COMP_ID_CAMERA, attempt, False)
+                )
+                try:
+                    async with asyncio.timeout(ANSWER_S):
+                        answer = await waiter.next()
+                except TimeoutError:
+                    continue
+                if answer.result == d.MAV_RESULT_ACCEPTED:
+                    return
+                why = RESULT_WORDS.get(answer.result, f"result {answer.result}")
+                raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {why}.")
+        raise NoReply(
+            f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_S:.1f} s.",
+            deadline_s=ATTEMPTS * ANSWER_S,
+            remedy="Check that it has a camera, as MAVLink component 100.",
+        )
+
+    def _answers(self, message: Reply) -> bool:
+        return (
+            message.get_srcSystem() == self._vehicle.identity.system_id
+            and message.get_srcComponent() == d.MAV_COMP_ID_CAMERA
+            and message.command == d.MAV_CMD_IMAGE_START_CAPTURE
+        )

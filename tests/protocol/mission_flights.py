@@ -1,0 +1,100 @@
+"""Offboard missions flown by the server's own parts, on simulated time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from gcs_server.control.authority import Authority
+from gcs_server.control.journal import Journal
+from gcs_server.control.lease import Terms
+from gcs_server.control.principal import Principal
+from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.status import MissionName
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.offboard import places
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.trajectory.limits import MotionLimits
+from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.simulated_world import until
+
+ALICE, BOB = (Principal(name.lower(), name, identified=True) for name in ("Alice", "Bob"))
+LEASE_S = 5.0
+
+
+class Missions:
+    """Missions of vehicle 1 of a world, and who has control of it.
+
+    Args:
+        world: must not have heard of a vehicle yet.
+        folder: for the journal.
+    """
+
+    def __init__(self, world: OffboardWorld, folder: Path) -> None:
+        self.world = world
+        streams = world.streamer._streams
+        self.all = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
+        world.fleet.on_vehicle_added(self.all.attach)
+        journal = Journal(world.clock, folder / "journal.jsonl")
+        self.authority = Authority(
+            world.clock, world.fleet, journal, world.supervisor, Terms(lease_s=LEASE_S)
+        )
+        self.authority.start()
+        self.all.start()
+        self.flight: Any = None
+
+    def begin(self, vehicle: Vehicle, mission: OffboardMission, *, in_air: bool = False) -> MissionFlight:
+        """Starts it, compiled for where the vehicle is."""
+        estimates = VehicleEstimates(vehicle)
+        local, attitude = estimates.local(), estimates.attitude()
+        assert local is not None
+        assert attitude is not None
+        start = places.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
+        timeline = compile_mission(mission, start=start)
+        name = MissionName(mission.name, None, None)
+        self.flight = self.all.begin("1", Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", 0.15))
+        return self.flight
+
+    def take(self, who: Principal, *, force: bool = False) -> None:
+        """Control of vehicle 1."""
+        self.authority.control("1").lease.take(who, force=force)
+
+    @property
+    def state(self) -> str:
+        return self.flight.status().state
+
+    async def reach(self, *states: str, within_s: float = 120.0) -> None:
+        """Until the mission is in one of them."""
+        await until(lambda: self.state in states, within_s)
+
+
+def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) -> None:
+    """A scripted vehicle in the air that flies a mission, Alice in control; then what happens to it."""
+
+    async def run() -> None:
+        world = OffboardWorld()
+        missions = Missions(world, tmp_path)
+        link = world.link()
+        pilot = world.offboard_pilot(link)
+        pilot.fly()
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            with missions.authority.connected(ALICE):
+                missions.take(ALICE)
+                missions.begin(vehicle, mission, in_air=True)
+                await missions.reach("flying", within_s=10)
+                await story(missions, vehicle, pilot)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def codes_told(vehicle: Vehicle) -> list[str]:
+    """What the mission told people, in order."""
+    told = [event.data or {} for event in vehicle.events.since()]
+    return [str(data["code"]) for data in told if data.get("source") == "offboard_mission"]

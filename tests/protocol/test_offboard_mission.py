@@ -1,0 +1,229 @@
+"""Offboard missions flown by the server: a whole flight on the simulated PX4, and whatever interrupts one."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.errors import Refused
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, codes_told, hovering
+from tests.protocol.offboard_world import POSITION, asks, order, seconds, silent
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.support.offboard_missions import mission
+
+FLIGHT = """
+- {step: take_off, height_m: 4}
+- {step: gimbal, track: look_at, place: {offset_ned_m: [10, 0, 0]}}
+- {step: orbit, center: {offset_ned_m: [6, 0, -4]}, radius_m: 6, speed_m_s: 3, photo_every_m: 9}
+- {step: wait, until: person, timeout_s: 60, message: Sharp?}
+- {step: land}
+"""
+HOVER = "- {step: hold, duration_s: 120}\n- {step: hold, duration_s: 120, name: Second}\n"
+
+
+def hover(**actions):
+    document = mission(HOVER)
+    return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
+
+
+def test_a_mission_takes_off_flies_takes_pictures_asks_and_lands(jump, tmp_path):
+    async def story():
+        world = SimulatedWorld(camera=True)
+        missions = Missions(world, tmp_path)
+        try:
+            vehicle = await world.ready_to_arm()
+            flight = missions.begin(vehicle, mission(FLIGHT))
+            await missions.reach("flying")
+            assert flight.status().if_stream_stops
+            worst_m, pointed = 0.0, False
+            while missions.state == "flying":
+                worst_m = max(worst_m, flight.status().deviation_m or 0.0)
+                gimbal = vehicle.topic("gimbal")
+                pointed |= gimbal is not None and gimbal.value.pitch_rad < -0.2
+                await seconds(0.1)
+            assert worst_m < 3.0  # beside its newest position, which is some tenths of a second old
+            assert pointed
+            assert (missions.state, flight.status().question) == ("waiting", "Sharp?")
+            flight.go_on("Alice")
+            await missions.reach("done")
+            assert not vehicle.status.armed
+            assert codes_told(vehicle) == ["question", "answered", "done"]
+        finally:
+            await world.close()
+
+    jump(story)
+
+
+# --- people ---------------------------------------------------------------------------------------
+
+
+def test_paused_it_holds_in_offboard_and_resumed_it_goes_on(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        missions.flight.pause("Alice")
+        await missions.reach("paused", within_s=5)
+        left_s = missions.flight.status().remaining_s
+        await seconds(5)
+        assert (pilot.mode, missions.flight.status().remaining_s) == (OFFBOARD, left_s)
+        missions.flight.resume("Alice")
+        await seconds(5)
+        assert missions.flight.status().remaining_s < left_s - 2
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_a_setpoint_beside_a_mission_is_refused_naming_it_and_what_to_do(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
+            await vehicle.offboard.setpoint(order())
+        assert "Pause or abort" in str(refused.value.remedy)
+        with pytest.raises(Refused, match="streamed to already"):
+            await vehicle.offboard.start(order())
+        with pytest.raises(Refused, match="has the mission 'Test'"):
+            missions.begin(vehicle, hover(), in_air=True)
+        assert missions.state == "flying"
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_an_operators_hold_suspends_it_until_it_is_resumed(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        await vehicle.command.hold(by="Bob")
+        await missions.reach("suspended", within_s=2)
+        assert "Bob" in missions.flight.status().reason
+        await silent(pilot, None)
+        assert pilot.mode == HOLD
+        missions.flight.resume("Alice")
+        await missions.reach("flying", within_s=10)
+        assert pilot.mode == OFFBOARD
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_stopping_its_stream_is_a_hold(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        await vehicle.offboard.stop()
+        await missions.reach("suspended", within_s=2)
+        await silent(pilot, None)
+        assert pilot.mode == HOLD
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_aborted_it_holds_and_nothing_is_sent_any_more(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        missions.flight.abort("Alice", "hold")
+        assert missions.state == "aborted"
+        await until(lambda: pilot.mode == HOLD, 5)
+        await silent(pilot, None, settle_s=1.0)
+        with pytest.raises(Refused, match="over"):
+            missions.flight.resume("Alice")
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_a_pilot_who_takes_the_vehicle_keeps_it_until_a_person_resumes_the_mission(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        pilot.mode = pilot.asked_mode = POSITION
+        pilot.current_mode()
+        await missions.reach("suspended", within_s=2)
+        await silent(pilot, None, 10.0, settle_s=0.3)
+        assert pilot.mode == POSITION
+        missions.flight.resume("Alice")
+        await missions.reach("flying", within_s=10)
+
+    hovering(jump, tmp_path, hover(low_battery="return", link_loss="continue"), story)
+
+
+def test_a_pilot_who_takes_the_vehicle_while_it_is_resumed_is_not_fought(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        await vehicle.command.hold(by="Bob")
+        await missions.reach("suspended", within_s=2)
+        asked = len(asks(pilot, OFFBOARD))
+        missions.flight.resume("Alice")
+        await seconds(0.6)  # setpoints go out, Offboard has not been asked for
+        pilot.mode = pilot.asked_mode = POSITION
+        pilot.current_mode()
+        await missions.reach("suspended", within_s=2)
+        await silent(pilot, None, 5.0, settle_s=0.3)
+        assert (len(asks(pilot, OFFBOARD)), pilot.mode) == (asked, POSITION)
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+# --- control --------------------------------------------------------------------------------------
+
+
+def test_another_who_takes_control_finds_it_paused_in_offboard(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        lease = missions.authority.control("1").lease
+        lease.request(BOB)
+        lease.grant(ALICE, "bob")
+        await missions.reach("paused", within_s=5)
+        assert pilot.mode == OFFBOARD
+        assert "control_taken" in codes_told(vehicle)
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+@pytest.mark.parametrize(
+    ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
+)
+def test_control_that_runs_out_does_what_the_document_says(jump, tmp_path, action, state, mode):
+    async def story(missions, vehicle, pilot):
+        missions.authority.control("1").lease.release(ALICE)
+        await seconds(LEASE_S + 3)
+        assert (missions.state, pilot.mode) == (state, mode)
+        assert pilot.failsafes == 0
+
+    hovering(jump, tmp_path, hover(control_lost=action), story)
+
+
+# --- faults ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("action", "state"), [("hold", "suspended"), ("continue", "flying")])
+def test_a_link_that_was_lost_and_is_back_does_what_the_document_says(jump, tmp_path, action, state):
+    async def story(missions, vehicle, pilot):
+        pilot.loss = 1.0
+        await seconds(8)
+        pilot.loss = 0.0
+        pilot.mode = pilot.asked_mode = HOLD  # it heard the stream's last request
+        await until(lambda: not vehicle.status.link_lost, 10)
+        await missions.reach(state, within_s=12)
+
+    hovering(jump, tmp_path, hover(link_loss=action), story)
+
+
+def test_a_mission_that_nobody_looks_after_any_more_holds_and_then_hovers_in_hold(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        missions.all.look = lambda: None
+        await seconds(4)
+        assert vehicle.offboard.status().state == "holding"
+        await until(lambda: pilot.mode == HOLD, 10)
+        assert pilot.failsafes == 0
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_a_silent_server_leaves_the_vehicle_to_its_failsafe_which_was_told_before(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        assert "Position" in missions.flight.status().if_stream_stops
+        streamer, look = missions.world.streamer, missions.all.look
+        beat, streamer.beat_once, missions.all.look = streamer.beat_once, lambda: None, lambda: None
+        await until(lambda: pilot.mode == POSITION, 6)
+        streamer.beat_once, missions.all.look = beat, look
+        await missions.reach("suspended", within_s=3)
+        await silent(pilot, None, settle_s=0.5)
+        assert pilot.failsafes == 1
+
+    hovering(jump, tmp_path, hover(link_loss="continue", failure="return"), story)
+
+
+def test_the_end_of_the_server_holds_a_mission(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        await missions.world.streamer.stop_all()
+        assert pilot.mode == HOLD
+        await asyncio.sleep(0.3)
+        assert missions.state == "suspended"
+
+    hovering(jump, tmp_path, hover(), story)
