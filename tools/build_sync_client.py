@@ -15,12 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
-MODULES = ("aio", "control", "dry_runs", "gimbal", "group", "mission", "offboard", "operations", "plans")
+MODULES = (
+    "aio", "control", "dry_runs", "gimbal", "group", "mission", "offboard", "offboard_mission", "operations",
+    "plans",
+)  # fmt: skip
 MAIN = "blocking"
 FILES = {
     "blocking_work": ("DryRuns", "Operations", "Plans"),
     "blocking_parts": (
-        "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard",
+        "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard", "OffboardMission",
     ),
     MAIN: ("Gcs", "Vehicle"),
 }  # fmt: skip
@@ -47,7 +50,9 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, dry_runs, gimbal, group, mission, offboard, operations, plans
+from gcs_server.client import (
+    aio, control, dry_runs, gimbal, group, mission, offboard, offboard_mission, operations, plans
+)
 from gcs_server.client.control import OnLost
 from gcs_server.client.dry_runs import RUN_S
 from gcs_server.client.group import Setpoints

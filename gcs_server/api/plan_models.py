@@ -23,6 +23,7 @@ from missions.errors import PlanError
 from missions.estimates import Estimate
 from missions.formats.any_format import FormatName
 from missions.geodesy import LocalOrigin
+from missions.offboard import reader as mission_reader
 from missions.offboard.document import OffboardMission
 from missions.offboard.samples import Leg, StepTime
 from missions.patterns import document as pattern_document
@@ -46,6 +47,11 @@ def _as_json(read: Callable[[str], Any]) -> BeforeValidator:
 
 PlanBody = Annotated[
     Plan, _as_json(plan_document.read), Field(description="The plan's document (docs/missions.md).")
+]
+MissionBody = Annotated[
+    OffboardMission,
+    _as_json(mission_reader.read_json),
+    Field(description="An offboard mission's document (docs/missions.md)."),
 ]
 DocumentBody = Annotated[
     Document,

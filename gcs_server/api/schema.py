@@ -17,6 +17,7 @@ from gcs_server.api import (
     group_routes,
     map_routes,
     mission_routes,
+    offboard_mission_routes,
     offboard_routes,
     operation_routes,
     param_routes,
@@ -53,6 +54,7 @@ def api_router() -> APIRouter:
         plan_routes,
         dry_run_routes,
         mission_routes,
+        offboard_mission_routes,
     ):
         router.include_router(part.router)
     return router

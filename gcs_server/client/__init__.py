@@ -19,6 +19,7 @@ from gcs_server.client.blocking_parts import (
     SyncLiveOffboard,
     SyncMission,
     SyncOffboard,
+    SyncOffboardMission,
 )
 from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
 from gcs_server.client.control import Control
@@ -38,6 +39,7 @@ from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group
 from gcs_server.client.mission import Mission
 from gcs_server.client.offboard import LiveOffboard, Offboard
+from gcs_server.client.offboard_mission import OffboardMission
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plans
 
@@ -55,6 +57,7 @@ __all__ = [
     "NotAllowed",
     "NotInControl",
     "Offboard",
+    "OffboardMission",
     "Operations",
     "Plans",
     "Refused",
@@ -66,6 +69,7 @@ __all__ = [
     "SyncLiveOffboard",
     "SyncMission",
     "SyncOffboard",
+    "SyncOffboardMission",
     "SyncOperations",
     "SyncPlans",
     "SyncVehicle",

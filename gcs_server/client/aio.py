@@ -25,6 +25,7 @@ from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.mission import Mission
 from gcs_server.client.offboard import Offboard
+from gcs_server.client.offboard_mission import OffboardMission
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plans
 from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
@@ -227,6 +228,7 @@ class Vehicle:
         self.gimbal = Gimbal(self)
         self.control = Control(self)
         self.mission = Mission(self, gcs.operations())
+        self.offboard_mission = OffboardMission(self)
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""

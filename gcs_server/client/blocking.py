@@ -12,13 +12,16 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio
+from gcs_server.client import (
+    aio,
+)
 from gcs_server.client.blocking_parts import (
     SyncControl,
     SyncGimbal,
     SyncGroup,
     SyncMission,
     SyncOffboard,
+    SyncOffboardMission,
 )
 from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
 from gcs_server.client.group import Setpoints
@@ -163,6 +166,7 @@ class SyncVehicle:
         self.gimbal = SyncGimbal(self._inner.gimbal, self._portal)
         self.control = SyncControl(self._inner.control, self._portal)
         self.mission = SyncMission(self._inner.mission, self._portal)
+        self.offboard_mission = SyncOffboardMission(self._inner.offboard_mission, self._portal)
 
     def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""

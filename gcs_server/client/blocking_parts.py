@@ -12,7 +12,14 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import control, gimbal, group, mission, offboard
+from gcs_server.client import (
+    control,
+    gimbal,
+    group,
+    mission,
+    offboard,
+    offboard_mission,
+)
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_S
@@ -280,3 +287,56 @@ class SyncLiveOffboard(Steering[Answer]):
             Unreachable: the server has gone.
         """
         return self._portal.call(lambda: self._inner.send(body))
+
+
+class SyncOffboardMission:
+    """The offboard mission of a vehicle: started, watched, steered. `then` of `abort`: hold, return or land.
+
+    It goes on while the program is away; what it does when nobody has control any more stands in its
+    document (`actions.control_lost`, `hold` unless given).
+    """
+
+    def __init__(self, inner: offboard_mission.OffboardMission, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def state(self) -> dict[str, Any] | None:
+        """How the newest one stands (as the topic `offboard_mission`); None: there has been none."""
+        return self._portal.call(lambda: self._inner.state())
+
+    def start(
+        self,
+        mission: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        despite: Sequence[str] = (),
+    ) -> dict[str, Any]:
+        """Flies a mission's document, or one that the server keeps; arms and takes off where it says so.
+
+        Raises:
+            Refused: it has errors that `despite` does not name, or an estimate is missing.
+        """
+        return self._portal.call(
+            lambda: self._inner.start(mission, plan_id=plan_id, version=version, despite=despite)
+        )
+
+    def pause(self) -> dict[str, Any]:
+        """Stands still on its path."""
+        return self._portal.call(lambda: self._inner.pause())
+
+    def resume(self) -> dict[str, Any]:
+        """Goes on, from wherever the vehicle is."""
+        return self._portal.call(lambda: self._inner.resume())
+
+    def skip(self) -> dict[str, Any]:
+        """Leaves the present step out."""
+        return self._portal.call(lambda: self._inner.skip())
+
+    def go_on(self) -> dict[str, Any]:
+        """Answers a wait for a person."""
+        return self._portal.call(lambda: self._inner.go_on())
+
+    def abort(self, then: str = "hold") -> dict[str, Any]:
+        """Ends it; the vehicle holds, returns or lands."""
+        return self._portal.call(lambda: self._inner.abort(then))

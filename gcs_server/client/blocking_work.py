@@ -11,7 +11,11 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import dry_runs, operations, plans
+from gcs_server.client import (
+    dry_runs,
+    operations,
+    plans,
+)
 from gcs_server.client.dry_runs import RUN_S
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import pickle
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -171,8 +172,44 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
     return {"plan": documents.write(made.mission).decode(), "notes": list(made.notes)}
 
 
+def _compile(arguments: Mapping[str, Any]) -> Values:
+    """`plan` (JSON text), `parameters`, `start` (as `Start`, `origin` as a mapping or null).
+
+    `timeline` is pickled: it goes from a process of this server's to this server.
+    """
+    from missions.offboard.compiler import compile_mission
+    from missions.offboard.places import Start
+    from missions.offboard.state import MissionVehicle
+
+    mission = documents.read(arguments["plan"])
+    if not isinstance(mission, OffboardMission):
+        raise PlanError("the plan", "it is a waypoint plan, which PX4 flies", "Send an offboard mission.")
+    start: Values = arguments["start"]
+    north, east, down = start["position_ned_m"]
+    where = Start(
+        (north, east, down),
+        start["yaw_ned_rad"],
+        None if start["origin"] is None else LocalOrigin(**start["origin"]),
+        start["home_alt_amsl_m"],
+        start["in_air"],
+    )
+    vehicle = MissionVehicle.from_parameters(arguments["parameters"])
+    timeline = compile_mission(mission, vehicle, where)
+    motion = vehicle.within(mission.limits)
+    cruise_m_s = min(vehicle.limits.vehicle.cruise_m_s, mission.limits.speed_m_s or motion.speed_m_s)
+    motion = dataclasses.replace(motion, speed_m_s=min(cruise_m_s, motion.speed_m_s))
+    return {
+        "findings": [
+            {"code": each.code, "severity": each.severity, "text": each.message, "step": each.step}
+            for each in timeline.findings
+        ],
+        "flown": base64.b64encode(pickle.dumps((timeline, motion))).decode(),
+    }
+
+
 TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "check": _check,
+    "compile": _compile,
     "convert": _convert,
     "import": _import,
     "export": _export,

@@ -15,6 +15,7 @@ from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
+from gcs_server.streamer.missions.missions import OffboardMissions
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
@@ -37,6 +38,7 @@ def station_of(world):
         started_s=0.0,
         replays=Replays(world.router, world.fleet, Path("no recordings")),
         streamer=world.streamer,
+        missions=OffboardMissions(world.clock, world.streamer, world.streamer._streams, world.supervisor),
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),
         plan_work=PlanWork(),

@@ -1,10 +1,16 @@
 """Offboard missions flown by the server: a whole flight on the simulated PX4, and whatever interrupts one."""
 
 import asyncio
+import json
 
 import pytest
 
-from gcs_server.errors import Refused
+from gcs_server.api import offboard_mission_models as models
+from gcs_server.api import offboard_mission_routes as routes
+from gcs_server.errors import NotInControl, PlanFindings, Refused
+from gcs_server.plans import tasks
+from tests.protocol.api_calls import ANNA, desk, lines, view
+from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, codes_told, hovering
 from tests.protocol.offboard_world import POSITION, asks, order, seconds, silent
@@ -182,7 +188,7 @@ def test_control_that_runs_out_does_what_the_document_says(jump, tmp_path, actio
 
 
 @pytest.mark.parametrize(("action", "state"), [("hold", "suspended"), ("continue", "flying")])
-def test_a_link_that_was_lost_and_is_back_does_what_the_document_says(jump, tmp_path, action, state):
+def test_a_mission_whose_link_was_lost_and_is_back_does_what_its_document_says(jump, tmp_path, action, state):
     async def story(missions, vehicle, pilot):
         pilot.loss = 1.0
         await seconds(8)
@@ -227,3 +233,90 @@ def test_the_end_of_the_server_holds_a_mission(jump, tmp_path):
         assert missions.state == "suspended"
 
     hovering(jump, tmp_path, hover(), story)
+
+
+# --- its routes -----------------------------------------------------------------------------------
+
+
+class WorkHere:
+    """Work about plans without a process."""
+
+    async def run(self, task, arguments, **_):
+        return tasks.run(task, json.loads(json.dumps(arguments)))
+
+
+def routed(jump, story):
+    async def at_the_desk(at):
+        at.station.plan_work = WorkHere()
+        at.station.missions.attach(at.vehicle)
+        at.station.missions.start()
+        await story(at)
+
+    desk(jump, at_the_desk)
+
+
+async def started(at, document=HOVER, by=ANNA, **more):
+    wanted = mission(document).model_dump(mode="json", exclude_none=True)
+    body = models.StartMission.model_validate({"mission": wanted, **more})
+    return view(await routes.start("1", body, at.station, by))["mission"]
+
+
+def test_a_mission_is_started_steered_and_aborted_by_who_has_control_and_journaled(jump):
+    async def story(at):
+        begun = await started(at)
+        assert (begun["state"], begun["client"], begun["plan_id"]) == ("starting", "anna", None)
+        assert "Position" in begun["if_stream_stops"]
+        await until(lambda: at.vehicle.offboard_mission.status().state == "flying", 10)
+        for call in (routes.pause, routes.skip, routes.abort):
+            with pytest.raises(NotInControl):
+                await call("1", at.station, BOB_)
+        paused = view(await routes.pause("1", at.station, ANNA))["mission"]
+        assert paused["state"] == "pausing"
+        with pytest.raises(Refused, match="waits for nobody"):
+            await routes.go_on("1", at.station, ANNA)
+        await until(lambda: at.vehicle.offboard_mission.status().state == "paused", 5)
+        await routes.resume("1", at.station, ANNA)
+        await routes.skip("1", at.station, ANNA)
+        await until(lambda: at.vehicle.offboard_mission.status().place == "step 2", 5)
+        ended = view(await routes.abort("1", at.station, ANNA, models.AbortMission(then="land")))["mission"]
+        assert (ended["state"], ended["reason"]) == ("aborted", "anna aborted it")
+        shown = view(await routes.show_mission(at.vehicle, at.station))["mission"]
+        assert shown["state"] == "aborted"
+        commands = [line[1] for line in lines(at.station) if line[3] == "ok"]
+        assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
+
+    routed(jump, story)
+
+
+def test_a_mission_with_errors_is_not_flown_unless_they_are_named(jump):
+    bad = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
+
+    async def story(at):
+        with pytest.raises(PlanFindings, match="above the vehicle's limits") as refused:
+            await started(at, bad)
+        assert refused.value.codes[0] == "speed_exceeded"
+        assert at.vehicle.offboard_mission.status() is None
+        await started(at, bad, despite=list(refused.value.codes))
+        assert at.vehicle.offboard_mission.status().state != "aborted"
+
+    routed(jump, story)
+
+
+def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
+    async def story(at):
+        at.pilot.estimates = False
+        await seconds(2)
+        with pytest.raises(Refused, match="no valid position"):
+            await started(at)
+        assert at.pilot.setpoints == []
+
+    routed(jump, story)
+
+
+def test_a_vehicle_without_a_mission_has_nothing_to_steer(jump):
+    async def story(at):
+        assert view(await routes.show_mission(at.vehicle, at.station))["mission"] is None
+        with pytest.raises(Refused, match="no offboard mission"):
+            await routes.pause("1", at.station, ANNA)
+
+    routed(jump, story)

@@ -1733,10 +1733,166 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{v}/offboard_mission": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Mission
+         * @description How the newest mission stands, over or not.
+         */
+        get: operations["show_mission_api_v1_vehicles__v__offboard_mission_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard_mission/start": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Start
+         * @description Compiles the mission for where the vehicle is, checks it, and begins to fly it; answers then.
+         *
+         *     409 `plan_findings` where it has error findings, unless `despite` names their codes. `if_stream_stops`
+         *     says what the vehicle will do by itself should the server die.
+         */
+        post: operations["start_api_v1_vehicles__v__offboard_mission_start_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard_mission/pause": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Pause
+         * @description Stands still on its path, in Offboard; during take-off and landing in Hold.
+         */
+        post: operations["pause_api_v1_vehicles__v__offboard_mission_pause_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard_mission/resume": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Resume
+         * @description Goes on where it was, from wherever the vehicle is: straight back to the path first.
+         */
+        post: operations["resume_api_v1_vehicles__v__offboard_mission_resume_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard_mission/skip": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Skip
+         * @description Leaves the present step out; a suspended mission would be resumed at the next one.
+         */
+        post: operations["skip_api_v1_vehicles__v__offboard_mission_skip_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard_mission/go_on": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Go On
+         * @description Answers the question of a wait for a person.
+         */
+        post: operations["go_on_api_v1_vehicles__v__offboard_mission_go_on_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{v}/offboard_mission/abort": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Abort
+         * @description Ends it; the vehicle holds, returns or lands. One that the mission does not fly is not held.
+         */
+        post: operations["abort_api_v1_vehicles__v__offboard_mission_abort_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /**
+         * AbortMission
+         * @description What the vehicle does then.
+         */
+        AbortMission: {
+            /**
+             * Then
+             * @description hold, return or land.
+             * @default hold
+             * @enum {string}
+             */
+            then: "hold" | "return" | "land";
+        };
         /**
          * AccelerationOrder
          * @description A new acceleration, sent at once.
@@ -7543,6 +7699,97 @@ export interface components {
             };
         };
         /**
+         * OffboardMissionStatus
+         * @description The topic `offboard_mission`, and what the calls below `…/offboard_mission` answer.
+         */
+        OffboardMissionStatus: {
+            /**
+             * State
+             * @description waiting: for a person or a condition; paused: in Offboard, on its path; suspended: the vehicle is not
+             *     flown by the mission, which a person can resume; done, aborted, stopped: it is over.
+             * @enum {string}
+             */
+            state: "ready" | "taking_off" | "starting" | "flying" | "waiting" | "pausing" | "paused" | "landing" | "suspended" | "done" | "aborted" | "stopped";
+            /**
+             * Name
+             * @description Name.
+             */
+            name: string;
+            /**
+             * Plan Id
+             * @description Of the plan that the server keeps; None: it was sent with the start.
+             */
+            plan_id: string | null;
+            /**
+             * Version
+             * @description Version.
+             */
+            version: number | null;
+            /**
+             * Client
+             * @description Who started it.
+             */
+            client: string;
+            /**
+             * Started Unix S
+             * @description Started [s since 1970 UTC].
+             */
+            started_unix_s: number;
+            /**
+             * Place
+             * @description Which step: "step 3", "step 4.2"; None when it is over.
+             */
+            place: string | null;
+            /**
+             * Title
+             * @description The step's name, or what it is.
+             */
+            title: string | null;
+            /**
+             * Duration S
+             * @description Of the whole mission by plan, on the longest way.
+             */
+            duration_s: number;
+            /**
+             * Remaining S
+             * @description By plan, on the longest way; None when it is over.
+             */
+            remaining_s: number | null;
+            /**
+             * Deviation M
+             * @description From the position that is sent.
+             */
+            deviation_m: number | null;
+            /**
+             * Question
+             * @description What a person is asked; answered by `go_on`.
+             */
+            question: string | null;
+            /**
+             * Reason
+             * @description Why it is suspended, or over.
+             */
+            reason: string | null;
+            /**
+             * If Stream Stops
+             * @description What the vehicle will do by itself should the server or its link die, in words.
+             */
+            if_stream_stops: string | null;
+        };
+        /**
+         * OffboardMissionView
+         * @description The newest mission of a vehicle.
+         */
+        OffboardMissionView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /** @description As the topic `offboard_mission`; null: none has been started since the server began. */
+            mission: components["schemas"]["OffboardMissionStatus"] | null;
+        };
+        /**
          * OffboardStarted
          * @description The stream that has begun, and what it is held to.
          */
@@ -7572,12 +7819,12 @@ export interface components {
              * Owner
              * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
              */
-            owner: ("operator" | "group") | null;
+            owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
-            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | null;
+            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
             /** @description What goes out now: the client's within its limits, or the place held after it expired. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
@@ -7672,12 +7919,12 @@ export interface components {
              * Owner
              * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
              */
-            owner: ("operator" | "group") | null;
+            owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
-            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | null;
+            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
             /** @description What goes out now: the client's within its limits, or the place held after it expired. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
@@ -7770,12 +8017,12 @@ export interface components {
              * Owner
              * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
              */
-            owner: ("operator" | "group") | null;
+            owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
              * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
              */
-            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | null;
+            ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
             /** @description What goes out now: the client's within its limits, or the place held after it expired. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
@@ -10602,6 +10849,30 @@ export interface components {
              * @default false
              */
             others_go_on: boolean;
+        };
+        /**
+         * StartMission
+         * @description Which mission is flown, and what the caller knows to be wrong.
+         */
+        StartMission: {
+            /**
+             * Plan Id
+             * @description Of an offboard mission that the server keeps.
+             */
+            plan_id?: string | null;
+            /**
+             * Version
+             * @description Of that plan; the newest unless named.
+             */
+            version?: number | null;
+            /** @description A mission that is not kept on the server. */
+            mission?: components["schemas"]["OffboardMission"] | null;
+            /**
+             * Despite
+             * @description Codes of the mission's error findings that the caller accepts.
+             * @default []
+             */
+            despite: string[];
         };
         /**
          * Status
@@ -18263,6 +18534,427 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_mission_api_v1_vehicles__v__offboard_mission_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_api_v1_vehicles__v__offboard_mission_start_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StartMission"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    pause_api_v1_vehicles__v__offboard_mission_pause_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    resume_api_v1_vehicles__v__offboard_mission_resume_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    skip_api_v1_vehicles__v__offboard_mission_skip_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    go_on_api_v1_vehicles__v__offboard_mission_go_on_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    abort_api_v1_vehicles__v__offboard_mission_abort_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["AbortMission"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OffboardMissionView"];
                 };
             };
             400: components["responses"]["Refused400"];

@@ -1,0 +1,53 @@
+"""Offboard missions on a vehicle over HTTP: bodies in, models of the answers out."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gcs_server.api.plan_models import MissionBody
+from gcs_server.api.reflect import model_of
+from gcs_server.api.strict_body import StrictBody
+from gcs_server.streamer.missions.status import OffboardMissionStatus
+
+
+class StartMission(StrictBody):
+    """Which mission is flown, and what the caller knows to be wrong."""
+
+    plan_id: str | None = Field(
+        default=None, max_length=40, description="Of an offboard mission that the server keeps."
+    )
+    version: int | None = Field(default=None, ge=1, description="Of that plan; the newest unless named.")
+    mission: MissionBody | None = Field(default=None, description="A mission that is not kept on the server.")
+    despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
+        default=[], description="Codes of the mission's error findings that the caller accepts."
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> StartMission:
+        if (self.plan_id is None) == (self.mission is None):
+            raise ValueError("give exactly one of plan_id and mission")
+        if self.version is not None and self.plan_id is None:
+            raise ValueError("version belongs to plan_id")
+        return self
+
+
+class AbortMission(StrictBody):
+    """What the vehicle does then."""
+
+    then: Literal["hold", "return", "land"] = Field(default="hold", description="hold, return or land.")
+
+
+OffboardMissionModel = model_of(OffboardMissionStatus)
+
+
+class OffboardMissionView(BaseModel):
+    """The newest mission of a vehicle."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vehicle: str = Field(description="The vehicle's id.")
+    mission: OffboardMissionModel | None = Field(  # type: ignore[valid-type]
+        description="As the topic `offboard_mission`; null: none has been started since the server began."
+    )

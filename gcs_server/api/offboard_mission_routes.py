@@ -1,0 +1,169 @@
+"""Missions that the server flies by setpoints: started, paused, resumed, skipped, answered, aborted."""
+
+from __future__ import annotations
+
+import base64
+import pickle
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Response
+
+from gcs_server.api import offboard_mission_models as m
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.plan_checks import known_of, text_of
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.control.principal import Principal
+from gcs_server.errors import InvalidRequest, PlanFindings, Refused
+from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.status import MissionName
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.runner.runner import LOW_BATTERY_SHARE
+
+router = APIRouter(prefix="/vehicles/{v}/offboard_mission", tags=["offboard mission"], responses=RESPONSES)
+
+
+@router.get("", response_model=m.OffboardMissionView)
+async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
+    """How the newest mission stands, over or not."""
+    return _view(station, vehicle.id)
+
+
+@router.post("/start", response_model=m.OffboardMissionView)
+async def start(v: str, body: m.StartMission, station: StationDep, principal: PrincipalDep) -> Response:
+    """Compiles the mission for where the vehicle is, checks it, and begins to fly it; answers then.
+
+    409 `plan_findings` where it has error findings, unless `despite` names their codes. `if_stream_stops`
+    says what the vehicle will do by itself should the server die.
+    """
+    arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
+    with authorized_command(station, principal, "offboard_mission/start", v, arguments):
+        vehicle = station.fleet.get(v)
+        vehicle.require_commandable()
+        name, text = await _chosen(station, body)
+        await station.offboard(v).ensure_parameters()
+        found = await station.plan_work.run(
+            "compile",
+            {"plan": text, "parameters": known_of(vehicle).parameters, "start": _start_of(vehicle)},
+            small=False,
+            field="mission",
+        )
+        _check(name.name, found["findings"], body.despite)
+        timeline, motion = pickle.loads(base64.b64decode(found["flown"]))
+        low = vehicle.params.known("BAT_LOW_THR")
+        share = LOW_BATTERY_SHARE if low is None else float(low.value)
+        station.missions.begin(v, Start(name, timeline, motion, principal.name, share))
+        return _view(station, v)
+
+
+@router.post("/pause", response_model=m.OffboardMissionView)
+async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Stands still on its path, in Offboard; during take-off and landing in Hold."""
+    return _steer(station, principal, "pause", v, lambda flight: flight.pause(principal.name))
+
+
+@router.post("/resume", response_model=m.OffboardMissionView)
+async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Goes on where it was, from wherever the vehicle is: straight back to the path first."""
+    return _steer(station, principal, "resume", v, lambda flight: flight.resume(principal.name))
+
+
+@router.post("/skip", response_model=m.OffboardMissionView)
+async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Leaves the present step out; a suspended mission would be resumed at the next one."""
+    return _steer(station, principal, "skip", v, lambda flight: flight.skip(principal.name))
+
+
+@router.post("/go_on", response_model=m.OffboardMissionView)
+async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Answers the question of a wait for a person."""
+    return _steer(station, principal, "go_on", v, lambda flight: flight.go_on(principal.name))
+
+
+@router.post("/abort", response_model=m.OffboardMissionView)
+async def abort(
+    v: str,
+    station: StationDep,
+    principal: PrincipalDep,
+    body: Annotated[m.AbortMission | None, Body()] = None,
+) -> Response:
+    """Ends it; the vehicle holds, returns or lands. One that the mission does not fly is not held."""
+    then = (body or m.AbortMission()).then
+    return _steer(
+        station, principal, "abort", v, lambda flight: flight.abort(principal.name, then), {"then": then}
+    )
+
+
+# --- the parts ----------------------------------------------------------------------------------------
+
+
+def _steer(
+    station: Station,
+    principal: Principal,
+    action: str,
+    vehicle_id: str,
+    do: Callable[[MissionFlight], None],
+    arguments: dict[str, object] | None = None,
+) -> Response:
+    with authorized_command(station, principal, f"offboard_mission/{action}", vehicle_id, arguments or {}):
+        station.fleet.get(vehicle_id).require_commandable()
+        do(station.missions.flight(vehicle_id))
+        return _view(station, vehicle_id)
+
+
+def _view(station: Station, vehicle_id: str) -> Response:
+    return answer({"vehicle": vehicle_id, "mission": station.missions.status(vehicle_id)})
+
+
+async def _chosen(station: Station, body: m.StartMission) -> tuple[MissionName, str]:
+    """Its name, and its JSON text."""
+    if body.mission is not None:
+        return MissionName(body.mission.name, None, None), text_of(body.mission)
+    assert body.plan_id is not None
+    head, document = await station.plans.get(body.plan_id, body.version)
+    if head.kind != "offboard_mission":
+        raise InvalidRequest(
+            "plan_id",
+            f"{head.name!r} is a waypoint plan, which the vehicle flies itself.",
+            remedy="Upload it and start it (…/mission/start), or make an offboard mission of it.",
+        )
+    return MissionName(head.name, head.id, head.version), document.decode()
+
+
+def _start_of(vehicle: Vehicle) -> dict[str, Any]:
+    """Where the vehicle is.
+
+    Raises:
+        Refused: it is not known.
+    """
+    estimates = VehicleEstimates(vehicle)
+    local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()
+    if local is None or attitude is None or not estimates.has_position():
+        raise Refused(
+            f"Vehicle {vehicle.id} has no valid position estimate, which a mission starts from.",
+            remedy="Wait for GPS and the estimator (see the vehicle's messages), then try again.",
+        )
+    origin = estimates.origin()
+    return {
+        "position_ned_m": local.position_ned_m,
+        "yaw_ned_rad": attitude.yaw_ned_rad,
+        "origin": None if origin is None else asdict(origin),
+        "home_alt_amsl_m": None if home is None else home.alt_amsl_m,
+        "in_air": vehicle.status.armed and vehicle.status.landed_state not in ("on_ground", "unknown"),
+    }
+
+
+def _check(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:
+    wrong = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
+    if wrong:
+        raise PlanFindings(
+            f"The mission {name!r} has errors: {wrong[0]['text']}",
+            codes=tuple(dict.fromkeys(each["code"] for each in wrong)),
+            reasons=tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in wrong),
+            remedy="Correct the mission, or name the codes in `despite` if they are meant.",
+        )
