@@ -55,6 +55,9 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         )
         _check(name.name, found["findings"], body.despite)
         timeline, motion = pickle.loads(base64.b64decode(found["flown"]))
+        avoidance = station.offboard(v).avoidance
+        if avoidance.way is None and any(segment.avoidance for segment in timeline.segments):
+            await avoidance.switch_on("over")
         low = vehicle.params.known("BAT_LOW_THR")
         share = LOW_BATTERY_SHARE if low is None else float(low.value)
         station.missions.begin(v, Start(name, timeline, motion, principal.name, share))
@@ -64,25 +67,27 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
 @router.post("/pause", response_model=m.OffboardMissionView)
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Stands still on its path, in Offboard; during take-off and landing in Hold."""
-    return _steer(station, principal, "pause", v, lambda flight: flight.pause(principal.name))
+    return steer(station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name))
 
 
 @router.post("/resume", response_model=m.OffboardMissionView)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Goes on where it was, from wherever the vehicle is: straight back to the path first."""
-    return _steer(station, principal, "resume", v, lambda flight: flight.resume(principal.name))
+    return steer(
+        station, principal, "offboard_mission/resume", v, lambda flight: flight.resume(principal.name)
+    )
 
 
 @router.post("/skip", response_model=m.OffboardMissionView)
 async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Leaves the present step out; a suspended mission would be resumed at the next one."""
-    return _steer(station, principal, "skip", v, lambda flight: flight.skip(principal.name))
+    return steer(station, principal, "offboard_mission/skip", v, lambda flight: flight.skip(principal.name))
 
 
 @router.post("/go_on", response_model=m.OffboardMissionView)
 async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Answers the question of a wait for a person."""
-    return _steer(station, principal, "go_on", v, lambda flight: flight.go_on(principal.name))
+    return steer(station, principal, "offboard_mission/go_on", v, lambda flight: flight.go_on(principal.name))
 
 
 @router.post("/abort", response_model=m.OffboardMissionView)
@@ -94,23 +99,28 @@ async def abort(
 ) -> Response:
     """Ends it; the vehicle holds, returns or lands. One that the mission does not fly is not held."""
     then = (body or m.AbortMission()).then
-    return _steer(
-        station, principal, "abort", v, lambda flight: flight.abort(principal.name, then), {"then": then}
+    return steer(
+        station,
+        principal,
+        "offboard_mission/abort",
+        v,
+        lambda flight: flight.abort(principal.name, then),
+        {"then": then},
     )
 
 
 # --- the parts ----------------------------------------------------------------------------------------
 
 
-def _steer(
+def steer(
     station: Station,
     principal: Principal,
-    action: str,
+    command: str,
     vehicle_id: str,
     do: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
 ) -> Response:
-    with authorized_command(station, principal, f"offboard_mission/{action}", vehicle_id, arguments or {}):
+    with authorized_command(station, principal, command, vehicle_id, arguments or {}):
         station.fleet.get(vehicle_id).require_commandable()
         do(station.missions.flight(vehicle_id))
         return _view(station, vehicle_id)

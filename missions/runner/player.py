@@ -88,12 +88,14 @@ class Player:
         self._position = None if place is None else complete(place)
         return setpoint
 
-    def ahead(self, by_s: float) -> Setpoint | None:
+    def ahead(self, by_s: float) -> DirectSetpoint | None:
         """The setpoint so much later by plan, within the segment that is flown; None: it is not known."""
         segment = self._segment()
-        if segment is None or isinstance(segment, WaitSegment) or self._steering.paused:
+        diverted = self._held is not None or self._braking_ned_m_s is not None
+        if segment is None or isinstance(segment, WaitSegment) or self._steering.paused or diverted:
             return None
-        return segment.at(min(self._t_s + by_s, segment.duration_s))
+        found = segment.at(min(self._t_s + by_s * self._scale.rate, segment.duration_s))
+        return found if isinstance(found, Position | Trajectory) else None
 
     @property
     def avoids(self) -> bool:

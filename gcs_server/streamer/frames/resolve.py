@@ -97,8 +97,10 @@ class ResolvedSetpoint:
             return _beside(self._follow, now_s, snapshot, self._yaw_kept_rad)
         return self._fixed
 
-    def later(self, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
-        """What is to be sent at a time to come, as far as a path or a vehicle that is followed says it."""
+    def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
+        """What is to be sent at a time to come, as far as it is known now; looking changes nothing."""
+        if self.player is not None:
+            return self.player.ahead(at_s - now_s)
         if self._curve is not None:
             return self._curve.at(at_s - self._began_s)
         if self._follow is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, Refused, Rejected
@@ -14,7 +13,13 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.failsafe import ACTION_MODES, Failsafe
 from gcs_server.streamer.offboard.health import health_of
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
-from gcs_server.streamer.offboard.status import FailsafeView, Limits, OffboardStatus, expiry_view
+from gcs_server.streamer.offboard.status import (
+    FailsafeView,
+    Limits,
+    OffboardStatus,
+    expiry_view,
+    setpoint_view,
+)
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.validation.availability import Availability, Available
 from gcs_server.streamer.validation.axes import problem_of
@@ -26,7 +31,7 @@ from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
-from missions.setpoints import DirectSetpoint, Follow
+from missions.setpoints import Follow
 
 PRE_STREAM_S = 1.2
 """PX4 wants more than a second of setpoints before it takes Offboard."""
@@ -396,10 +401,3 @@ def _cannot_fly(error: ValueError) -> Refused:
     return Refused(
         f"The setpoint cannot be flown now: {error}.", remedy="Send another, or wait for what is missing."
     )
-
-
-def setpoint_view(sent: DirectSetpoint | None) -> dict[str, object] | None:
-    """A setpoint as the API shows it, what it does not control left out."""
-    if sent is None:
-        return None
-    return {"type": sent.type, **{k: v for k, v in asdict(sent).items() if v is not None}}

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.streamer.values.order import OnExpiry, StreamOwner
 from missions.avoidance.values import AvoidanceState, AvoidanceWay
 from missions.frames import Quaternion, Vector3
-from missions.setpoints import Partial3
+from missions.setpoints import DirectSetpoint, Partial3
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,3 +136,10 @@ def expiry_view(on_expiry: OnExpiry) -> dict[str, object]:
     if on_expiry.action == "hold":
         return {"action": "hold", "hold_for_s": on_expiry.hold_for_s}
     return {"action": on_expiry.action}
+
+
+def setpoint_view(sent: DirectSetpoint | None) -> dict[str, object] | None:
+    """A setpoint as the API shows it, what it does not control left out."""
+    if sent is None:
+        return None
+    return {"type": sent.type, **{k: v for k, v in asdict(sent).items() if v is not None}}

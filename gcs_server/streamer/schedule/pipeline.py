@@ -155,7 +155,7 @@ class SetpointPipeline:
         resolved = self._resolved
 
         def later(at_s: float) -> DirectSetpoint | None:
-            return None if resolved is None else resolved.later(at_s, snapshot)
+            return None if resolved is None else resolved.later(now_s, at_s, snapshot)
 
         return self._avoidance.apply(now_s, snapshot, wanted, None if waiting else later, snapshot.avoidance)
 

@@ -106,8 +106,8 @@ class VehicleStream:
         """The mission that is flown is looked after: it is steered, and counts from now."""
         if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
             self._since_s = now_s
-            if self.phase == "streaming" and self.order is not None:
-                self._phase_until_s = now_s + self.order.lasts_s
+            if self.order is not None and self.phase == "streaming":
+                self._enter("streaming", now_s, self.order.lasts_s)
 
     def prolong(self, until_s: float) -> None:
         """The order counts until then, as those of a group that expire together."""
@@ -330,9 +330,8 @@ class VehicleStream:
 
     def _expired(self, now_s: float, snapshot: Snapshot) -> None:
         assert self.order is not None
-        why = f"The setpoint of {self.order.client or 'a client'} expired after {self.order.lasts_s:g} s"
-        if isinstance(self.order.setpoint, Script):
-            why = f"Nothing looked after the mission for {self.order.lasts_s:g} s"
+        whose = "mission" if isinstance(self.order.setpoint, Script) else "setpoint"
+        why = f"The {whose} of {self.order.client or 'a client'} expired after {self.order.lasts_s:g} s"
         self._fall_back(now_s, snapshot, "expired", why)
 
     def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:

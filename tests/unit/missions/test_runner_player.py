@@ -163,6 +163,15 @@ def test_a_process_that_stood_still_does_not_run_ahead():
     assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
 
 
+def test_looking_ahead_changes_nothing():
+    script = script_of(LEGS)
+    a, b = Player(script, 0.0), Player(script, 0.0)
+    for k in range(1, 100):
+        assert a.at(k * STEP_S) == b.at(k * STEP_S)
+        later = a.ahead(3.0)
+    assert math.dist(later.position_ned_m, a.at(100 * STEP_S).position_ned_m) > 1.0
+
+
 def test_the_first_setpoint_is_held_until_the_flight_begins():
     player = Player(script_of(LEGS), 0.0)
     waited = [player.at(t / 10, waiting=True) for t in range(20)]

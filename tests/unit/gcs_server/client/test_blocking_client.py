@@ -6,7 +6,18 @@ import inspect
 import pytest
 
 from gcs_server import client
-from gcs_server.client import aio, control, dry_runs, gimbal, group, mission, offboard, operations, plans
+from gcs_server.client import (
+    aio,
+    control,
+    dry_runs,
+    gimbal,
+    group,
+    mission,
+    offboard,
+    offboard_mission,
+    operations,
+    plans,
+)
 from gcs_server.client.portal import LoopThread, iterate
 from tools.build_sync_client import CLASSES, LEFT_OUT
 
@@ -18,6 +29,7 @@ MODULES = {
     "Gimbal": gimbal,
     "Group": group,
     "Mission": mission,
+    "OffboardMission": offboard_mission,
     "Operations": operations,
     "Plans": plans,
 }
